@@ -53,7 +53,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """The class of this package's module: no subpackage replaces a public function of the same name, such as `kinematics`."""
+    """The class of this package's module: it keeps subpackages from replacing public functions of the same name (`kinematics`)."""
 
     def __setattr__(self, name: str, value: object) -> None:
         """Set an attribute, unless a submodule would replace a public function of the same name."""

@@ -1,8 +1,8 @@
 """Checksums of the tables of a run: they show if a row was changed after the run.
 
-The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes; equal rows give equal bytes.
-It is written with the tables. A folder of an older version has no such file, and its tables are read without this check. The
-SHA-256 of the list of all these checksums is the checksum of the run, by which a run is cited.
+The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes; equal rows give equal bytes. It
+is written with the tables. A folder of an older version has no such file, and its tables are read without this check. The SHA-256
+of the list of the checksums of all tables is the checksum of the run, by which the run is cited.
 """
 
 import hashlib

@@ -35,7 +35,7 @@ class OutputLost(Exception):
 
 
 class Results(io.TextIOWrapper):
-    """The stream stdout. A failed write raises OutputLost, because an OSError would read like that of an input file.
+    """The stream stdout. A failed write raises OutputLost, because an OSError would be taken for the error of an input file.
 
     Raises:
         OutputLost: from write and flush.
@@ -184,12 +184,13 @@ def perform(name: str, options: argparse.Namespace) -> int:
     """Call the function of the verb `name`, print its answer and return the exit code.
 
     `VERBS[name]` is the table of the verb in `api/verbs.toml`. Its keys that are used here:
-    - `call`: the function of the verb, as "module:name". Of the command's options it gets those that are its parameters.
+    - `call`: the function of the verb, as "module:name". It is called with those options of the command that are also its
+      parameters.
     - `files`: options that name a file to write -> allowed endings of the file's name.
-    - `printed`: value of such an option that means stdout.
+    - `printed`: value of an option in `files` that stands for stdout.
     - `write`: the function that writes the files from the answer.
     - `quick`: progress is reported only if the command takes long.
-    - `instead_of_json`: an option whose file takes the place of the printed text.
+    - `instead_of_json`: an option in `files`; if its file is written, no text is printed.
     """
     verb, given = VERBS[name], vars(options)
     endings = verb.get("files", {})  # option that names a file -> allowed endings

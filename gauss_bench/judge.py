@@ -78,7 +78,7 @@ class Judgement:
 
     @property
     def valid(self) -> bool:
-        """True if the judge has no objection, so that the results of the run may be used."""
+        """True if no check of the run led to an objection, so that the results of the run may be used."""
         return not self.objections
 
     @property
@@ -98,7 +98,8 @@ class Evidence:
         energy_bar: error bar of the work in `energy` [J].
         energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
         energy_floor: change of the energy that rounding can cause [J].
-        seen: (k,) `energy` without losses between samples that are too far apart to resolve damping; None if they resolve it.
+        seen: (k,) `energy` without losses between samples that are too far apart to resolve damping; None if the samples resolve
+            damping.
         errors: errors against the reference; None without a reference.
         acceleration_error: median relative error of the engine's accelerations at the same states.
         rates: gaps between the motion and the integrals of its rates.
@@ -183,8 +184,8 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     if t.ndim != 1 or any(x.ndim != 2 or x.shape[1] != n for x in (q, v, a)):
         return None
     k = min(len(x) for x in (times, t, q, v, a))
-    is_late = np.abs(t[:k] - times[:k]) > OFF_TIME
-    k = min(int(is_late.argmax()) if is_late.any() else k, _count_sound([t[:k, None], q[:k], v[:k], a[:k]]))
+    is_off_time = np.abs(t[:k] - times[:k]) > OFF_TIME
+    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, _count_sound([t[:k, None], q[:k], v[:k], a[:k]]))
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
 
 
@@ -290,7 +291,8 @@ def _check_motion(x: Evidence) -> Iterator[Objection]:
 def _check_start(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to the first sample, which should be the start of the scenario.
 
-    There is one for each of positions, angles, velocities and angular velocities; `judge` keeps those whose gap exceeds its limit.
+    There is one objection for each of positions, angles, velocities and angular velocities; `judge` keeps those whose gap exceeds
+    its limit.
     """
     if x.start is not None and x.rates is not None:
         # a linkage at rest has no speed to compare with: take the speed that crosses its size within the run
@@ -302,12 +304,12 @@ def _check_start(x: Evidence) -> Iterator[Objection]:
 
 
 def _check_rates(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to positions against the integral of velocities, and velocities against that of accelerations.
+    """Yield the possible objections: positions differ from integrated velocities, or velocities from integrated accelerations.
 
     Two contributions are added to a limit, each at most MOST_SHARED times the limit:
     - the error of the numerical integral (`RateGaps.bars`), estimated by leaving out every second sample;
-    - the part of the gap that disappears when the run is repeated with finer steps. The integration method causes this part (some
-      methods store rates half a step away from the positions). A gap that stays means that the run is another motion.
+    - the part of the gap that disappears when the run is repeated with finer steps. This part is due to the integration method,
+      which may store rates half a step away from the positions. A gap that stays means that the run is another motion.
     """
     if x.rates is None:
         return
@@ -335,7 +337,7 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
 def remark(evidence: Evidence) -> str:
     """Return the remarks on a valid run, joined by "; ", or an empty text."""
     remarks = []
-    # `seen` is `energy` without losses between distant samples: damping may explain these losses, but no sample shows it
+    # `seen` is the curve `energy` without losses between distant samples: damping may explain these losses, but no sample shows it
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
         remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
@@ -374,7 +376,7 @@ def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, ada
     """Return a sentence that tells how to make an invalid run valid, or an empty text.
 
     Args:
-        step: of the run [s].
+        step: step size of the run [s].
         stabilized: whether a stabilisation was on.
         adaptive: whether the integrator chose its own steps.
     """

@@ -90,7 +90,7 @@ class RateGaps:
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
     """Compare positions with integrated velocities, and velocities with integrated accelerations, at every sample."""
     t = trajectory.t
-    gaps, bars = [], []
+    gaps, bars = [], []  # of positions, angles, velocities and angular velocities
     half = every_second(t)
     for level, rate in ((trajectory.q, trajectory.v), (trajectory.v, trajectory.a)):
         fine, coarse = integral(t, rate), integral(t[half], rate[half])
@@ -123,7 +123,7 @@ def _largest(x: Array) -> Array:
 def integral(t: Array, x: Array) -> Array:
     """Integrate x (k, n) from t[0] to each of the times t (k,) by the trapezoidal rule with Gregory's end correction.
 
-    Between neighbouring samples int x dt = h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, with derivatives from differences of neighbours.
+    Between two samples the integral of x is h (x0 + x1) / 2 + h^2 (x0' - x1') / 12, with derivatives x' by finite differences.
     """
     if len(t) < 2:
         return np.zeros_like(x)
@@ -187,8 +187,8 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
 def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
     """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
 
-    The true forces follow from the accelerations of the states by Newton's laws. Both are NaN if the engine returns no joint
-    forces, or if redundant rows leave them undetermined.
+    The true forces follow from the accelerations of the states by Newton's laws. Both numbers are NaN if the engine returns no
+    joint forces, or if redundant rows leave them undetermined.
 
     Args:
         told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
@@ -241,7 +241,8 @@ def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
     """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
 
-    The force of a slide is normal to its guide. The key of its magnitude is `normal`, because `force` is that of a slide's driver.
+    The joint force of a slide is normal to its guide. The key of the magnitude of this force is `normal`, because `force` is the
+    key of the force of a slide's driver.
     """
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
@@ -268,9 +269,9 @@ class Peak:
         unit: "N" or "N m".
         largest: largest magnitude of all samples.
         t: time of the sample with the largest magnitude [s].
-        crank: angle of the crank at that time [rad]; None without a crank.
+        crank: angle of the crank at that time [rad]; None for a linkage without a crank.
         crank_deg: the same angle in degrees, from 0 to 360.
-        mean, rms: mean and root mean square over time.
+        mean, rms: mean and root mean square of the magnitude over time.
     """
 
     unit: str
@@ -370,7 +371,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 def energy_rounding(energy: Array) -> float:
     """Return the largest change of energies (k,) that rounding can cause [J].
 
-    It is eight units in the last place, which is enough for a sum of few terms.
+    The change is eight units in the last place of the largest energy plus 1 J, which is enough for a sum of few terms.
     """
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
@@ -382,14 +383,14 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
     return max(float(kinetic.max(initial=0.0)), float(np.ptp(potential)) if len(potential) else 0.0)
 
 
-def without_loss(t: Array, gain: Array, spacing: float) -> Array:
-    """Return the energy error (k,) [J] without its drops between neighbouring samples that are more than `spacing` [s] apart.
+def without_loss(t: Array, energy_error: Array, spacing: float) -> Array:
+    """Return `energy_error` (k,) [J] without its drops between neighbouring samples that are more than `spacing` [s] apart.
 
     Between samples so far apart a damper may dissipate energy that no sample shows, so that a drop is no evidence of an error.
     """
-    change = np.diff(gain)
+    change = np.diff(energy_error)
     is_hidden = (np.diff(t) > spacing) & (change < 0)
-    return np.asarray(gain - np.append(0.0, np.cumsum(np.where(is_hidden, change, 0.0))))
+    return np.asarray(energy_error - np.append(0.0, np.cumsum(np.where(is_hidden, change, 0.0))))
 
 
 def work(t: Array, power: Array) -> tuple[Array, Array]:
@@ -402,7 +403,7 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
     def integrate(t_known: Array, known: Array) -> Array:
-        """Return the integral from t[0] to every time of t, of the spline through samples `known` (l, ...) at times (l,)."""
+        """Return the integral of the spline through samples `known` (l, ...) at times (l,), from t[0] to every time of t."""
         # with few samples the largest odd degree below their number
         spline = make_interp_spline(t_known, known, k=min(5, 2 * ((len(t_known) - 2) // 2) + 1))
         primitive: Callable[[Array], Array] = spline.antiderivative()
@@ -418,7 +419,7 @@ class Errors:
     """The errors of a trajectory against a reference, at the times that both have.
 
     Attributes:
-        t: (k,) the times at which both have a sample [s].
+        t: (k,) times at which both the trajectory and the reference have a sample [s].
         measured: (k,) |error| of the linkage's measured coordinate [rad or m].
         length: (k, links) |error| of a link's centre of mass, the larger of x and y [m].
         angle: (k, links) |error| of a link's angle [rad].
@@ -450,7 +451,7 @@ def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bo
     """Find the times that two increasing arrays t (k,) and `true` (j,) have in common, up to SAME_TIME.
 
     Returns:
-        The indices of these times in t, and a mask (j,) that marks them in `true`.
+        The indices of the common times in t, and a mask (j,) that is True at the common times in `true`.
     """
     near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)  # (j,) index of the first time in t that is not earlier
     both = np.abs(t[near] - true) < SAME_TIME
@@ -459,18 +460,18 @@ def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bo
 
 def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference) -> Errors:
     """Return the errors of a trajectory at every time of the reference at which it has a sample."""
-    mine, both = common_times(trajectory.t, reference.t)
-    dq = np.abs(trajectory.q[mine] - reference.q[both])
-    dv = np.abs(trajectory.v[mine] - reference.v[both])
+    own_rows, reference_rows = common_times(trajectory.t, reference.t)
+    dq = np.abs(trajectory.q[own_rows] - reference.q[reference_rows])
+    dv = np.abs(trajectory.v[own_rows] - reference.v[reference_rows])
     coordinate = mechanism.measured.coordinate
     return Errors(
-        t=reference.t[both],
-        measured=np.abs(value(coordinate, trajectory.q[mine]) - value(coordinate, reference.q[both])),
+        t=reference.t[reference_rows],
+        measured=np.abs(value(coordinate, trajectory.q[own_rows]) - value(coordinate, reference.q[reference_rows])),
         length=places(dq).max(axis=-1),
         angle=angles(dq),
         velocity=bodies(dv).max(axis=-1),
-        position_bar=np.fmax(reference.error_q, reference.floor_q)[both],
-        velocity_bar=np.fmax(reference.error_v, reference.floor_v)[both],
+        position_bar=np.fmax(reference.error_q, reference.floor_q)[reference_rows],
+        velocity_bar=np.fmax(reference.error_v, reference.floor_v)[reference_rows],
     )
 
 
@@ -480,12 +481,12 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
     The error is NaN if redundant rows leave the joint forces undetermined. The joint forces of the trajectory follow from the
     accelerations of the trajectory by Newton's laws, those of the reference from the accelerations of the reference.
     """
-    mine, both = common_times(trajectory.t, reference.t)
+    own_rows, reference_rows = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
-        return np.full(len(mine), np.nan)
-    own, true = (joint_forces(evaluator, samples) for samples in (trajectory[mine], reference.samples[both]))
+        return np.full(len(own_rows), np.nan)
+    own, true = (joint_forces(evaluator, samples) for samples in (trajectory[own_rows], reference.samples[reference_rows]))
     gaps = [np.abs(own[name][x] - true[name][x]) for name in true for x in ("fx", "fy")]
-    return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(mine))
+    return np.max(gaps, axis=0, initial=0.0) if gaps else np.zeros(len(own_rows))
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:

@@ -1,8 +1,8 @@
 """The answer to the question whether an engine meets a requirement on a linkage; if not, how far the search came and why it ended.
 
 The search, the recommendation and the report all print the answer, a `Reach`, in the same words. The answer follows from the trials
-(runs with one step or tolerance) of the engine's variants (settings that the search tries). So it can be computed from stored rows
-of the table `search_ladder` as well as from a search that has just ended.
+(runs with one step or tolerance) of the engine's variants (settings that the search tries). So the answer can be computed from
+stored rows of the table `search_ladder` as well as from a search that has just ended.
 """
 
 import math
@@ -121,7 +121,8 @@ class Reach:
     def words(self) -> str:
         """The answer in words, such as "not reached within 60 s; order 4.0 extrapolates to 21,000 steps".
 
-        After the kind stands what ended the search: its budget, or the largest number of steps; then `needed`; then the reason.
+        The parts in their order are the kind, what ended the search (its budget or its largest number of steps), `needed` and the
+        reason.
         """
         answer, is_timed = str(self.kind), math.isfinite(self.seconds)
         if self.within:
@@ -140,8 +141,8 @@ class Reach:
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
     """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
 
-    The answer is the first that applies: TIMED or UNTIMED, if a trial meets all requirements; NOT_TRIED or NO_MODEL, if the engine
-    skipped all trials; UNDETERMINED, if all trials ended without a known error; else NOT_REACHED.
+    The kind of the answer is the first of these that applies: TIMED or UNTIMED, if a trial meets all requirements; NOT_TRIED or
+    NO_MODEL, if the engine skipped all trials; UNDETERMINED, if no error of the trials that ended is known; else NOT_REACHED.
 
     Args:
         ladders: for each variant of the engine its trials, which are runs at several steps or tolerances.
@@ -154,15 +155,15 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     shares = [share(trial, wanted) for trial in ended]  # errors over allowed errors: at most 1 if all requirements are met
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
-    failed = [trial for trial in trials if trial.status is not Status.SKIP]
-    if not failed:  # the engine skipped all
+    not_skipped = [trial for trial in trials if trial.status is not Status.SKIP]
+    if not not_skipped:  # the engine skipped all
         reason = trials[0].message if trials else "it was not searched"
         return Reach(Kind.NOT_TRIED if not trials or ABSENT.search(reason) else Kind.NO_MODEL, reason)
     if ended and all(map(math.isnan, shares)):
         return Reach(Kind.UNDETERMINED, "redundant rows leave joint forces open")
-    steps = max(trial.steps or 0 for trial in failed)
+    steps = max(trial.steps or 0 for trial in not_skipped)
     if not ended:
-        return Reach(Kind.NOT_REACHED, f"no run ended: {failed[-1].message}", steps)
+        return Reach(Kind.NOT_REACHED, f"no run ended: {not_skipped[-1].message}", steps)
     extrapolated = [convergence(ladder, wanted) for ladder in ladders]  # (order, needed) of each variant
     order, needed = min(extrapolated, key=lambda pair: math.inf if math.isnan(pair[1]) else pair[1])
     return Reach(Kind.NOT_REACHED, steps=steps, order=order, needed=needed)
@@ -176,9 +177,9 @@ def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
     """Return the order of convergence in the finest trials, and the number of steps that would meet the requirements at this order.
 
-    The order is computed from the RUNGS trials with the most steps whose numbers of steps differ by the factor APART or more; the
-    error of a trial is its largest ratio of an error to its limit (`share`). Order and number are NaN if there are fewer such
-    trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
+    The order is computed from the RUNGS trials with the most steps, of which any two differ in their numbers of steps by the factor
+    APART or more. The error of a trial is its largest ratio of an error to its limit (`share`). Order and number are NaN if there
+    are fewer such trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
 
     Args:
         trials: the trials of one variant.

@@ -3,11 +3,12 @@
 A row is a mapping from column to value: a text, a number or a flag, as the schema declares it. A missing text is empty, a missing
 number NaN, a missing flag None. Writing refuses a column that the schema does not have; reading ignores it. The folder of a run has
 the number of the format and the schema in `tables.json`, and the checksums of all files in `checksums.json`. A folder without
-`tables.json` is of format 1. Rows of older formats are converted while they are read (`migrate_row`), a later format is refused.
+`tables.json` is of format 1. Rows of older formats are converted while they are read (`migrate_row`); newer formats are refused.
 
-Timed columns, which depend on measured times, are stored in separate files of the same names in the folder `times`. Their numbers
-are rounded to the digits that their spread justifies. A repeated run therefore changes these files, and in other files only rows
-whose numbers changed. Reading a table joins its two files. Date, machine and versions of a run are in `environment.json` alone.
+Timed columns, which depend on measured times, are stored in separate files of the same names in the folder `times`. Timed numbers
+are rounded to the digits that are significant in view of their spread. A repeated run therefore changes these files, and in other
+files only rows whose numbers changed. Reading a table joins its two files, that of the timed columns and that of all others. Date,
+machine and versions of a run are in `environment.json` alone.
 """
 
 import csv
@@ -122,7 +123,7 @@ SCHEMA = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="u
 def read_columns(entries: Iterable[Any]) -> Iterator[Column]:
     """Yield the columns that entries of `tables.toml` describe. An entry has one of three forms.
 
-    "where": the columns of the group with this name.
+    "GROUP" (a text): the columns of the group with this name.
     {number = "step", meaning = "..."}: one column, with its kind as the first key.
     {spread = "ratio", meaning = "..."}: the columns ratio, ratio_low and ratio_high, a measured value with both ends of its range.
         The first key, here "spread", is a key of the table `ends` of `tables.toml`, which has the words to add to the three
@@ -180,12 +181,12 @@ def type_column(column: Column, values: Sequence[Any]) -> Sequence[Any]:
     """Convert the values of a column, or their texts in a file, to the column's type.
 
     Raises:
-        ValueError: a value is not of this type; the message names its row, counted from 1, and the column.
+        ValueError: a value is not of the column's type; the message names the column, and the row, counted from 1.
     """
     # most columns need no conversion of each value
     if all(type(value) is TYPES[column.kind] for value in values):  # Parquet files have typed values
         return values
-    if all(value is None for value in values):  # the column is in the other file of the table
+    if all(value is None for value in values):  # this file lacks the column: a table can have two files
         return [type_value(column, None)] * len(values)
     typed = []
     for count, value in enumerate(values, 1):
@@ -209,14 +210,14 @@ def round_times(table: Table, row: Row) -> dict[str, Any]:
     """Return a typed row (one whose values have the types of their columns) with rounded times and ratios of times.
 
     A value and the two ends of its range are rounded to multiples of the largest power of ten that is at most a hundredth of the
-    width of the range. The value keeps at least four significant digits, and exactly four if no range is known. Reports print three
-    of these digits, so that no number is rounded twice to the same digit.
+    width of the range. The value keeps at least four significant digits, and exactly four if no range is known. Reports print only
+    three digits, so that no number is rounded twice to the same digit.
     """
     rounded = dict(row)
     for column in table.timed_columns:
         x = row[column.name]
         if column.kind != "number" or not math.isfinite(x) or x == 0 or column.name.endswith(ENDS[1:]):
-            continue
+            continue  # a column of an end of a range is rounded with its value
         names = [column.name + end for end in ENDS if column.name + end in row]
         last = math.floor(math.log10(abs(x))) - 3  # power of ten of the fourth digit
         if len(names) == len(ENDS):
@@ -251,7 +252,7 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     contents = {}  # path -> columns and rows of the file
     for part, columns in table.parts.items():
         chosen = typed
-        if part and not table.timed:  # the file of times has only rows with times
+        if part and not table.timed:  # `part`: the file of times; unless it is the only file, it has only rows with times
             chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.timed_columns)]
             if len({key_of(table, row) for row in chosen}) < len(chosen):
                 raise ValueError(f"table {name}: two rows with times have the same key")
@@ -455,7 +456,7 @@ def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:
-        fresh = SCHEMA["always"] | fresh
+        fresh = SCHEMA["always"] | fresh  # values that were the same in every row of format 1, which did not store them
     if name == "samples":  # samples were of a single process before format 5
         fresh = {"process": 0} | fresh
     if name == "baseline":  # a row of the baseline names a column

@@ -63,7 +63,7 @@ def constraint_force(terms: Terms, a: Array) -> Array:
 def recover_multipliers(terms: Terms, a: Array) -> Array:
     """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a, by least squares.
 
-    If J has full row rank there is no other solution. With redundant rows only J^T lambda is determined.
+    If J has full row rank, this is the only solution. With redundant rows only J^T lambda is determined.
     """
     multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
     return multipliers

@@ -133,7 +133,7 @@ class Reference(Samples):
 
     @classmethod
     def with_one_bar(cls, samples: Trajectory, method: str, bar: float = 0.0) -> "Reference":
-        """Return the samples of a run as a reference with the same error bar [m, rad] at every time, and floors of zero."""
+        """Return the samples of a run as a reference with the same error bar [m, rad] at every time, and zeros as floors."""
         bars, floors = np.full(len(samples.t), bar), np.zeros(len(samples.t))
         return cls(samples.t, samples.q, samples.v, samples.a, bars, bars, bars, floors, floors, floors, method)
 
@@ -202,7 +202,7 @@ class Caption:
         how: names engine, integrator and step.
         verdict: the judge's objections, or the failure of the run; empty for a valid run.
         until: end of the run that the user asked for [s].
-        trusted: the last time up to which the judge has no objection [s]; None if there is no such time.
+        trusted: the last time up to which the judge has no objection [s]; None if there is no objection up to `until`.
     """
 
     title: str
@@ -235,8 +235,8 @@ def with_accelerations(
     """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
 
     Raises:
-        RunFailure: the function `acceleration` raised it. Its attribute `reached` is set to the trajectory, whose accelerations are
-            NaN from the failed sample on.
+        RunFailure: the function `acceleration` raised it. The attribute `reached` of the exception is set to the trajectory, whose
+            accelerations are NaN from the failed sample on.
     """
     a = np.full_like(q, np.nan)
     trajectory = Trajectory(times, q, v, a, steps, evaluations, note)

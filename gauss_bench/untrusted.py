@@ -35,7 +35,7 @@ class BadInput(Exception):
 
 
 class TooDeep(tomllib.TOMLDecodeError):
-    """A TOML text nests tables or lists more than DEEPEST deep."""
+    """A TOML text has tables or lists inside each other at more than DEEPEST levels."""
 
 
 def read_bytes(path: Path, most: int) -> bytes:

@@ -28,7 +28,7 @@ TEXT = SOUND.read_text(encoding="utf-8")
 TIGHT, EQUAL = "default,dop853_rtol=1e-11", "default,dop853_rtol=1e-09"
 FAULTS = [
     ('"gauss-bench-settings/1"', '"gauss-bench-settings/9"', "format: must be 'gauss-bench-settings/1'"),
-    ('engine = "minimal"', 'engine = "nobody"', "engine: 'nobody' has no file of knobs"),
+    ('engine = "minimal"', 'engine = "nobody"', "engine: 'nobody' has no variants.toml"),
     ('"Those who wrote it"', '" "', "authors: must be a text of 1 to 200 characters in one line"),
     ('authors = "Those who wrote it"\n', "", "authors: must be a text"),
     ('"https://example.org/them"', '"ask around"', "contact: must be an address"),

@@ -118,7 +118,7 @@ def test_warm_and_cold_builds_stand_in_columns_of_their_own() -> None:
     measured = Measured({Key(quantity, "gauss-native"): np.full(3, x) for quantity, x in times.items()}, {})
     row = {"mechanism": "four_bar", "scenario": "torque", "engine": "gauss-native", "settings": "default"}
     row |= {"integrator": "dop853", "stabilization": "none"}
-    cost.with_costs([row], {("four_bar", "torque"): measured})
+    cost.add_costs([row], {("four_bar", "torque"): measured})
     assert (row["build_time"], row["cold_build_time"]) == (0.02, 2.0)
 
 

@@ -25,8 +25,8 @@ class Answer:
         steps: number of steps of the run.
         errors: kind of error -> largest error in the whole run [m], [rad], [N]. If no setting meets the requirement, they
             are the errors of the run that came nearest.
-        seconds, seconds_low, seconds_high: processor time of a run [s], with its 5 % and 95 % quantile; None if it was not timed.
-        ratio, ratio_low, ratio_high: time of a run divided by that of the fastest engine, with its 5 % and 95 % quantile.
+        seconds, seconds_low, seconds_high: processor time of a run [s], its 5 % and 95 % quantile; None if no run was timed.
+        ratio, ratio_low, ratio_high: time of a run divided by the time of the fastest engine, its 5 % and 95 % quantile.
         tried, variants: number of variants that were tried, and number of all variants of the engine.
         evaluations: number of runs in the search.
         complete: whether every variant was searched to its end.

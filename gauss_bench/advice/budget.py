@@ -1,11 +1,11 @@
 """A time budget that does not count seconds in which other programs had the processor, up to a limit.
 
 If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
-tried. The budget counts the seconds that the search would have taken on a machine without other work. This counted time is the
-elapsed time minus the lost time. The lost time is the time that the processes of the search waited for a processor, summed over the
+tried. The budget counts the seconds that the search would have taken on a machine without other work: the elapsed time minus the
+mean waiting time. The mean waiting time is the time that the processes of the search waited for a processor, summed over the
 processes and divided by the number of processes that run in parallel. If the operating system does not report waiting times, the
-counted time is the elapsed time. Each part of the search has a share of the budget, and ends in any case when the elapsed time
-reaches WALL times this share.
+elapsed time counts. Each part of the search has a share of the budget, and ends in any case when the elapsed time reaches WALL
+times this share.
 """
 
 import contextlib
@@ -24,36 +24,36 @@ END = 1.45  # elapsed time of the whole recommendation is at most END times the 
 class Budget:
     """A budget of seconds that starts when the object is made.
 
-    The counted time is the elapsed time minus the mean waiting time of a lane. A lane is one of the `lanes` processes that run in
-    parallel; the mean is the time that all threads together waited for a processor, divided by `lanes`.
+    Time in which the search waited for a processor does not count. The waiting time is the time that all threads together waited,
+    divided by `lanes`, the number of processes that run in parallel.
     """
 
     def __init__(self, seconds: float, lanes: int = LANES):
         """Start a budget of some seconds for a search with `lanes` processes in parallel."""
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
-        self._seen = waiting_times()  # thread -> time [s] that it had waited for a processor at the last reading
+        self._last_waits = waiting_times()  # thread -> time [s] that it had waited for a processor at the last reading
         # [s] waiting time of all threads since the start; several threads update it, hence the lock
-        self._lost, self._looking = 0.0, threading.Lock()
+        self._waited, self._lock = 0.0, threading.Lock()
 
     def wall_time(self) -> float:
         """Return the elapsed seconds."""
         return time.monotonic() - self.started
 
     def seconds_used(self) -> float:
-        """Return the seconds that count against the budget."""
-        with self._looking:
+        """Return the seconds that count against the budget: the elapsed time minus the mean waiting time."""
+        with self._lock:
             now = waiting_times()
-            self._lost += sum(max(0.0, x - self._seen.get(task, 0.0)) for task, x in now.items())
-            self._seen |= now
+            self._waited += sum(max(0.0, x - self._last_waits.get(thread, 0.0)) for thread, x in now.items())
+            self._last_waits |= now
             passed = self.wall_time()
-            return passed - min(self._lost / self.lanes, passed)
+            return passed - min(self._waited / self.lanes, passed)
 
     def remaining(self, share: float = 1.0) -> float:
         """Return the seconds left until a share of the budget is used, or until the limit on elapsed time if that comes first."""
         return min(share * self.seconds - self.seconds_used(), self.remaining_wall_time(share))
 
     def remaining_wall_time(self, share: float = 1.0) -> float:
-        """Return the elapsed time [s] that remains until work that may use the given share of the budget must stop."""
+        """Return the elapsed time [s] until the end of work that may use the given share of the budget."""
         return min(WALL * share, END) * self.seconds - self.wall_time()
 
 

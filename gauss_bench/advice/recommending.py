@@ -5,9 +5,9 @@ tolerance. The variants are tried in an order that gives every engine a first re
 the others in turn. Runs take place in worker processes, two at a time, and are not timed. A run of a variant may take at most SPARE
 times as many evaluations of accelerations as the engine's best setting so far. Each error is the largest in the whole run, measured
 against the reference that `truth.py` computes. The errors of an accepted setting are at most half of the allowed errors, because
-the error of the reference and the time between samples may account for the other half. No time decides on a candidate, so that
-candidates, their order and their errors are the same in every recommendation. If the budget ends the search, only the candidates
-that come last in this order are untested, and the answer states this.
+the error of the reference and the time between samples may account for the other half. Candidates are chosen without measured
+times, so that the candidates, their order and their errors are the same in every recommendation. If the budget ends the search,
+only the candidates that come last in this order are untested, and the answer states this.
 
 Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a run of a
 suite.
@@ -46,8 +46,8 @@ from gauss_bench.trajectory import Status
 
 SHARE = "share of the requirement"  # kind of error: the largest of the errors, each divided by its requirement
 HALF = Requirement(SHARE, 0.5)  # what an accepted setting meets: each error is at most half of the allowed one
-KNOWN = 0.1  # largest error bar of the reference, as a share of the requirement
-TRUE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
+KNOWN = 0.1  # largest error bar of the reference, divided by the allowed error
+REFERENCE_ENGINE = "gauss-native"  # engine whose compiled model computes the reference; it is also searched like any other engine
 DENSE = 400  # largest number of samples of a run with equal steps
 EVALUATED = 24  # largest number of runs of one variant
 MOST = 200_000  # largest number of steps of a run
@@ -110,7 +110,7 @@ class _Engine:
 
     @property
     def title(self) -> str:
-        """The key in `Recommender.engines`: the engine's name, and the owner if the engine's authors contributed the variants."""
+        """The key in `Recommender.engines`: the engine's name, and its authors if they contributed the variants."""
         return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     @property
@@ -128,10 +128,10 @@ class _Engine:
         return [trial for trials in self.trials.values() for trial in trials]
 
     def passing(self) -> dict[Way, Trial]:
-        """Return setting -> trial run for the settings that meet the requirement (HALF), from the least work to the most.
+        """Return setting -> trial run for accurate settings, whose errors are at most half of the allowed ones (HALF).
 
-        Each variant gives one setting: the one with its largest step or tolerance that meets the requirement. Settings with equal
-        work are in the order in which they were tried.
+        Each variant gives one setting: the one with its largest step or tolerance that is accurate. Settings are ordered from the
+        least work to the most; settings with equal work are in the order in which they were tried.
         """
         found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
@@ -173,7 +173,7 @@ def work(integrator: str, trial: Trial) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The result of the search, before the settings are timed. The time budget decides only which candidates are missing.
+    """The result of the search, before the settings are timed. The budget decides only how many candidates were tried.
 
     Attributes:
         truth: the reference from which all errors are computed.
@@ -290,13 +290,13 @@ class Recommender:
         return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
 
     def _truth(self) -> Truth:
-        """Return the reference motion, computed in the worker process of the engine TRUE.
+        """Return the reference motion, computed in the worker process of the engine REFERENCE_ENGINE.
 
-        If the engine TRUE also takes part in the search, the search uses the same worker, so that the model is compiled only once.
+        If this engine also takes part in the search, the search uses the same worker, so that the model is compiled only once.
         """
         # the error bars of the reference shall be at most the share KNOWN of the allowed errors
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
-        own = self.engines.get(TRUE)
+        own = self.engines.get(REFERENCE_ENGINE)
         worker = own.worker if own is not None and own.refused is None else self._workers.enter_context(Worker())
         return truth(self.run, wanted, lambda: self.budget.remaining(TRUTH), worker, self.report)
 
@@ -312,10 +312,10 @@ class Recommender:
             self._failures.put(error)
 
     def _next_engine(self) -> _Engine | None:
-        """Return the idle engine with the fewest variants tried, or None at the end of the search.
+        """Wait until an engine is idle; return the one with the fewest variants tried, or None at the end of the search.
 
-        When the time for the search has ended, each engine without a run still gets one, with steps that should be accurate enough.
-        Variants that refuse the linkage take no time, so that an engine whose variants all refused has had no run.
+        The search ends when no engine is left, or when a thread has failed. After the time for the search, only engines without a
+        run are left. Variants that refuse the linkage take no time, so that an engine whose variants all refused has had no run.
         """
         with self._changed:
             while self._failures.empty():
@@ -332,12 +332,12 @@ class Recommender:
         return None
 
     def _search_variant(self, engine: _Engine, variant: Variant) -> None:
-        """Search one variant over steps or tolerances, and store its trial runs in `engine.trials`."""
+        """Search one variant over its sizes, which are steps or tolerances, and store its trial runs in `engine.trials`."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
         adaptive, before, is_first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
         engine.trials[way] = trials
-        scale, most = tolerances(smallest=12), 0
+        scale, most = tolerances(smallest=12), 0  # tolerances down to 1e-12; most: largest number of steps, 0 if adaptive
         if not adaptive:
             most = self._step_limit(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
@@ -368,7 +368,7 @@ class Recommender:
             _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
             engine.cut, engine.ended[way] = True, "its time for searching ended"
-        if trials and not engine.has_run:
+        if trials and not engine.has_run:  # the engine refused the linkage in every trial so far
             self._choose_after_refusal(engine, trials[-1])
         self._report_change(engine, before)
 
@@ -384,9 +384,9 @@ class Recommender:
     def _choose_after_refusal(self, engine: _Engine, trial: Trial) -> None:
         """After an engine refused the linkage in its trial `trial`, choose which of its remaining variants are still tried.
 
-        These are the variants whose time loop (a loop in Python, or a compiled one) has not been tried. If there are no such
-        variants and only one variant was tried, the choice is one variant with another integrator. If there is no such variant
-        either, the refusal is final and is stored in `engine.refused`.
+        These are the variants whose time loop (a loop in Python, or a compiled one) has not been tried. If every time loop was
+        tried, but only one variant, a variant with another integrator is chosen. If no variant is chosen, the refusal is final and
+        is stored in `engine.refused`.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -398,8 +398,8 @@ class Recommender:
     def _step_limit(self, way: Way, before: tuple[Way, Trial] | None) -> int:
         """Return the largest number of steps that a run of a variant may take.
 
-        The limit is MOST, or the number of steps with SPARE times the work of the best setting so far if that is less, but at
-        least 2 DENSE. `before` is the best setting of the engine and its trial run, or None.
+        The limit is MOST. If the engine has a best setting so far, the work is also limited to SPARE times that of this setting, or
+        to 2 DENSE steps if these are more. `before` is the best setting and its trial run, or None.
         """
         if before is None:
             return MOST
@@ -435,19 +435,21 @@ class Recommender:
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]; it is longer for the first run of an engine, which loads or compiles its library.
 
-        Engines that wait for their first run share equally the time until TRIED, in which LANES processes run in parallel.
+        The time until the share TRIED of the budget is divided equally among the engines that wait for their first run. LANES
+        processes run in parallel, so that this time is counted LANES times.
         """
         # the time until the end of the search, which a run may exceed by the share AFTER of the budget
         left = self.budget.remaining(SEARCHED + AFTER)
         if engine.has_run:
             return max(min(LONGEST * self.budget.seconds, left), 1.0)
-        own = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
-        return max(min(2 * LONGEST * self.budget.seconds, own), ONE_TRY * self.budget.seconds, 1.0)
+        first_share = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
+        return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _report_change(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        """Report what the search of a variant has changed: a refusal, a first setting that is accurate enough, or a better one.
+        """Report what the search of a variant has changed.
 
-        `before` is the engine's best setting before this variant was searched, with its trial run; None if there was none.
+        The change is a refusal, the nearest miss of the first variant, a first accurate setting, or a cheaper one. `before` is the
+        engine's best setting before this variant was searched, with its trial run; None if there was none.
         """
         after = engine.best()
         if after is None:
@@ -513,7 +515,7 @@ class Recommender:
             own = {w: x for w, x in times.items() if w.settings in engine.options}
             answer = self._accepted_answer(engine, way, trial, times.get(way), fastest)
             accepted.append(replace(answer, loops=by_loop(engine, own, fastest)))
-        accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings without a race come last
+        accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings that were not timed come last
         return accepted + [self._answer_without_setting(x) for x in self.engines.values() if x.title not in chosen]
 
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
@@ -580,9 +582,9 @@ def known_errors(trial: Trial) -> dict[str, float]:
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
     """Return at most CHOICES settings of an engine to be timed.
 
-    These are the settings whose work is at most NEAR times the least one. For each time loop (a loop in Python, or a compiled one)
-    that is not among them, the loop's setting with the least work is added. Settings with adaptive integrators count as near
-    regardless of their work, because the run time does not follow from the number of evaluations.
+    These are the settings whose work is at most NEAR times the least work. For each time loop (a loop in Python, or a compiled one)
+    that none of these settings uses, the setting with the least work in this loop is added. Settings with adaptive integrators
+    count as near regardless of their work, because the run time does not follow from the number of evaluations.
     """
     ways = list(engine.passing().items())  # by increasing work
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
@@ -611,7 +613,7 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 def answer_of(engine: _Engine) -> Reach:
     """Return why an engine has no setting that meets the requirement: the kind of reason, and a sentence.
 
-    The engine refused the linkage, or had no time for a run, or the errors of all its trial runs were above HALF.
+    The engine refused the linkage, or had no time left for a run, or all its trial runs had errors above half of the allowed ones.
     """
 
     def not_tried(reason: str) -> Reach:

@@ -3,11 +3,11 @@
 The integrator has order eight. The equations of motion are those of the suite's own formulation, first in numpy, and compiled if
 more steps are needed. Runs come in pairs, one with a step and one with half of it. The run with half the step is the reference. The
 difference between both runs is the error bar of the reference; at order eight this error bar is about 200 times larger than the
-error. The accelerations at every sample are compared with those of the suite's equations in numpy, which shows an error of the
+error. The accelerations at every sample are compared with those of the suite's equations in numpy, which reveals an error in the
 compiled equations. If the motion has a certificate (a reference with guaranteed digits), the reference is compared with it too, and
-the error bar includes the difference. The reference has a sample at each whole step. Between samples, positions are polynomials of
-degree five that match position, velocity and acceleration at both ends (quintic Hermite interpolation). The error bar includes the
-interpolation error.
+the error bar includes the difference. The reference keeps the samples at times that both runs share. Between samples, positions are
+polynomials of degree five that match position, velocity and acceleration at both ends (quintic Hermite interpolation). The error
+bar includes the interpolation error.
 """
 
 import math
@@ -39,8 +39,9 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled d
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-# The interpolation through every second sample has 2^6 = 64 times the error of that through all samples. A quarter is relied on.
-SIXTH = 16.0
+# Interpolation through every second sample has 2^6 = 64 times the error of interpolation through all samples. The divisor is a
+# quarter of 64, so that the error is overestimated.
+ERROR_GROWTH = 16.0
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 
@@ -57,7 +58,7 @@ class Truth:
         bars: kind of error -> error bar of the reference [m], [rad], [N]; there is no entry for forces if redundant constraints
             leave them undetermined.
         halving: kind of error -> change of the result when the steps are halved [m], [rad], [N].
-        steps: number of steps of the run with the whole step; the reference took twice as many.
+        steps: number of steps of the coarser run of the pair; the reference took twice as many.
         certified: whether a certificate confirms the motion.
         told: one line on how the reference was made.
     """
@@ -94,9 +95,8 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 
         q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5.
 
-    p, u and b are q and its first two derivatives with respect to s at s = 0. P, U and B are the values of q and of these
-    derivatives at s = 1, minus those of the quadratic polynomial p + u s + b s^2 / 2. The three equations for P, U and B determine
-    c3, c4 and c5.
+    p, u and b are q and its first and second derivative by s at s = 0. P, U and B are q and its first and second derivative by s
+    at s = 1, minus the values that p + u s + b s^2 / 2 and its derivatives have there. P, U and B determine c3, c4 and c5.
     """
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)  # interval of each time
@@ -111,9 +111,9 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    There are three attempts. First two short runs are made in numpy; if they are accurate enough, nothing is compiled. If not, the
-    compiled formulation runs with smaller and smaller steps, for at most the share COMPILED of the budget. If this is not accurate
-    enough either, numpy continues with smaller steps until the budget ends.
+    There are three attempts. The first is one pair of short runs in numpy; if it is accurate enough, nothing is compiled. In the
+    second, the compiled formulation runs with smaller and smaller steps, for at most the share COMPILED of the budget. If the
+    compiled runs are not accurate enough either, the third attempt runs numpy with smaller steps until the time budget ends.
 
     Args:
         run: linkage, scenario and duration.
@@ -131,11 +131,11 @@ def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], work
     references: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Run an engine in a worker, and return whether one of its references is accurate enough.
+        """Run an engine in pairs of n and 2 n steps, and return whether the finer run of a pair is accurate enough.
 
-        The coarser run of the first pair has `first` steps. The steps double from pair to pair, up to `most`. References that were
-        found are added to `references`, and the reason of a failure to `reasons`. `share` is the fraction of the budget that is
-        reserved for the attempts after this one.
+        n is `first` in the first pair, and doubles from pair to pair up to `most`. The finer runs are added to `references`, and
+        the reason of a failure to `reasons`. `share` is the fraction of the budget that is reserved for later attempts. `where` is
+        the worker process.
         """
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
@@ -249,20 +249,20 @@ def _between_bars(known: Reference) -> dict[str, float]:
     """Return kind of error -> error bar of the interpolation between the samples of a reference [m], [rad].
 
     The odd samples are interpolated from the even ones, which are twice as far apart. The interpolation error grows with the sixth
-    power of the distance, so that the difference from the true odd samples, divided by SIXTH, is a safe estimate.
+    power of the distance between samples, so that interpolated minus stored odd samples, divided by ERROR_GROWTH, overestimates it.
     """
     half = known.samples[::2]
     if len(half.t) < 2:
         return {"position": math.inf, "angle": math.inf}
-    # the odd samples as interpolated from the even ones, minus their true values
-    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / SIXTH
+    # the odd samples as interpolated from the even ones, minus their stored values
+    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / ERROR_GROWTH
     return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
 
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Compare a reference with the certificate of the motion (a reference with guaranteed digits), and return it.
+    """Return a reference after comparing it with the certificate of the motion (a reference with guaranteed digits).
 
-    The returned error bars include the difference. Without a certificate the reference is returned as it is.
+    The new error bars include the difference from the certificate. A motion without a certificate leaves the reference unchanged.
 
     Raises:
         NoTruth: the reference differs from the certificate by more than a thousand error bars.
@@ -272,6 +272,7 @@ def _certify(run: Run, truth: Truth) -> Truth:
         return truth
     q, v = between(truth.reference, certificate.t)
     off = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
+    # floor_q: change of the motion if the linkage's numbers change by rounding, a relative 1e-16
     certified_error = float(np.fmax(certificate.error_q, certificate.floor_q).max())
     if max(off.values()) > 1e3 * max(truth.bar, certified_error):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")

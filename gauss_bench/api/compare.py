@@ -31,7 +31,7 @@ def compare(
         engines: names of engines; by default all.
         scenario: name of a scenario; by default the first with a start.
         steps: integration steps [s]. If a step does not divide `t_end`, the last step is shorter and the row's note says so. Errors
-            are evaluated at the times of the reference that whole steps reach; the column `compared` counts these times.
+            are evaluated at those times of the reference that are multiples of the step; the column `compared` counts them.
         t_end: end of the runs [s]; by default the scenario's duration.
         jobs: number of worker processes.
         budget: longest time of one row [s].

@@ -171,7 +171,7 @@ def subject_with_settings(
     """Return an engine with the given settings; a setting that is None takes the engine's default.
 
     Raises:
-        ChoiceError: no engine is named, or it does not offer a setting.
+        ChoiceError: no engine is named, or the named engine does not offer a setting.
         KeyError: the engine is unknown.
     """
     if engine is None:
@@ -227,7 +227,7 @@ def run_ladder(
 def make_diagnosis(
     mechanism: Mechanism, subject: Subject, end: float, verdict: Verdict, reference: str, remarks: Sequence[str]
 ) -> Diagnosis:
-    """Return the diagnosis: a verdict with the run, the reference [text] and the remarks that belong to it."""
+    """Return the diagnosis: a verdict with the names of the run, the description of its reference, and remarks."""
     return Diagnosis(
         **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
         until=end,
@@ -291,11 +291,12 @@ def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: s
 
 def compare_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Reference, required: Mapping[str, float]) -> list[str]:
     """Return for each requirement (kind -> largest error [m], [rad]) a sentence that says whether a run meets it."""
-    # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated
+    # a reference without certificate has equally spaced samples, at times that need not be those of the run, and is interpolated;
+    # error bars are not used here
     if not reference.certified:
         q, v = truths.between(reference, trajectory.t)
         reference = Reference.with_one_bar(replace(trajectory, q=q, v=v), reference.method)
-    largest = state_errors(mechanism, trajectory, reference).largest
+    largest = state_errors(mechanism, trajectory, reference).largest  # kind -> largest error [m], [rad]
     return [
         f"{'as good as' if largest[kind] <= limit else 'not as good as'} the required {kind} error of {limit:g} {UNITS[kind]}: "
         f"{largest[kind]:.1e} {UNITS[kind]}"

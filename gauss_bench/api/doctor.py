@@ -86,7 +86,7 @@ def doctor(told: Told = nobody) -> Checkup:
 
 
 def _check_machine() -> Iterator[Finding]:
-    """Yield items on the interpreter, the processor, threads, the precision of long double, and packages."""
+    """Yield findings on the interpreter, the processor, threads, the precision of long double, and packages."""
     here = environment()
     recent = sys.version_info >= OLDEST
     needed = "" if recent else f"needs {OLDEST[0]}.{OLDEST[1]} or later"
@@ -154,7 +154,7 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
     """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, in a sentence.
 
-    The result is empty if nothing is missing, or if the engine's adapter is not part of the suite and is not called here.
+    The text is empty if nothing is missing, or if the engine's adapter may only run in a worker process and is not asked here.
     """
     if offer.name not in SAFE:  # only the suite's adapters named in SAFE run in this process; others run in a worker
         return ""

@@ -28,11 +28,11 @@ RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 def driver_table(text: str) -> dict[str, Any]:
     """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
 
-    If the text is a law without keys, the keys get defaults: one turn in one second (TURN or RISE). The law "table" may name a file
-    with its rows, which are read.
+    A motion law without keys has the values TURN or RISE: one turn in one second. The law "table" may name a file with its rows,
+    which are read.
 
     Raises:
-        ChoiceError: the text after the colon is not of the form key=value,key=value.
+        ChoiceError: in the driver's text LAW:OPTIONS, the part OPTIONS is not of the form key=value,key=value.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
@@ -74,7 +74,7 @@ def _read_rows(path: Path) -> list[list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The content of a linkage file, and the scenario that is to be moved.
+    """The content of a linkage file, and the name of the scenario whose motion is computed.
 
     Attributes:
         document, digest, path: content, checksum and path of the file.
@@ -95,7 +95,7 @@ class Source:
         return load_document(document | {"scenarios": {"kinematics": scenario}}, "kinematics", str(self.path), self.digest)
 
     def refuse(self, scenario: str, sentence: str) -> LinkageError:
-        """Return the exception that says why a scenario of this file cannot be moved; `sentence` is the reason."""
+        """Return the exception that says why a scenario of this file has no kinematics; `sentence` is the reason."""
         return LinkageError(str(self.path), [Fault(f"scenarios.{scenario}", sentence)])
 
 
@@ -104,7 +104,7 @@ def load_with_drivers(
 ) -> Mechanism:
     """Return the mechanism of a driven scenario.
 
-    A held link or slide becomes a driver at rest, and a held pin becomes a weld.
+    A held link or slide gets a driver with a constant value, and a held pin becomes a weld.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -174,17 +174,18 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
     """Return name of a link or joint -> value at which it is held [degrees or m].
 
-    None means that the link or joint keeps the value that it has at the start of the scenario.
+    The value None keeps the value that the link or joint has at the start of the scenario. `hold` lists texts "NAME" or
+    "NAME=VALUE"; None takes the names in the scenario's own list `hold`.
 
     Raises:
-        ChoiceError: the text after a name is not a number.
+        ChoiceError: a VALUE is not a finite number.
     """
     if hold is None:
         return dict.fromkeys(sequence(table(table(source.document, "scenarios"), source.scenario or ""), "hold"))
     held: dict[str, float | None] = {}
     for text in hold:
         name, equals, value = text.partition("=")
-        number = _read_number(value.strip()) if equals else None
+        number = _read_number(value.strip()) if equals else None  # a text if VALUE is not a number
         if isinstance(number, str) or (number is not None and not np.isfinite(number)):
             raise ChoiceError(f"hold {text!r}: {value!r} is not a number of degrees or metres")
         held[name.strip()] = number
@@ -206,7 +207,7 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
     if not tables:
         raise source.refuse(own.scenario, "drives nothing; name a driven scenario, or give a driver")
-    # the start of a new scenario sets the held coordinates, and drivers at rest keep them there
+    # the start of a new scenario sets the held coordinates, and constant drivers keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
         _hold_body(moved, own, name, value, start)
@@ -241,7 +242,7 @@ def _load_own(source: Source) -> Mechanism:
 
 
 def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
-    """Return drivers at rest for the angles and slides in `start`; the drivers act on the links of `bodies`.
+    """Return drivers that hold the angles and slides in `start` constant; the drivers act on the links of `bodies`.
 
     Args:
         mechanism: gives the values of the coordinates.
@@ -265,8 +266,8 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
         moved: the content of the linkage file, in which this function replaces a held pin by a weld.
         own: the mechanism of the file as it is, which gives the values at the start.
         name: name of the link, slide or pin that is held.
-        value: angle [deg] of the link or pin, or position [m] of the slide, at which it is held; None for its value at the start.
-        start: the scenario's table `start`, to which the angle or slide that is held is added.
+        value: angle [deg] of the link or pin, or position [m] of the slide; None holds the angle or position of the start.
+        start: the scenario's table `start`, to which the held angle or slide is added.
 
     Raises:
         ChoiceError: there is no such link or joint, or it is a pin through more than two links.
@@ -292,8 +293,8 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
         moved: the content of the linkage file, which is changed.
         own: the mechanism of the file as it is, which gives the values at the start.
         name: name of the pin.
-        value: relative angle [deg] of the second link to the first at which the pin is held; None for the angle at the start.
-        start: the scenario's table `start`, to which the angle of a held link is added.
+        value: held angle [deg] of the second link relative to the first; None holds the angle of the start.
+        start: the scenario's table `start`, to which the held angle of a link that is pinned to the ground is added.
     """
     near, far = moved["joints"][name]["at"]  # both as "link.point"
     near_link, far_link = (x.partition(".")[0] for x in (near, far))

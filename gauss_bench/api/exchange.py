@@ -68,9 +68,9 @@ class Tuning(Result):
 
     @property
     def met(self) -> bool:
-        """True if the errors are at most half of the requirements, and the reference is known to a tenth of them."""
-        known = self.known <= self.motion_wanted / 10
-        return known and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
+        """Whether both errors are at most half of the required ones, and the error bar of the reference at most a tenth."""
+        is_precise = self.known <= self.motion_wanted / 10  # known: error bar of the reference
+        return is_precise and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -160,8 +160,8 @@ def export(
 ) -> Export:
     """Write a linkage as a model or program that runs without this package.
 
-    A program is run before its file is written, and the comment at its top states its error. If the judge refuses the program's
-    motion, the file is not written, and the result's `refused` gives the reason.
+    A program is run before its file is written, and the comment at the top of the file states the measured error of the program. If
+    the judge refuses the program's motion, the file is not written, and the result's `refused` gives the reason.
 
     Args:
         linkage: name of a built-in linkage, or a path.
@@ -173,12 +173,12 @@ def export(
             write the measured errors into the file.
         step: integration step in the file [s]; by default 0.001.
         replace: whether an existing file may be replaced.
-        budget: time limit of the search [s], by default 60. Measuring an exported program has the same limit again, but at least
-            60 s. Only the processor time of the search and of the program counts against these limits.
+        budget: time limit of the search [s], by default 60. Measuring an exported program has a separate limit, which is equal but
+            at least 60 s. Only the processor time of the search and of the program counts against these limits.
         told: function that is called with each message of progress.
         position, angle, force: largest allowed errors [m], [rad], [N]. The file gets the engine's cheapest setting whose errors
-            stay within them over the scenario's duration. If there is no such setting, nothing is written.
-        anyway: write the program even if the judge refuses its motion, with a warning at its top.
+            stay within them over the scenario's duration. If no setting is accurate enough, nothing is written.
+        anyway: write the program even if the judge refuses its motion, with a warning at the top of the file.
 
     Raises:
         LinkageError: the linkage file has faults.
@@ -256,10 +256,10 @@ class Order:
     kind: Kind
 
     def write(self, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
-        """Return the text of the file for a setting (`choice`), with remarks and a warning in its header comment.
+        """Return the exported file for a setting (`choice`), with remarks and a warning in its header comment.
 
-        A worker process makes the text, because libraries may crash or hang. Kinds without a `writer` are programs that the
-        engine's adapter writes.
+        A worker process writes the text of the file, because libraries may crash or hang. A kind of file without a `writer` is a
+        program, which the engine's adapter writes.
 
         Raises:
             ExchangeError: the format cannot express a part of the linkage, which the message names.
@@ -291,10 +291,10 @@ class Setting:
 
 
 def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the setting for an exported file.
+    """Return the setting with which the engine runs in an exported file.
 
-    If `tuned`, the setting has the largest step that is accurate. If requirements are given in `wanted`, it is the cheapest setting
-    that meets them. Otherwise it is `usual`.
+    If `tuned`, the setting has the largest step that is accurate. If `wanted` (kind of error -> largest allowed error) has
+    requirements, the setting is the cheapest one that meets them. Otherwise the setting is `usual`.
 
     Raises:
         NotReached: no setting is known to meet the requirements.
@@ -307,7 +307,7 @@ def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str
 
 
 def find_kind(name: str) -> Kind:
-    """Return the kind of file with this name: one of KINDS, or the program of an engine that writes programs itself.
+    """Return the kind of file with this name: one of KINDS, or a Python program if an engine of this name writes programs itself.
 
     Raises:
         ChoiceError: there is no kind of file with this name; the message lists all kinds.
@@ -316,9 +316,9 @@ def find_kind(name: str) -> Kind:
         return KINDS[name]
     if (is_class(name) or name in all_names()) and writes_programs(name):
         offered = offer(name)
-        equal = [x for x in offered.integrators if x not in offered.adaptive]
-        usual = offered.choose(None, equal[0] if equal else None, None, STEP)
-        tolerance = None if equal else TOLERANCE
+        fixed_step = [x for x in offered.integrators if x not in offered.adaptive]
+        usual = offered.choose(None, fixed_step[0] if fixed_step else None, None, STEP)
+        tolerance = None if fixed_step else TOLERANCE  # an integrator that chooses its own steps needs a tolerance instead
         return Kind("", name, usual.settings, usual.integrator, usual.stabilization, "a Python program", ".py", tolerance)
     writers = [x.name for x in offers_from_outside() if "program" in x.methods]
     raise ChoiceError(f"no export for {name!r}; there are {', '.join([*KINDS, *writers])}, and engines with a method `program`")
@@ -386,9 +386,9 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
 def write_file(
     linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
 ) -> Exported:
-    """Return the text of an exported file of one of KINDS, with remarks and a warning in its header comment.
+    """Return an exported file of one of KINDS, with remarks and a warning in its header comment.
 
-    A worker process makes the text.
+    A worker process writes the text of the file; the caller stores it on disk.
 
     Raises:
         ExchangeError: the format cannot express a part of the linkage, which the message names.
@@ -438,7 +438,7 @@ def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
 def tune(order: Order, budget: float, told: Told) -> Tuning:
     """Find the largest step with which loops open by at most OPEN / 2 and the motion is off by at most MOTION / 2.
 
-    If no step is that accurate, the result has the step with the smallest errors. The motion may be chaotic, so that no reference
+    If no step is accurate enough, the result has the step with the smallest errors. The motion may be chaotic, so that no reference
     is accurate enough over the whole duration. Then the search is repeated over a quarter of the duration, and then over a
     sixteenth.
 

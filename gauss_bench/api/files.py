@@ -95,7 +95,7 @@ def _check_writable(folder: Path, named: str) -> None:
 def describe_files(
     asked: Mapping[str, Path], kinds: Mapping[str, tuple[str, ...]], replace: bool, source: str | Path = ""
 ) -> dict[str, Path]:
-    """Return option -> path for each file that a subcommand will write; `writable` has checked each path.
+    """Check the paths of all files that a subcommand will write, and return option -> path.
 
     Args:
         asked: name of an option -> path that the user gave for it.

@@ -1,8 +1,9 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
 The groups of curves are observed links, observed points, energies, joint forces, motors and transmission angles. Within a group,
-the curves are in the order in which the linkage file lists the links, points or joints. If the file observes nothing, all links are
-included. The signs of joint forces, and the points to which joint forces refer, are those of `gauss_bench.api.simulate.Simulation`.
+the curves are in the order in which the linkage file lists the links, points or joints. If the file lists no observed points or
+links, all links are included. The signs of joint forces, and the points to which joint forces refer, are those of
+`gauss_bench.api.simulate.Simulation`.
 """
 
 import csv
@@ -41,11 +42,12 @@ def history(result: Simulation) -> History:
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
     """Yield every curve of a trajectory, in the order of the groups in this module's docstring.
 
-    The work done, which the curve of the gained energy needs, is integrated over the first `trusted` samples only; the judge
-    objects to the later samples.
+    The judge objects to all samples after the first `trusted` ones. Only over these first samples is the work done integrated,
+    which the curve of the gained energy needs.
     """
     # whole: the linkage with every link of the file, also those that are welded together; links: the motion of these links
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
+    # angles are drawn for observed links, and for all links if the file lists neither observed links nor observed points
     turning = whole.observed_links or (() if whole.observed_points else range(len(whole.links)))
     yield from angular_curves(whole, links, turning)
     yield from observe(whole, links)
@@ -94,8 +96,8 @@ def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
 def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     """Yield the transmission angle [deg] of every dyad that closes on the crank or on driven links: 90 is best, 0 a dead centre.
 
-    It is the angle between two links on a pin, or between a rod and the normal of its slide's guide, folded into 0 to 90 degrees.
-    A slide between two pinned links has no such angle.
+    The transmission angle is the angle between two links on a pin, or between a rod and the normal of its slide's guide, folded
+    into 0 to 90 degrees. A slide between two pinned links has no transmission angle.
     Source: Alt, Der Uebertragungswinkel und seine Bedeutung fuer das Konstruieren periodischer Getriebe (1932).
     """
     given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}

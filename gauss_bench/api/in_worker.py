@@ -27,7 +27,7 @@ def read_answer(answer: object, file: str) -> dict[str, Any]:
     """Return the data in an answer of `answer_plainly`; error messages mention `file`.
 
     Raises:
-        ExchangeError: the function refused its input, or `answer` is not a dictionary, which only `answer_plainly` returns.
+        ExchangeError: the function refused its input, or `answer` is not a dictionary, so that it is no result of `answer_plainly`.
         MissingExtra: a library is missing.
     """
     match answer:

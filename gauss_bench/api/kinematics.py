@@ -194,7 +194,7 @@ def kinematics(
 
     Raises:
         LinkageError: the linkage file or the driver's table has faults.
-        ChoiceError: the driver's text, a held name, a point or the method cannot be used; or a coordinate is not driven; or a
+        ChoiceError: the driver's text, a name in `hold`, a point or the method is invalid; or a coordinate is not driven; or a
             driver travels too far; or the loads are not determined.
     """
     if steps is not None:
@@ -370,7 +370,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
 
     Raises:
         ValueError: the drivers do not fit the linkage, or there is no compiler.
-        LimitOfMotion, SingularPosition: the motion ends early; the error holds the part before.
+        LimitOfMotion, SingularPosition: the motion ends early; the exception has the motion up to there.
     """
     from gauss_bench.compiler.closure import compile_closure
 

@@ -1,7 +1,7 @@
 """Measure the error of an exported program: run its engine and setting, judge the run, and compare the run with a reference.
 
-A program in C is itself compiled and run if there is a compiler, because its arithmetic differs from that of any engine. A program
-that an engine writes itself is run in the engine's environment, without this package.
+If there is a compiler, an exported program in C is compiled and run, because its arithmetic differs from that of any engine. A
+program that an engine's adapter writes is run in the engine's environment, without this package.
 """
 
 import csv
@@ -206,7 +206,8 @@ def measure_program(
 def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
     """Run a program for at most `seconds`; if it cannot be run here, return the suite's run of the same setting.
 
-    The field `what` of the result says which of the two ran, and why. A program that starts and fails has no trajectory.
+    The field `what` of the result says whether the program or the suite's run was measured, and why. A program that starts and
+    fails gives no trajectory.
 
     Args:
         run: the suite's run with the engine and setting of the program.
@@ -223,7 +224,7 @@ def run_program(run: Simulation, source: str, interpreter: Interpreter | None, s
         else:
             trajectory, missing = run_python(source, run.model, interpreter, seconds)
     except ProgramFailed as failure:
-        return Measured(Status.ERROR, str(failure), None, what)
+        return Measured(Status.ERROR, str(failure), None, what)  # without a trajectory nothing is measured
     if trajectory is None:
         return Measured(run.status, run.message, run.trajectory, f"{what}, because {missing}")
     return Measured(run.status, run.message, trajectory, "this program itself")
@@ -232,8 +233,8 @@ def run_program(run: Simulation, source: str, interpreter: Interpreter | None, s
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
     """Return the largest errors of a trajectory against a reference; computing references takes at most `seconds`.
 
-    At most COMPARED samples are compared, including the last one. A quick reference is computed first. If its error bar is more
-    than a tenth of the error, a more precise reference follows.
+    At most COMPARED samples are compared, including the last one. The first reference shall have the error bar QUICK, relative to
+    the linkage's size. If its error bar is more than a tenth of the error, a second reference with the error bar PRECISE follows.
     """
     part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
@@ -266,9 +267,10 @@ def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
 
 
 def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory | None) -> str:
-    """Return the reason why a program is refused that ends far from where the suite's own run ends; empty if it ends near."""
+    """Return the reason to refuse a program whose run ends far from the end of the suite's own run; empty if both ends agree."""
     if own is None or trajectory is own:
         return ""
+    # lengths are measured relative to the linkage's size, and angles to 1 rad; one limit for both is the smaller of the two
     off = np.abs(trajectory.q[-1] - own.q[-1]).max()
     return "" if off <= OFF_MOTION * min(mechanism.size, 1.0) else f"the program ends {off:.2g} (m, rad) from the suite's own run"
 

@@ -84,14 +84,14 @@ class Wanted(NamedTuple):
     @property
     def choice(self) -> Choice:
         """The setting as the `Choice` that an engine accepts."""
-        # an integrator that chooses its steps is asked for samples at the distance of the step
+        # for an integrator that chooses its own steps, the step of `Choice` is the time between samples
         step = self.step if math.isfinite(self.step) else self.until / BEATS
         tolerance = self.tolerance if math.isfinite(self.tolerance) else None
         return Choice(self.settings, self.integrator, self.stabilization, step, tolerance)
 
 
 def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]:
-    """Return setting -> program; each setting is a tuple with the fields of `Wanted`.
+    """Return setting (a tuple with the fields of `Wanted`) -> text of a program that runs this setting.
 
     Settings whose program cannot be written on this machine, or is too long for a report, are left out.
     """

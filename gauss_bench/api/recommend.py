@@ -39,7 +39,7 @@ class Recommendation(Result):
     Attributes:
         mechanism, scenario: names of the linkage and scenario; until: end of the run [s].
         required: kind of error -> largest allowed error [m], [rad], [N]. A setting is accepted only if its measured errors are at
-            most half of these.
+            most half of the allowed ones.
         truth: how the reference motion was made; certified: whether a certificate confirms the reference.
         known: kind of error -> error bar of the reference [m], [rad], [N].
         answers: one answer per engine. First come the accurate settings that were timed, the fastest first, then the accurate
@@ -93,7 +93,7 @@ def recommend(
     Args:
         linkage: name of a built-in linkage, or a path.
         position, angle, force: largest allowed error of any link's centre of mass [m] or angle [rad], or of any joint force [N]. At
-            least one is needed, and a setting must meet all that are given.
+            least one limit is needed, and a setting must meet all limits that are given.
         until: end of the run [s]; by default the scenario's duration.
         engines: names of engines; by default all.
         scenario: name of a scenario; by default the first one that gives the motion a start.
@@ -149,8 +149,8 @@ def recommend(
 def with_snippet(recommender: Recommender, answer: Answer, least: float) -> Answer:
     """Return an answer with the program that runs the answer's setting, or with the reason why no program can be written.
 
-    If writing the program needs the engine's library, the engine's worker process writes it. The worker process then has at least
-    `least` seconds, even if the budget is used up.
+    If writing the program needs the engine's library, the engine's worker process writes it, and has at least `least` seconds even
+    if the budget is used up.
     """
     if answer.status != "ok":
         return answer
@@ -196,7 +196,7 @@ def list_requirements(**limits: float | None) -> dict[str, float]:
 def list_owned(engines: Sequence[str], files: Sequence[str | Path]) -> dict[str, list[Variant]]:
     """Return name of an engine -> settings that the engine's authors have contributed.
 
-    The settings are those of the given files and those that the suite includes. Engines without such settings are left out.
+    The settings are those of the given files and those that the suite includes. Engines without contributed settings are left out.
 
     Raises:
         ChoiceError: a file is for an engine that is not among `engines`.
@@ -229,10 +229,9 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
-        """Return the key by which variants are sorted.
+        """Return the key by which variants are sorted: the place in the engine's own order, if there is one.
 
-        If the engine gives an order of its variants, the key is the place in this order. If not, it is the place of the variant's
-        integrator in FIRST, and among variants with equal keys those without stabilization come first.
+        Otherwise the key is the place of the integrator in FIRST, and whether there is a stabilization; without comes first.
         """
         if engine.first:
             return place_in(engine.first, x.name), False
@@ -242,7 +241,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
 
 
 def place_in(names: Sequence[str], name: str) -> int:
-    """Return the index of a name; all names that are not listed come after the listed ones."""
+    """Return the index of a name in `names`; a name that is not in `names` comes after all of them."""
     return names.index(name) if name in names else len(names)
 
 
@@ -257,6 +256,7 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
         if x.loops:
             ratios = ", ".join(f"{loop} {ratio:.3g}" for loop, ratio in x.loops.items())
             sentences.append(f"times of {x.engine} over that of the fastest engine, by the program that runs the steps: {ratios}")
+        # SAFE, ELSEWHERE: engines with adapters of this suite; other adapters are plug-ins
         if x.in_python and x.engine not in OWN:
             part = "Python code of this suite" if x.engine in (*SAFE, *ELSEWHERE) else "Python code besides its library"
             sentences.append(f"the time of {x.engine} includes {part}: {x.in_python}")
@@ -296,8 +296,9 @@ def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
 def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
     """Return the advice if no setting meets the requirement.
 
-    The advice names the engine whose errors come nearest. If there are no errors at all, it says that no run ended in time, or that
-    no engine can run the linkage. Settings must meet half of the requirement, because the error of the reference may add to theirs.
+    The advice names the engine whose errors come nearest to the requirement. If no engine has errors, the advice says that no run
+    ended in time, or that no engine can run the linkage. Accepted errors are at most half of the allowed ones, because the error of
+    the reference may add to them.
     """
     limit, remedy = format_limits(wanted), "raise --budget or the limit"
     with_errors = [x for x in answers if x.errors]
@@ -311,7 +312,7 @@ def advise_without(answers: Sequence[Answer], wanted: Mapping[str, float]) -> st
 
 
 def setting_of(answer: Answer) -> str:
-    """Return the setting of an answer as text."""
+    """Return the setting that was recommended for an engine, as text."""
     words = format_setting(answer.settings, answer.integrator, answer.stabilization, answer.step, answer.tolerance)
     return f"{words}, {BY_AUTHORS}" if answer.owner else words
 

@@ -90,7 +90,7 @@ class JointForce(TypedDict):
 
 
 class Observed(TypedDict):
-    """The parts of a linkage that its file observes.
+    """The points and links of a linkage that its file lists as observed.
 
     Attributes:
         points: names of points, as link.point.
@@ -118,7 +118,7 @@ class Metrics(TypedDict, total=False):
         halving_length: largest change of a link's position in the repetition at half the step [m]; null without a repetition.
         halving_angle: largest change of a link's angle in that repetition [rad]; null without a repetition.
         steps_a_period: number of steps in a period of the fastest oscillation; null if the judge did not need it.
-        acceleration_disagreement: median relative difference of two own formulations; null if the judge did not need it.
+        acceleration_disagreement: median relative difference between two of the suite's formulations; null if not needed.
     """
 
     until: float
@@ -171,8 +171,8 @@ class Simulation(OneRun):
     Attributes:
         status: "ok", "skip", "invalid" if the run ended but the judge rejects it, or the kind of failure.
         message: reason of the status, or a remark on the run.
-        t: (k,) times of the samples [s]. If the run failed, these are the requested times before the failure, and the time of the
-            last sample before the failure. If there is no sample before the failure, all arrays are empty.
+        t: (k,) times of the samples [s]. If the run failed, t has the requested times before the failure, and the time of the last
+            sample before the failure. If there is no sample before the failure, all arrays are empty.
         links: name of a link -> motion of the link.
         points: name of an observed point -> motion of the point.
         joints: name of a joint -> constraint force and moment that act on the joint's second link.
@@ -182,15 +182,15 @@ class Simulation(OneRun):
         trusted_until: end of the part of the run to which the judge has no objection [s]; None if the run has no samples to judge.
         advice: what may make an invalid run valid, or an empty text.
         observed: names of the points and links that the linkage file observes.
-        drivers: name of a driver -> torque [N m] or force [N] that the driver exerts (k,). This field is omitted in dictionaries if
+        drivers: name of a driver -> torque [N m] or force [N] that the driver exerts (k,). Dictionaries leave `drivers` out if it
+            is empty.
+        welds: name of a weld -> force on the welded link, and moment about the point of the weld. Dictionaries leave `welds` out if
             it is empty.
-        welds: name of a weld -> force on the welded link, and moment about the point of the weld. This field is omitted in
-            dictionaries if it is empty.
-        warnings: warnings of the loader on the linkage file. This field is omitted in dictionaries if it is empty.
-        loads: the largest and mean loads of joints, welds and drivers until `trusted_until`; None if they were not asked for. They
-            are empty if the accelerations of the run are wrong.
+        warnings: warnings of the loader on the linkage file. Dictionaries leave `warnings` out if it is empty.
+        loads: the largest and mean loads of joints, welds and drivers until `trusted_until`; None if loads were not requested. The
+            loads are empty if the accelerations of the run are wrong.
         asked_until: requested end of the run [s]; model: the linkage; trajectory: all samples of the run, or None if there are
-            none. Dictionaries leave these three out; `gauss_bench.history` makes curves of them.
+            none. Dictionaries leave out `asked_until`, `model` and `trajectory`; `gauss_bench.history` makes curves of them.
     """
 
     status: Status
@@ -224,7 +224,7 @@ class Simulation(OneRun):
     def told(self) -> Caption:
         """Return the caption of plots and animations: sentences on the run, and two times [s].
 
-        The times are the end of the run, and the end of the part to which the judge has no objection (None if it has none at all).
+        The times are the end of the run, and the time from which the judge objects to the run (None if the judge has no objection).
         """
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
@@ -265,7 +265,7 @@ def simulate(
         limit: time limit of the worker process [s].
         told: function that is called with a sentence when the run begins, after all arguments were checked.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it. By
-            default the settings give both.
+            default the settings give both tolerances.
         whole: run through the whole duration of the scenario, for plots and tables of all samples.
         forces: run through the whole duration, and find the largest and mean loads of joints, welds and drivers.
 
@@ -306,7 +306,7 @@ def _check_times(at: list[float], limit: float) -> None:
     """Check the times to report [s] and the time limit of the worker process [s].
 
     Raises:
-        ChoiceError: a time is negative or not finite, or the limit is not positive.
+        ChoiceError: a time is negative or not finite, or the time limit is not positive.
     """
     if not all(np.isfinite(x) and x >= 0 for x in at):
         raise ChoiceError("times must be numbers that are not negative")
@@ -327,8 +327,8 @@ class Runs:
 
     Attributes:
         run: the run with the requested setting.
-        truth: the certified motion; None if there is no certificate.
-        finer: the repetition of the run at half the step or a tighter tolerance; None if no repetition was needed or possible.
+        truth: the motion from the certificate (a reference with guaranteed digits); None if there is no certificate.
+        finer: the run repeated at half the step or a tighter tolerance; None if the run was not repeated.
         adaptive: whether the integrator chooses its own steps.
     """
 
@@ -411,7 +411,7 @@ def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verd
     """Return the largest and mean loads of joints, welds and drivers over the samples until the time `until` [s].
 
     The judge objects to later samples. Forces follow from accelerations: if the judge objects to the accelerations, or if only the
-    start is valid, the loads are those of no sample.
+    start is valid, no sample is used and the loads are empty.
     """
     accelerations_are_wrong = any(x.subject is Subject.MODEL for x in verdict.objections)
     trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
@@ -442,7 +442,7 @@ def observe_names(mechanism: Mechanism, points: tuple[Point, ...] | None = None)
 
 
 def measure(evidence: Evidence, trajectory: Trajectory, run: Run) -> Metrics:
-    """Return the figures of a run that need no reference, and its costs."""
+    """Return the errors of a run that can be measured without a reference motion, and the costs of the run."""
     return {
         "until": float(trajectory.t[-1]),
         "position_drift": float(evidence.drift.position.max()),

@@ -113,7 +113,7 @@ def plain(item: Any) -> Any:
 
 
 def render(name: str, data: Any, **more: Any) -> str:
-    """Return the text of the template `text/NAME.txt` with the data as x, and with `more` values by name."""
+    """Return the text of the template `text/NAME.txt`, which uses `data` under the name x and `more` under their own names."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # imported late: JSON output does not need it
 
     loader = PackageLoader("gauss_bench.api", "text")
@@ -132,7 +132,7 @@ def nobody(sentence: str) -> None:
 
 
 def tell_if_long(sentence: str) -> None:
-    """Print a sentence on stderr after LONG seconds, unless a call of `no_longer` cancels the sentence before."""
+    """Print a sentence on stderr after LONG seconds, unless `no_longer` is called earlier."""
     timer = threading.Timer(LONG, tell, (sentence,))
     timer.daemon = True
     with contextlib.suppress(RuntimeError):  # no further thread can be started: the command runs without this sentence

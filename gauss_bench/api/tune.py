@@ -47,7 +47,7 @@ from gauss_bench.untrusted import read_bytes
 
 BUDGET = 60.0  # [s] default of the time for the whole call
 REFERENCE = 0.5  # share of the budget for the reference
-HOLDS = HALF.limit  # largest error of an accepted setting, relative to the required error
+ACCEPTED_SHARE = HALF.limit  # largest error of an accepted setting, relative to the required error
 SAMPLES = 200  # largest number of samples of a run
 HALVINGS = 10  # number of timesteps that are tried, each half of the one before
 STIFF = VARIANTS.settings["tuned"]  # settings that make closures as stiff as documented options can
@@ -131,10 +131,10 @@ class Judge:
     def try_setting(self, changes: Mapping[str, Any], path: Path | None = None) -> Tried:
         """Run the model file, or the file at `path`, with changed attributes.
 
-        Return the changes, the errors of the run, and the largest ratio of an error to the required one.
+        Return the changed attributes, the errors of the run, and the largest ratio of an error to the required error.
         """
         step = float(changes.get("timestep", self.file.settings["timestep"]))
-        steps = max(1, int(self.run.until / step * (1 + 1e-12)))
+        steps = max(1, int(self.run.until / step * (1 + 1e-12)))  # 1e-12: a multiple of the step may be rounded down
         times = step * np.unique(np.linspace(0, steps, min(steps, SAMPLES) + 1).round())  # (k,) [s], multiples of the step
         choice = Choice(setting_text(path or self.file.path, changes), "", "none", step)
         wanted = Sampling(times, step, count=steps, shortened=0)
@@ -145,7 +145,7 @@ class Judge:
         # the true error may be larger than the measured one by the error bar of the reference
         largest = {kind: x + self.known.bars.get(kind, 0.0) for kind, x in trial.errors.items()}
         worst = share(replace(trial, errors=largest), [Requirement(*x) for x in self.required.items()])
-        return Tried(dict(changes), trial, math.inf if math.isnan(worst) else worst)
+        return Tried(dict(changes), trial, math.inf if math.isnan(worst) else worst)  # NaN: an error is unknown
 
 
 def tune(
@@ -195,7 +195,7 @@ def tune(
         before = judge.try_setting({})
         told(f"as it stands: {describe_errors(before)}")
         best = find_setting(judge, before, allow_step, told)
-        written = best.share <= HOLDS
+        written = best.share <= ACCEPTED_SHARE
         remarks = list_remarks(judge, best)
         if not written and not allow_step:
             remarks.append(f"the timestep stays {file.settings['timestep']:g} s: --allow-step shortens it where that helps")
@@ -225,7 +225,7 @@ def find_reference(
     """Return the end of the runs [s], and the reference motion until this end.
 
     The error bars of the reference shall be at most KNOWN times the required errors. If `until` is None and the motion is chaotic,
-    shorter durations are tried until a reference is as accurate as this. If no reference is, the last one is returned; then no
+    shorter durations are tried until the error bars are small enough. If they never are, the last reference is returned; then no
     setting can be shown to meet the requirement.
 
     Raises:
@@ -277,8 +277,8 @@ def is_set(value: Any, wanted: Any) -> bool:
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
     """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors.
 
-    A setting is accurate if its `share`, the largest ratio of an error to the required error, is at most HOLDS. `before` is the
-    setting of the file itself, which has been tried already.
+    A setting is accurate if its `share`, the largest ratio of an error to the required error, is at most ACCEPTED_SHARE. `before`
+    is the setting of the file itself, which has been tried already.
     """
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
@@ -289,14 +289,14 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
-            if best.share <= HOLDS:
+            if best.share <= ACCEPTED_SHARE:
                 return best
         step /= 2
     return best
 
 
 def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
-    """Write the edited file, run it in the folder in which it is written, and return its errors and its relative cost.
+    """Write the edited file, run it in the folder in which it is written, and return its trial and its relative cost.
 
     The cost is the processor time of the edited file for one second of motion, divided by that of the original file.
 
@@ -331,7 +331,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
             raise ExchangeError(f"{path}: not written: {reason}")
         # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
         written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
-        if written.share > HOLDS:
+        if written.share > ACCEPTED_SHARE:
             raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
         arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
         cost = float(answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"])
@@ -341,7 +341,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
-    """Return {"ratio": a / b}: the processor times for one second of motion with the files `after` (a) and `before` (b).
+    """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`.
 
     The timing alternates between blocks of steps of the two models, so that disturbances affect both alike. This function runs in a
     worker process. `step_before` and `step_after` are the timesteps [s].
@@ -362,7 +362,7 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
 def list_remarks(judge: Judge, best: Tried) -> list[str]:
     """Return sentences on settings that were not tried, and on a more accurate setting that MJCF cannot express."""
     if judge.budget.remaining() <= 0:
-        holds = best.share <= HOLDS
+        holds = best.share <= ACCEPTED_SHARE
         return [] if holds else ["the budget ended before all settings were tried: a larger --budget may find one"]
     stiffer = judge.try_setting(best.changes | UNWRITABLE)
     if not stiffer.share < best.share / 2:
@@ -384,7 +384,7 @@ def describe_changes(changes: Mapping[str, Any]) -> str:
 
 
 def attribute_text(value: Any) -> str:
-    """Return the text of an attribute's value; numbers are read from it again without a change."""
+    """Return the text of an attribute's value; a number read from this text is exactly the given number."""
     if isinstance(value, str):
         return value
     return " ".join(map(repr, value)) if isinstance(value, list) else repr(value)

@@ -1,7 +1,7 @@
 """Draw the results of the survey (the atlas) as a picture and as a page.
 
-There is one panel for each axis, which is a family of linkages that becomes harder with one number. A panel has one bar for each
-engine with its settings and stabilisation. The bar shows up to which value on the axis the engine passes.
+There is one panel for each axis, a family of linkages that become harder to simulate as one number changes. A panel has one bar for
+each engine with its settings and stabilisation. The bar shows up to which value on the axis the engine passes.
 
 All panels have the width of a phone. A page places as many panels side by side as fit; a single picture has four in a row.
 """
@@ -31,7 +31,7 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 def part(axis: Axis, value: float | None) -> float:
     """Return the position of a value on its axis as a fraction of the axis' length; the values are equally spaced.
 
-    The last, hardest value is at 1. None, which means that not even the first value passed, is at 0.
+    The fraction of the last, hardest value is 1. The fraction of None, which means that not even the first value passed, is 0.
     """
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
@@ -47,8 +47,8 @@ def number(value: float) -> str:
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
     """Return the horizontal bar of one engine and setting for the template: name, coloured spans (from, to, colour), and text.
 
-    The ends of a span are fractions of the length of the axis. Later spans are painted over earlier ones: the part that passes
-    (up to `passes_to`) over the part that is at least degraded (up to `ends_at`), and this over the whole axis.
+    The ends of a span are fractions of the length of the axis. Later spans are painted over earlier ones: first the whole axis,
+    then the part up to `ends_at` (degraded or better), then the part up to `passes_to` (passes).
     """
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
@@ -68,7 +68,7 @@ def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """Return an SVG with the panels of all axes in one picture, or with a single panel that fills the picture if `alone`."""
+    """Return an SVG with one panel for each axis (family of linkages); if `alone`, with a single panel that fills the picture."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))
@@ -82,9 +82,9 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
 
 
 def page(reaches: Sequence[Reach]) -> str:
-    """Return an HTML page with the panels of all axes; it loads nothing from other sites.
+    """Return an HTML page with one panel for each axis (family of linkages); the page loads nothing from other sites.
 
-    Below each panel stands, for each engine and setting, a sentence on how far the engine passes and why it passes no further.
+    Below each panel stands, for each engine and setting, a sentence on the hardest value that passes and why the next one fails.
     """
     swatch = '<svg viewBox="0 0 1 1"><rect width="1" height="1" fill="{}"/></svg>'
     legend = [(name, Markup(inline(swatch.format(colour), ""))) for name, colour in LEGEND]

@@ -1,4 +1,4 @@
-"""The axes of the atlas: each axis is a family of linkages that becomes harder to simulate with one number, its value.
+"""The axes of the atlas: each axis is a family of linkages that become harder to simulate as one number, its value, changes.
 
 `axes.toml` has the names and values of the axes, and this module makes the linkage for a value. Most linkages are variants of the
 four-bar in `mechanisms/`, under gravity, without motor and brake, with a given crank speed at the start. Each axis varies:
@@ -117,7 +117,7 @@ def redundancy(count: float) -> Document:
         "links": dict.fromkeys(cranks, bar) | {"coupler": coupler},
         "joints": joints,
         "assembly": {"angles_deg": dict.fromkeys(cranks, RELEASE) | {"coupler": 0.0}},
-        "scenarios": scenario(0.5, RELEASE, 0.0),
+        "scenarios": scenario(duration=0.5, crank_deg=RELEASE, speed=0.0),
     }
 
 
@@ -144,10 +144,10 @@ def stiffness(k: float) -> Document:
 
 
 def size(count: float) -> Document:
-    """Return the N-four-bar with N = count, released at rest at the angle RELEASE."""
+    """Return the content of a linkage file: the N-four-bar with N = count, released at rest at the angle RELEASE [deg]."""
     document = n_four_bar(round(count))  # the N + 1 cranks are named v0, v1, ...; the N couplers stay horizontal
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
-    return document | {"scenarios": scenario(0.1, RELEASE, 0.0)}
+    return document | {"scenarios": scenario(duration=0.1, crank_deg=RELEASE, speed=0.0)}
 
 
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
@@ -155,8 +155,8 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
     For every N = `count` the linkage moves like one pendulum. It has N + 1 cranks, which turn by the same angle, and N couplers,
     which move without turning; all bars have the mass m and the length l. In the crank angle, the inertia of the whole linkage is
-    ((N + 1) / 3 + N) m l^2, and the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). The links are in the order of the
-    linkage file: N + 1 cranks, then N couplers. The equation is integrated with the relative tolerance `tolerance`.
+    ((N + 1) / 3 + N) m l^2, and the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage
+    file, N + 1 cranks come before N couplers. The equation is integrated with the relative tolerance `tolerance`.
     """
     from scipy.integrate import solve_ivp
 
@@ -180,8 +180,9 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
     """Return the axis that one table of `axes.toml` describes.
 
-    The linkages of an axis are made by the function in this module with the same name as the axis; on the axes "speed" and "step"
-    they are made by `four_bar`. The axis "size" has a true motion: a chain that moves like one pendulum.
+    An axis is a family of linkages that become harder to simulate as one number changes. The function of this module with the name
+    of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. The motion of the axis "size" is known exactly:
+    its linkages move like one pendulum.
 
     Args:
         name: name of the axis, which is the key of its table.

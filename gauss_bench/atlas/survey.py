@@ -1,9 +1,10 @@
 """Run every engine with its settings along every axis, and find by bisection the hardest value that the engine passes.
 
-An axis is a family of linkages that becomes harder to simulate with one number, its value; `verdict.py` says what it means to pass.
-Bisection assumes that the verdict never gets better from a value to a harder one. Otherwise it finds one of the values at which the
-verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit, so that a
-crash or a hang counts as a failure. Verdicts depend on time only if a run reaches its time limit or the survey reaches its budget.
+An axis is a family of linkages that become harder to simulate as one number, its value, changes; `verdict.py` defines what passing
+means. Bisection assumes that the verdict never gets better from a value to a harder one. If this is wrong, bisection finds one of
+the values at which the verdict changes. The first and the last value are always run. Every run takes place in a worker process with
+a time limit, so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a run reaches its
+time limit or all runs together reach their time budget.
 """
 
 import tempfile
@@ -44,7 +45,7 @@ Told = Callable[[str], object]
 
 @dataclass(frozen=True)
 class Way:
-    """One way of running a linkage: an engine with settings and stabilization, and the engine's first integrator."""
+    """An engine with the settings, integrator and stabilization with which it runs linkages."""
 
     engine: str
     settings: str
@@ -63,11 +64,11 @@ class Reach:
 
     Attributes:
         way, axis: engine and setting of the runs, and the name of the axis.
-        passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value has another verdict.
-        ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value has another verdict.
-        last: verdict on the hardest value that was run; OPEN if the verdict on a value that decides the result is unknown.
+        passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value does not pass.
+        ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value is neither.
+        last: verdict on the hardest value that was run; OPEN if bisection met a value whose verdict is unknown.
         reason: why the first value beyond `passes_to` does not pass, or why its verdict is unknown.
-        error: largest error at the value `passes_to`, relative to the linkage's size, or [rad]; NaN if no value passes.
+        error: largest error at the value `passes_to`, relative to the linkage's size, or [rad]; NaN if no value has passed.
         runs: number of values at which the engine was run.
     """
 
@@ -82,11 +83,11 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the combinations of settings and stabilisation with which the engines of these names are run.
+    """Return the combinations of settings and stabilisation with which the engines `wanted` are run.
 
-    By default these are all engines that suites use and that can be used on this machine. Each engine runs with its settings named
-    in LABELS and its stabilisations named in STABILIZED. If it has none of these, it runs with the first that it offers. The
-    integrator is its first one.
+    By default, all engines that suites use and that can be used on this machine are run. Each engine runs with its settings named
+    in LABELS and its stabilisations named in STABILIZED. An engine without any setting in LABELS runs with its first setting, and
+    likewise for stabilisations. The integrator is the engine's first one.
 
     Raises:
         KeyError: an engine is unknown.
@@ -116,26 +117,27 @@ def axes(wanted: Sequence[str] | None) -> list[Axis]:
 
 
 class Course:
-    """The linkages of all axes as files in a folder, with their references; each linkage is made when it is first used."""
+    """The linkages of all axes (families) as files in a folder, with their references; each is made when it is first used."""
 
     def __init__(self, folder: Path):
         """Take the folder for linkage files, and choose the engine that computes references: compiled if that is possible."""
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
-        self.known: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
+        # (name of the axis, value) -> linkage, and reference or the reason why there is none
+        self.made: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
     def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Return the linkage for a value of an axis, and its reference motion or the reason why there is no reference.
+        """Return the linkage for a value of an axis (family of linkages), and its reference or the reason why there is none.
 
-        Each linkage is made only once, also if several threads ask for it. `worker` is the process that computes the reference.
+        Each linkage is made only once, even if several threads ask for it. `worker` is the process that computes the reference.
         """
         key = (axis.name, value)
         with self.locks[key]:
-            if key not in self.known:
-                self.known[key] = self._make(axis, value, worker)
-            return self.known[key]
+            if key not in self.made:
+                self.made[key] = self._make_linkage(axis, value, worker)
+            return self.made[key]
 
-    def _make(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+    def _make_linkage(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
         """Write the linkage for a value of an axis as a file, and compute its reference motion.
 
         The reference is computed with two tolerances, EXACT and NEARLY, and the difference is its error bar. Return the linkage,
@@ -160,7 +162,7 @@ class Course:
             motions.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
         q, v, a = motions[0]
         error_q, error_v, error_a = np.abs(motions[0] - motions[1]).max(axis=2)
-        floor = np.zeros(len(times))  # of positions, rates and accelerations: their rounding is left out
+        floor = np.zeros(len(times))  # rounding errors of q, v and a, which are taken as zero
         return mechanism, Reference(times, q, v, a, error_q, error_v, error_a, floor, floor, floor, "DOP853 at two tolerances")
 
 
@@ -175,7 +177,7 @@ def comparison_times(step: float, until: float) -> Array:
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
-    """Find the hardest value of an axis that an engine with a setting (`way`) passes.
+    """Find the hardest value of an axis (family of linkages) at which an engine with a setting (`way`) passes.
 
     Args:
         way: the engine and its setting.
@@ -227,7 +229,7 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
 def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
     """Run an engine with a setting (`way`) on the linkage for one value of an axis, and give the verdict on the run.
 
-    `left` is the time [s] that is left for the whole survey. The verdict is OPEN if it is used up, or if there is no reference.
+    `left` is the time [s] that is left for the whole survey. The verdict is OPEN if no time is left, or if there is no reference.
     """
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
@@ -240,11 +242,11 @@ def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Wo
 
 
 def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
-    """For each axis and each engine with its setting, find the hardest value that the engine passes; return the results by axis.
+    """For each axis and each engine with its setting, find the hardest value at which the engine passes.
 
     Args:
         chosen: engines with their settings.
-        along: the axes, which are families of linkages that become harder with one number.
+        along: the axes, which are families of linkages that become harder to simulate as one number changes.
         budget: time for all runs together [s].
         jobs: number of threads, each with a worker process of its own.
         told: function that is called with each sentence of progress.
@@ -266,7 +268,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
                 worker.stop()
 
         def find_reach(pair: tuple[Axis, Way]) -> Reach:
-            """Find the result for one axis and one engine with its setting, in the worker of this thread, and report it."""
+            """Run one engine with its setting along one axis, in this thread's worker process; report and return the result."""
             nonlocal done
             axis, way = pair
             if not hasattr(workers, "own"):
@@ -294,10 +296,10 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Return a sentence on the hardest value of an axis that an engine passes, and on what happens at harder values."""
+    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values."""
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
-    if reached.passes_to is None:
+    if reached.passes_to is None:  # not even the easiest value passes
         return f"{reached.last}: {reached.reason}"
     if reached.passes_to == axis.values[-1]:
         return f"passes all, to {reached.passes_to:g}{unit}"

@@ -12,10 +12,10 @@ HEAD = "axis,engine,"  # first columns of the table's file, by which the file is
 
 
 def row(x: Reach) -> dict[str, Any]:
-    """Return the row of one engine and setting along one axis.
+    """Return the row of one engine and setting on one axis, a family of linkages that become harder as one number changes.
 
-    The column `breaks_at` has the easiest value that does not pass. It is None if all values pass, if the engine cannot model the
-    linkage, or if the verdict on a value is unknown because the time ended or there is no reference.
+    The column `breaks_at` has the easiest value of the axis at which the engine does not pass. The entry is None if the engine
+    passes at all values, or cannot model the linkage, or if a verdict is unknown because the time ended or there is no reference.
     """
     axis = FAMILIES[x.axis]
     rest = axis.values[0 if x.passes_to is None else axis.values.index(x.passes_to) + 1 :]
@@ -31,7 +31,7 @@ def rows_of(reaches: Sequence[Reach], commit: str) -> list[dict[str, Any]]:
 
 
 def text(reaches: Sequence[Reach]) -> str:
-    """Return the results as text: for each axis its title and meaning, then a line for each engine and setting."""
+    """Return the results as text: for each axis its title and meaning, then a line for each engine with its setting."""
     lines = [RULE]
     for axis, entries in panels(reaches):
         lines += ["", f"{axis.title}: {axis.meaning}"]

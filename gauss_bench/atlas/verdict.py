@@ -68,7 +68,7 @@ def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
     if run.trajectory is None:
         return RunVerdict(Verdict.FAILED, reason=f"{run.status}: {run.message}")
     size = mechanism.size
-    error_bar = float(np.max(reference.error_q, initial=0.0))
+    error_bar = float(np.max(reference.error_q, initial=0.0))  # of positions [m] and angles [rad]; min: the stricter limit
     if not error_bar <= KNOWN * PASSES * min(1.0, size):
         return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {error_bar:.1e}")
     with np.errstate(all="ignore"):

@@ -77,7 +77,7 @@ class Answer:
         along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
             error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
         gamma: the constraints require J a = gamma, where gamma depends on the velocities. Each row of J a should contain the whole
-            of gamma, a share of 1. This is the smallest share of all rows.
+            of gamma, a share of 1. The attribute is the smallest share of all constraint rows.
         refused: the reason why the engine cannot model the linkage, or an empty text.
         wrong: the reason why the engine gave no accelerations, or an empty text.
         given: the engine's accelerations (k, n), or None.
@@ -91,10 +91,11 @@ class Answer:
     given: Array | None = None
 
     def fault(self, soft: bool) -> str:
-        """Return the fault of the accelerations in a sentence, or an empty text; an engine may refuse a linkage without a fault.
+        """Return the fault of the accelerations as a sentence, or "" if there is none or the engine refuses the linkage.
 
         Args:
-            soft: whether the engine declares soft closures. Its accelerations must then be right only along the free directions N.
+            soft: whether the engine declares that springs or other compliant constraints close its loops. The engine's
+                accelerations must then be right only along the free directions N.
         """
         if self.wrong or self.refused:
             return self.wrong
@@ -138,9 +139,9 @@ def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
     """Tell whether a run failed for a reason that is no fault of the engine.
 
-    There are four such reasons: the engine refuses the linkage; the time for all checks is used up; the engine cannot solve the
-    linkage's redundant constraint rows; the solver gave up in a run with a variant. A solver may give up with a variant, because
-    only searches try variants. It must not give up with one of the engine's settings, because users choose among these.
+    Four reasons are no fault: the engine refuses the linkage; the time for all checks is used up; the engine cannot solve the
+    linkage's redundant constraint rows; the solver gave up in a run with a variant, because variants are tried only in searches for
+    the cheapest setting. With one of the engine's settings, among which users choose, the solver must not give up.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
@@ -184,11 +185,12 @@ def same_states(subject: Subject) -> Iterator[Check]:
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     """Combine an engine's answers (name of the probe -> answer) into one check.
 
-    If the accelerations are wrong on some probes, the message quotes the worst fault and names the others. If not, it says to how
-    many digits the accelerations agree, at how many states, and which linkages the engine refused.
+    If the accelerations are wrong on some probes, the message quotes the worst fault and names the others. If they are right on
+    all, the message says to how many digits the accelerations agree, at how many states, and which linkages the engine refused.
 
     Args:
-        soft: whether the engine declares soft closures. Its accelerations must then be right only along the free directions.
+        soft: whether the engine declares that springs or other compliant constraints close its loops. The engine's accelerations
+            must then be right only along the directions that the constraints leave free.
     """
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
@@ -199,7 +201,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
-    if soft:  # `off`, which the message has so far, has no limit then; `along` has one
+    if soft:  # only `along` has a limit then; `off`, which the message has so far, is reported without a limit
         message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
     message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
@@ -291,7 +293,7 @@ def motions(subject: Subject) -> Iterator[Check]:
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
-    """Compare a run with one choice, and its repetitions with shorter steps, with the motion that it should follow.
+    """Check that a run with one setting, and its repetitions with shorter steps, agree with the motion that they should follow.
 
     If the setting is declared soft, the expected motion is integrated from the engine's own accelerations. The springs that close
     the loops of the engine's model may vibrate so fast that this integration needs short steps. Therefore, if the run differs from
@@ -307,8 +309,9 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     """Compare a run and its repetitions with the motion that they should follow, and return the check.
 
     The expected motion is the suite's own. If the setting is declared soft, it is a motion that is integrated from the engine's own
-    accelerations, with `finer` steps between two samples. The check has not been made (None) if the failure `is_excusable`, if a
-    soft setting has a stabilisation, or if a faulty variant is declared unfinished.
+    accelerations, with `finer` steps between two samples. The check is neither passed nor failed (None) if a run fails for a reason
+    that `is_excusable` accepts, if a soft setting is combined with a stabilisation, or if a variant with a wrong motion is declared
+    unfinished.
     """
     subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
@@ -343,14 +346,14 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
     """Return a sentence if the loops of a run open so far that nothing can hold them, else an empty text.
 
-    The limit for the gaps of the loops is LOOSE times the linkage's size. Loops that springs close have smaller gaps.
+    The limit for the gaps of the loops is LOOSE times the linkage's size. Loops that are closed by springs open less than this.
     """
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the choices with which a run is made and repeated; the last has the shortest step or the tightest tolerance."""
+    """Return the settings with which a run is made and then repeated; the last has the shortest step or tightest tolerance."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]
@@ -371,8 +374,8 @@ def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...
     off, changed = (np.abs(given - x).max(axis=(1, 2)) / scale for x in (expected, finest))  # (3,)
     for name, error, change in zip(names, off, changed, strict=False):  # `names` may have two entries only
         if not error <= RATIO * change + ROUNDING:
-            return "", f"{name} are off by {error:.1e} of the largest; a finer run changes them by {change:.1e}"
-    return f"within {off[0]:.1e} of the way that it goes; a finer run changes it by {changed[0]:.1e}", ""
+            return "", f"{name} are off by {error:.1e} of their largest value; a finer run changes them by {change:.1e}"
+    return f"positions agree within {off[0]:.1e} of the largest displacement; a finer run changes them by {changed[0]:.1e}", ""
 
 
 @lru_cache(maxsize=16)

@@ -62,7 +62,7 @@ def combinations(
     Args:
         integrators: a number n for the first n integrators, or the names of integrators; None for all.
         plain: whether only the defaults of the engine are run.
-        asked: the only setting that is run; None for all.
+        asked: name of the setting to which the combinations are restricted; None for all settings.
 
     Raises:
         ChoiceError: the engine has no setting `asked`.
@@ -98,13 +98,14 @@ def cross(
         linkages: name or path -> scenario.
         steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
         t_end: end of the runs [s].
-        integrators, asked: those of `combinations`, which restrict the integrators and the settings.
+        integrators: a number n for the first n integrators of each engine, or the names of integrators; None for all.
+        asked: name of the setting to which the cases are restricted; None for all settings.
         plain: engines that are run with their defaults only, unless a setting is asked for.
     """
     for linkage, scenario in linkages.items():
         for name in engines:
             engine = offer(name)
-            for chosen in combinations(engine, integrators, asked is None and name in plain, asked):
+            for chosen in combinations(engine, integrators, plain=asked is None and name in plain, asked=asked):
                 for step in steps[-1:] if chosen.integrator in engine.adaptive else steps:
                     yield Case(linkage, scenario, name, *chosen, step, t_end)
 
@@ -130,7 +131,7 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
 
 
 def cases(suite: Suite) -> list[Case]:
-    """Return the cases of a suite, each once, without those that it leaves out."""
+    """Return the cases of a suite without duplicates, and without the cases that one of the suite's rules (`left_out`) excludes."""
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         engines = part.engines or names()

@@ -5,21 +5,21 @@ such as the step of an engine with a setting; it has a key and one block.
 
 The speed of a machine varies with time, but blocks that run one after the other are affected alike. The ratio of the lower
 quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor times, because
-waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds. Work that
-takes less time is repeated within its block, because the first repetition is slow, while the processor's caches still hold the code
-of other blocks. The garbage collector is off during a race. No block is discarded.
+waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds: shorter
+work is repeated within the block, because the first repetition is slow, while the processor's caches still hold the code of other
+blocks. The garbage collector is off during a race. No block is discarded.
 
 A race is repeated in several processes. The memory addresses of code and data change a measured time by some per cent, and are
 fixed during a process. Therefore the scatter of times within one process is smaller than the difference between the times of two
 processes. The time of an entry is found in two steps: the lower quartile of the times of all rounds, for each process, and then the
-median over the processes. The ratio of two entries is the quotient of two such times, over those rounds and processes in which both
-were timed.
+median over the processes. The ratio of two entries is the quotient of their times, each computed from only those rounds and
+processes in which both were timed.
 
-The spread of a time or ratio is an interval. It contains the value of each process and, with a probability of 99 %, the result of a
-repeated race with as many processes (see `foreseen`). If there is only one process, nothing can be said about a repeated race. The
-spread of a time is then the range from the 5 % to the 95 % quantile of the times of its rounds. The spread of a ratio is the same
-range over bootstrap samples of the rounds. If the block of an entry cannot be built or run, the entry has a reason instead of
-times.
+The spread of a time or ratio is an interval that contains the value of each process and, with a probability of 99 %, the result of
+a repeated race with as many processes (see `foreseen`). If there is only one process, nothing can be said about a repeated race.
+The spread of a time is then the range from the 5 % to the 95 % quantile of the times of its rounds, and the spread of a ratio is
+the range between these quantiles over bootstrap samples of the rounds. An entry whose code cannot be built or run has a reason
+instead of times.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -56,7 +56,7 @@ def watch_nothing(entry: Hashable) -> None:
 
 
 class Key(NamedTuple):
-    """The key of an entry of a race: the name of the timed quantity, the engine and its setting."""
+    """The key of an entry of a race (timed comparison): the name of the timed quantity, the engine and its setting."""
 
     quantity: str
     engine: str
@@ -93,7 +93,7 @@ class Missing(Failure):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a race.
+    """The result of a race (timed comparison).
 
     Attributes:
         samples: key of an entry -> seconds per repetition of its work, as an array (processes, rounds); NaN in rounds that the
@@ -118,7 +118,7 @@ class Measured:
         raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
     def time(self, key: Hashable) -> float:
-        """Return the time [s] of an entry of the race: one number, by `time_of`.
+        """Return the time [s] of an entry of the race: the lower quartile of each process, then the median over the processes.
 
         Raises:
             Failure: the entry was not measured.
@@ -138,8 +138,8 @@ class Race:
     """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
 
     Attributes:
-        watch: called with the key of an entry before code of this entry runs, so that a crash can be attributed to the entry.
-        blocks: the blocks to be timed, one for each entry that could be built.
+        watch: called with the key of an entry before the entry's code runs, so that a crash can be attributed to the entry.
+        blocks: the blocks (pieces of work to be timed), one for each entry that could be built.
         failed: key of an entry -> the reason why the entry has no block or no times.
     """
 
@@ -175,7 +175,7 @@ class Race:
 
 
 def key_of(row: Row) -> Key:
-    """Return the key of the entry of a race to which a row of a result table belongs."""
+    """Return the key of the timed quantity to which a row of a result table belongs."""
     return Key(*(row[x] for x in Key._fields))
 
 
@@ -211,9 +211,9 @@ def pad(processes: Sequence[Array]) -> Array:
 
 
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Return, for each entry's key, its times [s] as an array (processes, rounds).
+    """Return key of an entry -> the times [s] of this entry, as an array (processes, rounds) filled up with NaN.
 
-    `samples` has, for each key and each number of a process in which the entry ran, the times [s] of the rounds.
+    `samples` maps the key of an entry, and then the number of each process in which the entry ran, to the times [s] of the rounds.
     """
     numbers = sorted({number for x in samples.values() for number in x})
     return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
@@ -234,10 +234,10 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return several values of the ratio samples / baseline, whose scatter shows how uncertain the ratio is.
+    """Return several values of the ratio samples / baseline of two measured times; their scatter shows how uncertain the ratio is.
 
-    The result has one value (processes,) for each process that timed both entries. If only one process timed both, the result has
-    RESAMPLES values, from bootstrap samples of the rounds.
+    The result has one value for each process that timed both quantities. If only one process timed both, the result has RESAMPLES
+    values, from bootstrap samples of the rounds. `samples` and `baseline` are times [s], (processes, rounds).
     """
     numerators, denominators = common(samples, baseline)
     if len(numerators) != 1:
@@ -253,7 +253,8 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     """Return the ratio samples / baseline over the rounds in which both were timed, and the lower and upper end of its spread.
 
-    The ratio and both ends are NaN if no process timed both entries.
+    `samples` and `baseline` are times [s] of two timed quantities, (processes, rounds), NaN where a quantity was not timed. The
+    ratio and both ends are NaN if no process timed both.
     """
     numerators, denominators = common(samples, baseline)
     if not len(numerators):
@@ -297,9 +298,9 @@ def foreseen(values: Array) -> tuple[float, float]:
 
 
 def common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Return the times (processes, rounds) of two entries, restricted to those processes that timed both.
+    """Return the times (processes, rounds) of two timed quantities, restricted to the processes that timed both.
 
-    The times of both entries are NaN in rounds in which only one of them was timed.
+    The times of both quantities are NaN in rounds in which only one of them was timed.
     """
     pair = [np.atleast_2d(x) for x in (one, other)]
     rounds = min(x.shape[1] for x in pair)
@@ -310,10 +311,10 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return the table columns of the time of an entry and of the two ends of its spread; their names begin with `name`.
+    """Return the table columns with a measured time and the two ends of its spread; the names of the columns begin with `name`.
 
-    The time is found from the lower quartile of the rounds in each process: it is the median of these quartiles. The spread is
-    computed by `ends` from these quartiles or, if only one process ran, from the times of its rounds.
+    The time is the median, over the processes, of the lower quartile of each process's rounds. `ends` computes the spread from the
+    lower quartiles of all processes or, if only one process ran, from the times of its rounds.
     """
     times = quartiles(samples)  # [s] one for each process
     times = times[np.isfinite(times)]
@@ -325,8 +326,8 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 def compare(own: Array, rival: Array) -> Row:
     """Return the table columns that compare two entries of a race: `own` and `rival`.
 
-    These are the times of both entries, each over all rounds of the entry, and the ratio rival / own over the rounds in which both
-    were timed. The time of an entry thus does not depend on the other entry. If one entry has fewer rounds than the other, the
+    The columns are the times of both entries, each over all rounds of the entry, and the ratio rival / own over the rounds in which
+    both were timed. The time of an entry thus does not depend on the other entry. If one entry has fewer rounds than the other, the
     ratio is not the quotient of the two times.
 
     Args:

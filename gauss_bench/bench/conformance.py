@@ -91,7 +91,7 @@ def _start(subject: Subject) -> Iterator[Check]:
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
-        return f"it is {gap:.1e} (m, rad, or of the largest speed) away: units, order of links, or a step too many"
+        return f"it is {gap:.1e} off (m, rad, or of the largest speed); possible causes: units, order of links, a step too many"
 
     yield from _check_runs(subject, "the first sample is the start", find_wrong_start)
 
@@ -133,13 +133,13 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether an integration method of first order explains that velocities or accelerations belong to another time.
+    """Tell whether a first-order integrator explains why a run's rates belong to slightly later or earlier times than its samples.
 
-    `rates_fault` has found that the rates (velocities or accelerations) of a run belong to a slightly later or earlier time than
-    their samples. If the method is of first order, two things follow. Halving the step changes the velocities, and halving it again
-    changes them half as much; the ratio of the two changes must lie within FIRST_ORDER. And the run with the shortest step has no
-    fault any more. Another cause would show: an engine that shifts its samples by whole steps shifts them at every step, and with a
-    method of higher order the second change is less than half the first.
+    `rates_fault` has found such a shift of the rates (velocities or accelerations). If the integrator is of first order, two things
+    follow. Halving the step changes the velocities, and halving it again changes them half as much; the ratio of the two changes
+    must lie within FIRST_ORDER. The run with the shortest step no longer has the fault. Another cause would show: an engine that
+    shifts its samples by whole steps shifts them at every step size, and with a method of higher order the second change is less
+    than half the first.
 
     Args:
         x, half, quarter: the run, and its repetitions with the step divided by PARTS; None if a repetition failed.
@@ -154,8 +154,8 @@ def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajector
 def lateness(slope: Array, reported: Array) -> float:
     """Return by how many samples reported rates (k, n) are later than the difference quotients `slope` (k, n).
 
-    A rate that is d samples late is slope - d change, where `change` is the change of the slope from one sample to the next. The
-    result is the d of least squares.
+    A reported rate that is d samples late equals slope - d * change, where `change` is the difference of the slope from one sample
+    to the next. The result is the value of d with the least sum of squared errors.
     """
     change = (slope[2:] - slope[:-2]) / 2
     scale = float((change * change).sum())
@@ -193,9 +193,9 @@ def _is_undisturbed(subject: Subject) -> Iterator[Check]:
     yield check_fault(title, "" if _equal(plain.trajectory, asked.trajectory) else "a run changes after a question at its start")
 
 
-def _steps(subject: Subject) -> Iterator[Check]:
-    """Check that steps are counted right, by an engine that counts them."""
-    title, wanted = "steps are counted", len(EVERY_STEP) - 1
+def _step_counts(subject: Subject) -> Iterator[Check]:
+    """Check that the engine reports the correct number of steps, if it counts its steps."""
+    title, wanted = "steps are counted", len(EVERY_STEP) - 1  # these sample times are one step apart
     if subject.offer.integrators[0] in subject.offer.adaptive:
         yield Check(title, None, "its first integrator chooses its own steps")
     elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
@@ -214,4 +214,4 @@ def _equal(one: Trajectory, other: Trajectory) -> bool:
     return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
 
 
-CHECKS = (_times, _start, _derivatives, _same_again, _is_undisturbed, _steps, *MEASURED)
+CHECKS = (_times, _start, _derivatives, _same_again, _is_undisturbed, _step_counts, *MEASURED)

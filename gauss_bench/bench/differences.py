@@ -14,7 +14,7 @@ from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
 
 @dataclass(frozen=True)
 class Differences:
-    """The differences of accuracy between two runs.
+    """The differences in accuracy between two runs.
 
     Attributes:
         compared: number of figures (measured numbers, and statuses of cases) that both runs have.
@@ -31,8 +31,8 @@ class Differences:
 def differences(here: Path, there: Path) -> Differences:
     """Compare the numbers and statuses of the accuracy cases stored in the folder `here` with those in the folder `there`.
 
-    Each number has a rule (`gate.RULES`) with the factor by which it may become worse. Here a number that is better by more than
-    this factor counts as a difference too, because neither run is a baseline.
+    Each number has a rule (`gate.RULES`) with the factor by which it may become worse. Because neither run is a baseline, a number
+    that is better by more than this factor counts as a difference too.
 
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
@@ -81,7 +81,8 @@ class Clocked:
 def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     """Return the number of ratios, targets and claims that both runs have, and a list of those that differ.
 
-    Two ratios count as different if their spreads do not overlap. Differences that matter come first, the largest factor first.
+    Two ratios count as different if their spreads do not overlap. Differences that change a reader's conclusion come first, then
+    the others; in both groups, the ratios that differ by the largest factor come first.
 
     Raises:
         TableError: a table is damaged, or has a newer format than this version can read.

@@ -1,9 +1,9 @@
 """The accuracy gate: compare the figures (measured numbers and statuses) of the gate suite with a committed baseline.
 
 Times are not compared. The limit of a figure follows from its value in the baseline by the rules below (RULES and other constants).
-A figure fails if it is worse than its limit, which is the baseline times a factor. It is reported as better if it is better than
-the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real improvement is
-accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
+A figure fails if it is worse than its limit, which is the baseline times a factor. A figure is reported as better if it is better
+than the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real
+improvement is accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ Key = tuple[Any, ...]  # values of the columns FIGURE
 
 @dataclass(frozen=True)
 class Rule:
-    """The limits of a metric, an error in the rows of results.
+    """The limits of one metric; a metric is an error column of the result rows.
 
     A figure fails if it is larger than `factor` times its value in the baseline and larger than `floor`. It is reported as better
     if it is smaller than the value in the baseline divided by `factor`.
@@ -91,8 +91,9 @@ class Verdict:
 def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
     """Return the figures that the gate compares with the baseline: one row for each case and metric.
 
-    The figures are taken from the rows of the accuracy cases and of the references. If a run has large errors, only its status, its
-    validity and its acceleration error are taken, because its other figures differ between machines.
+    The figures (measured numbers and statuses) are read from the result rows of the accuracy cases and from the rows of the
+    references. If a run has large errors, only its status, its validity and its acceleration error are taken, because its other
+    figures differ between machines.
     """
     figures: list[dict[str, Any]] = []
     for row in rows.to_dict("records"):
@@ -150,9 +151,9 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
 def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     """Return the verdict on a figure: "fail", "better" or "ok".
 
-    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. If the change is
-    intended, the new figure must be accepted explicitly, with a reason. There are four kinds of figures, each with its own limits:
-    statuses, which must be equal; observed orders of convergence; values of references; and errors, with a limit by RULES.
+    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. A new value that is
+    intended must be accepted explicitly, with a reason. There are four kinds of figures, each with its own limits: statuses, which
+    must be equal; observed orders of convergence; values of references; and errors, whose limits follow from RULES.
 
     Args:
         key: the values of the columns that FIGURE lists: those of the case, and the metric.
@@ -162,11 +163,11 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
 
     def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
-        """Return the verdict with this outcome on the figure that is judged."""
+        """Return a verdict on the judged figure: `outcome`, and the texts for its value, limit and baseline."""
         return Verdict(outcome, case, metric, value, limit, baseline)
 
     if base is None or value is None:
-        # an order exists only while errors are above their floor: an order that is lost is reported, and does not fail
+        # an order exists only while errors are above their floor: a missing order is reported (as "better"), and does not fail
         outcome = "better" if metric == "observed_order" else "fail"
         return verdict(outcome, value or missing, "present on both sides", base or missing)
     if metric in ("status", "valid"):
@@ -212,12 +213,12 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
     old_rows, rows_by_key = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
-    refused: dict[Key, str] = {}  # key of a case -> sentence
+    refused: dict[Key, str] = {}  # key of a case (all columns of FIGURE but the last, the metric) -> sentence
     for key, row in rows_by_key.items():
-        known = [*ENDED, "skip", old_rows[key]["value"] if key in old_rows else ""]
-        if key[-1] == "status" and (row["value"] in BROKEN or (old_rows and row["value"] not in known)):
+        acceptable = [*ENDED, "skip", old_rows[key]["value"] if key in old_rows else ""]
+        if key[-1] == "status" and (row["value"] in BROKEN or (old_rows and row["value"] not in acceptable)):
             refused[key[:-1]] = f"{' '.join(map(str, key[:-1]))}: {row['value']}: {row.get('message', '')}"
-    measured = {(key[0], key[2]) for key in rows_by_key}
+    measured = {(key[0], key[2]) for key in rows_by_key}  # mechanism and engine
     rows = [row for key, row in old_rows.items() if key[:-1] in refused or (key[0], key[2]) not in measured]
     changed = 0
     for key, row in rows_by_key.items():
@@ -236,8 +237,8 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
 def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     """Return those cases whose figures a baseline has, and one case for each of its engines that cannot be used here.
 
-    An engine that cannot be used has one case without integrator, which is not in the baseline. This case is kept if the baseline
-    has another case of the same linkage and engine: the check must then fail, because figures of the baseline are missing.
+    An engine that cannot be used here has one case without integrator, which no baseline has. This case is returned if the baseline
+    has any case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
     """
     known = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
@@ -245,7 +246,8 @@ def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     def is_kept(case: Case) -> bool:
         """Tell whether the baseline has this case or, if the engine cannot be used here, any case of this linkage and engine."""
         mechanism = load(case.linkage, case.scenario or None)
-        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])  # in the order of the columns KEY
+        # in the order of the columns KEY: mechanism, scenario, and the fields of a case after linkage and scenario
+        key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
         return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
 
     return [case for case in cases if is_kept(case)]

@@ -1,9 +1,9 @@
 """The journal: a file of the finished tasks of a run, by which a killed run is resumed.
 
 Each finished task is one line of the file, appended and synced to disk. A line ends with the checksum of its content. A line is
-used only if its checksum agrees, and if the code, the linkage and the libraries are still those with which the task was run. An
-incomplete last line is cut off before the next line is written. A damaged line stays in the file: a warning on stderr reports it,
-and its task is run again.
+used only if its content matches its checksum, and if the code, the linkage and the libraries have not changed since the task was
+run. An incomplete last line is cut off before the next line is written. A damaged line stays in the file: a warning on stderr
+reports it, and its task is run again.
 """
 
 import fcntl
@@ -84,7 +84,7 @@ class Journal:
         self.file.close()
 
     def _read(self) -> None:
-        """Read the finished tasks, and cut off an incomplete last line."""
+        """Read the finished tasks from the journal's file, and cut off an incomplete last line of the file."""
         self.file.seek(0)
         content = self.file.read()
         *lines, torn = content.split(b"\n")

@@ -52,7 +52,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
     """Return the reference of a scenario until `t_end` [s], which is kept in the folder `store`.
 
     Raises:
-        one of NO_TRUTH: the linkage has no reference.
+        ArithmeticError, ValueError, LinAlgError: the linkage has no reference (the exceptions in NO_TRUTH).
     """
     return load_stored(mechanism_of(linkage, scenario), t_end, Path(store))
 
@@ -87,8 +87,9 @@ def measure(
 ) -> Measurement:
     """Run a case, judge the run, and return the case's row of results, its curves and its poses.
 
-    To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if an accurate
-    reference decides and if its velocities and accelerations are derivatives of its positions.
+    To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if there is a
+    reference so accurate that it decides whether the run is valid, and if the run's velocities and accelerations are derivatives of
+    its positions.
 
     Args:
         store: the folder where references are stored.
@@ -141,13 +142,12 @@ def measure(
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
     """Return a finer repetition of a run and an empty text, or None and the reason why there is no repetition.
 
-    The run and its repetition together may take `limit` [s]. The repetition may take half of the time that the run has left of this
-    limit.
+    The run and its repetition together may take `limit` [s]. The repetition may take half of the time that remains after the run.
     """
     assert run.trajectory is not None
     times, spent = run.trajectory.t, run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
-    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # not enough for the first sample at half the step
+    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # at half the step, the first sample alone takes longer
         return None, "it was not repeated: no time is left"
     again = run_of(repeat_finer(request, offered, run.seconds, times, longest), mechanism, limit - spent)
     return at_samples(again, times), ""
@@ -156,7 +156,7 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
     """Return the columns of median and largest relative error of an engine's accelerations at states with known accelerations.
 
-    Both errors are NaN if `given` is not an array of accelerations of the expected shape.
+    The median and the largest error are NaN if `given` is not an array of accelerations of the expected shape.
     """
     error = np.full(1, np.nan)
     with suppress(TypeError, ValueError):  # an engine may return anything
@@ -184,7 +184,7 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
         row[f"{name}_error_bar"] = float(getattr(errors, f"{name}_bar").max())
     row |= {"compared": len(errors.t), "measured": mechanism.measured.name, "measured_unit": mechanism.measured.unit}
     row |= at_checkpoints("measured_error", errors.t, errors.measured)
-    row |= at_checkpoints("measured_error_bar", errors.t, errors.position_bar)
+    row |= at_checkpoints("measured_error_bar", errors.t, errors.position_bar)  # the error bar of positions is used
     per_link = zip(mechanism.links, errors.position.max(axis=0), errors.velocity.max(axis=0), strict=True)
     row["link_errors"] = json.dumps({link.name: {"position": float(p), "velocity": float(v)} for link, p, v in per_link})
     return row

@@ -1,13 +1,13 @@
-"""Poses of links that a report plays: the deviation of a run from the reference, split into a motion of the linkage and open loops.
+"""Poses of links for a report's animation: the deviation of a run from the reference, split into closed motion and gaps of loops.
 
 A run's pose at a time is the sum
 
     q = reference + ahead + gap,    reference + ahead: the pose nearest to q whose loops are closed
 
 Here `ahead` is a motion of the linkage with closed loops, and `gap` is the distance of the links from their places in closed loops.
-The report's player draws a magnified deviation of a run from the reference. It multiplies the two parts separately: it moves the
-linkage along its motion for `ahead`, and shifts single links by `gap`. If it magnified the sum, a run that is only late would be
-drawn with open loops, because links move along arcs.
+The report's player draws a magnified deviation of a run from the reference. The player multiplies the two parts separately: it
+moves the linkage along its motion for `ahead`, and shifts single links by `gap`. If the player magnified the sum `ahead` + `gap`, a
+run that is only late would be drawn with open loops, because links move along arcs.
 
 `ahead` and `gap` are stored separately, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
 """
@@ -63,7 +63,7 @@ def wrap(q: Array) -> Array:
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     """Return one row (link, time, pose) for each link at each frame (time of the animation), from the reference motion.
 
-    Angles are wrapped to [-pi, pi). The key "" of the poses stands for columns without a suffix.
+    Angles are wrapped to [-pi, pi). The columns of the pose are AXES without a suffix, as the key "" says.
     """
     times = frames(truth)
     at = common_times(truth.t, times)[0]

@@ -9,7 +9,8 @@ these motions. Therefore the accelerations a obey, whatever the constraint force
 
     N^T (M a - Q) = 0
 
-This equation holds even if the constraint forces are too weak to keep a loop closed. A wrong mass, force or row of J violates it.
+This equation holds even if the constraint forces are too weak to keep a loop closed. If a mass, a force or a row of J is wrong, the
+accelerations violate this equation.
 """
 
 from collections.abc import Iterator, Mapping
@@ -52,7 +53,7 @@ class Probe:
         change: name of the change of its numbers.
         mechanism: the changed linkage.
         t: (k,) times of the states [s].
-        q, v, a: (k, n) states on the constraints, and their accelerations by the suite's own terms.
+        q, v, a: (k, n) states that satisfy the constraints, and their accelerations from the suite's own equations of motion.
     """
 
     change: str
@@ -88,21 +89,22 @@ class Probe:
         """Estimate, for each row of J a, which share of the velocity term -dJ/dt v the engine used; return the smallest share.
 
         Exact accelerations obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine may
-        leave its velocity term out, in whole or in part: the share is 1 for all of it, and 0 for none. The share is found by a fit.
-        Each row of J a, as a function of the k states, is fitted by the sum
+        leave its velocity term out, in whole or in part: the share is 1 for all of it, and 0 for none. To find the share, each row
+        of J a, as a function of the k states, is fitted by the sum
 
             J a = gamma + (c - 1) g + r f
 
-        Here c is the share, g is the engine's velocity term, f is the constraint force that the accelerations need, and r is a
-        compliance. The numbers c and r of a row follow by least squares. If the constraint of the row is a spring, J a differs from
-        gamma in proportion to the force, and c is 1. If the engine leaves the velocity term of the row out, c is 0.
+        Here c is the share of the velocity term that the engine used, g is this velocity term, f is the constraint force that the
+        accelerations need, and r is a compliance. For each constraint row, c and r follow by least squares. If the constraint of
+        the row is a spring, J a differs from gamma in proportion to the force, and c is 1. If the engine leaves the velocity term
+        of the row out, c is 0.
 
-        The velocity term g depends on the coordinates of an engine. It is gamma in absolute coordinates. It is gamma - J a0 in the
-        joint coordinates of a spanning tree, where a0 are the accelerations of the links while all joint rates of the tree are
-        constant. For each row, that candidate of g is used with which the fit has the smallest residual.
+        The velocity term g depends on the coordinates in which an engine computes. With absolute coordinates, g is gamma. With the
+        joint coordinates of a spanning tree, g is gamma - J a0, where a0 are the accelerations of the links if all joint
+        accelerations of the tree are 0. For each row, the candidate for g that gives the smallest residual of the fit is used.
 
-        Rows without a velocity term and rows without a force (springs may close a loop) are left out. The result is 1 if no row is
-        left, or if the linkage has redundant rows, whose forces are not determined.
+        Constraint rows without a velocity term, or without a force (springs may close a loop), are left out. The share is 1 if no
+        constraint row remains, or if the linkage has redundant rows, whose forces are not determined.
 
         Args:
             a: accelerations (k, n).
@@ -126,8 +128,9 @@ class Probe:
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
     """Return the smallest share c of the velocity term in a row of J a (1: all of it, 0: none); 1 if no row can be judged.
 
-    For each candidate of the velocity term g, each row is fitted by J a - gamma = (c - 1) g + r f, with the constraint force f and
-    a compliance r. Of each row, the c of the candidate with the smallest residual is used.
+    An engine that uses only a share c of its velocity term g has J a - gamma = (c - 1) g. There are three candidates for g. With
+    each, every constraint row is fitted by J a - gamma = (c - 1) g + r f, where f is the constraint force and r an unknown
+    compliance. The c of the candidate with the smallest residual is used.
 
     Args:
         extra, forces: J a - gamma and the constraint forces f, (k, m) each: a number for each of m constraint rows at each of k
@@ -139,7 +142,7 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
     held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
     for row in np.flatnonzero(held):
-        fits = []  # of each candidate: largest residual, rounded so that of equally good ones the least c counts, and c - 1
+        fits = []  # for each candidate: (largest residual, c - 1); residuals are rounded, so that of equal ones the least c counts
         for g in velocities[:, :, row].T:
             if np.abs(g).max() > FLOOR * largest:
                 columns = np.column_stack([g, forces[:, row]])
@@ -151,10 +154,10 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
 
 
 def _share(errors: Array, sizes: Array) -> float:
-    """Return the largest relative error: max(errors / sizes), where sizes below FLOOR times the largest size are raised to it.
+    """Return the largest relative error: max(errors / sizes), where sizes below FLOOR * max(sizes) are replaced by this bound.
 
-    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN. If all sizes are 0, it is the
-    largest error itself, so that rounding passes and a wrong term does not.
+    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN. If all sizes are 0, the result is the
+    largest absolute error, so that rounding passes and a wrong term does not.
     """
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
     return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -165,7 +168,7 @@ def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str
     """Return a linkage with one of the modifications that `changes` lists, at random states, with the exact accelerations there.
 
     Args:
-        forces: names of the only forces that act; if not given, all forces of the scenario act.
+        forces: names of the forces that act; if not given, all forces of the scenario act.
     """
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
@@ -214,9 +217,9 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
-    """Yield the paths of all numbers other than 0 in a linkage file on which the motion of a scenario depends.
+    """Yield the paths of all nonzero numbers in a linkage file on which the equations of motion of a scenario depend.
 
-    The numbers of the scenario's start and of its motion laws are left out.
+    The numbers that define the scenario's start and its motion laws are not among them.
     """
     for key in ("gravity", "ground", "links", "joints"):
         yield from _numbers(document.get(key), (key,))

@@ -2,7 +2,7 @@
 
 A killed run can be resumed.
 
-A measurement is a file in `measurements`. It may have these functions:
+A measurement is a module in the folder `measurements`. Each module may have these functions:
 
     exact_tasks(suite, context)                     return tasks that measure no time; they run side by side
     timing_tasks(suite, context, tables)            return tasks that measure times; they run one after the other, after all exact
@@ -148,8 +148,8 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 def _describe_engine(offer: Offer) -> dict[str, Any]:
     """Return version and settings of an engine and, if they apply to it, the two keys "soft" and "environment".
 
-    "soft" maps a setting that closes loops only approximately to the cause. "environment" is the version of Python in the engine's
-    own environment.
+    "soft" has the name of each setting with only approximately closed loops -> the cause. "environment" is the version of Python in
+    the engine's own environment.
     """
     soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
     described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}

@@ -1,21 +1,22 @@
 """Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
 A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
-its own steps. A setting is a variant with a size.
+its own steps. A setting is a variant with a step or tolerance.
 
-In the first phase, each variant is evaluated at sizes from coarse to fine. An evaluation is a whole run and its largest errors.
-These errors do not depend on measured times, so that a repeated search finds the same sizes that meet a requirement. The search
-first tries a coarse sequence of sizes, called the ladder (each size of it is a rung), until each requirement is met or it is clear
-that it cannot be met. Then the search halves the interval between the coarsest size that meets a requirement and the next coarser
-size tried, until no size is left between the two. `budget` limits the number of evaluations of one variant.
+In the first phase, each variant is evaluated at steps or tolerances from coarse to fine. An evaluation is a whole run and its
+largest errors. These errors do not depend on measured times, so that a repeated search finds the same steps and tolerances that
+meet a requirement. The search first tries a coarse sequence of sizes, called the ladder (each size of it is a rung), until each
+requirement is met or it is clear that it cannot be met. Then the search halves the interval between the coarsest size that meets a
+requirement and the next coarser size tried, until no size is left between the two. `budget` limits the number of evaluations of one
+variant.
 
-In the second phase, the settings that meet the requirement are timed against each other in a race. A setting is left out if its
-estimated cost, the time of a step times the number of steps, is more than NEAR times the least. All other settings are timed in the
-first process of the race. Settings whose time in that process is at most CLOSE times the least are timed in further processes too.
-A setting ties with the fastest one if, in at least a quarter of the processes, its time is not longer than that of the fastest:
-then the lower quartile of the ratios of their times is 1 or less. If the whole range of these ratios were used instead of the
-quartile, a setting that takes a tenth more time would also tie. If several settings tie, the winner is the one that comes first in
-the engine's file. A repeated search therefore names the same winner or another setting that tied.
+In the second phase, the settings that meet the requirement are timed alternately in one process (a race). A setting is left out if
+its estimated cost, the time of a step times the number of steps, is more than NEAR times the least cost. All other settings are
+timed in a first process. Settings whose time in the first process is at most CLOSE times the shortest time are timed in further
+processes too. A setting ties with the fastest one if, in at least a quarter of the processes, its time is not longer than that of
+the fastest: then the lower quartile of the ratios of their times is 1 or less. If the whole range of these ratios were used instead
+of the quartile, a setting that takes a tenth more time would also tie. If several settings tie, the winner is the one that comes
+first in the engine's file. A repeated search therefore names the same winner or another setting that tied.
 """
 
 import math
@@ -37,9 +38,9 @@ COARSEST = 10  # fewest steps of a run
 PER_OCTAVE = 4
 FIFTHS = 50  # the number of steps of a run with fewer steps is a multiple of five
 SETTLED = 300  # with fewer steps, errors of fast links are as large as the motion and show no convergence
-STALLED = 3  # a ladder ends if no unmet error fell in so many rungs
+STALLED = 3  # no finer sizes are tried if no unmet error fell at so many successive sizes
 FALLS = 0.7  # an error has fallen if it is below this share of the least one before; order one at half the step gives 0.5
-HOPE = 2.0  # a ladder ends if extrapolated errors need more than HOPE times the allowed steps
+HOPE = 2.0  # no finer sizes are tried if extrapolated errors need more than HOPE times the allowed steps
 NEAR = 2.0  # times the least estimated cost; estimates are right to a few per cent unless Newton's iterations grow with the step
 CLOSE = 1.25  # times the fastest of the first process: ratios differ between processes by a tenth and more
 LUCK = 0.05  # a setting that ran in one process ties if it takes no longer than the fastest in this share of the resamplings
@@ -57,7 +58,7 @@ class Scale:
 
 
 def equal_steps(until: float, beats: int, most: int) -> Scale:
-    """Return steps [s] that divide a run into COARSEST to `most` equal parts, PER_OCTAVE sizes for each factor of two.
+    """Return steps [s] that divide a run into COARSEST to `most` equal parts, with PER_OCTAVE step sizes for each factor of two.
 
     The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times at equal distances.
     If a step had to end at every sample time, there would be no coarse steps. A run with few steps is therefore compared at fewer
@@ -67,7 +68,7 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
         10:       for fewer than 5 `beats` steps; errors are taken at ten sample times
         `beats`:  for more steps; errors are taken at all sample times
 
-    The sizes to be tried first (`rungs`) are one for each factor of two, and the finest.
+    The step sizes to be tried first (`rungs`) differ by factors of about two, and include the finest.
 
     Args:
         until: end of the run [s].
@@ -88,7 +89,7 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
 
 
 def no_coarser(scale: Scale, size: float) -> Scale:
-    """Return the sizes of a scale that are not larger than `size`, or the finest alone if all are larger."""
+    """Return the steps or tolerances of a scale that are at most `size`, or the finest alone if all are larger."""
     first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
@@ -109,7 +110,7 @@ def explore(
 
     Args:
         evaluate: function that returns the trial at a given size (step or tolerance).
-        scale: the sizes, and those to be tried first.
+        scale: all steps or tolerances that may be tried, and which of them to try first.
         wanted: the requirements.
         budget: largest number of trials.
         most: largest number of steps of a run; 0 if the integrator chooses its steps.
@@ -136,7 +137,7 @@ def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> li
     There is no index for a requirement that no size meets, nor for one with no untried size between those two sizes.
 
     Args:
-        tried: index of a size -> the trial at this size.
+        tried: index of a step or tolerance in the scale -> the trial with this step or tolerance.
         wanted: the requirements.
     """
     halves = []
@@ -167,13 +168,14 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
         return ""
     if all(_has_stalled([t.errors.get(kind, math.inf) for t in trials]) for kind in {w.kind for w in unmet}):
         return f"no error fell in {STALLED} rungs"
+    # the second result of `convergence` is the number of steps that would meet the requirement
     if all(convergence(trials, [w])[1] > HOPE * most for w in unmet):
         return f"errors fall too slowly for {most:,} steps".replace(",", " ")
     return ""
 
 
 def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
-    """Tell whether the required kind of error is NaN in a trial, such as the error of joint forces of redundant rows."""
+    """Tell whether a trial has NaN for the required kind of error, as for joint forces that redundant rows leave undetermined."""
     return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
 
 

@@ -23,7 +23,7 @@ class Size:
     """A size on disk.
 
     Attributes:
-        megabytes: the size on disk; NaN if it is not known.
+        megabytes: the size on disk [MB]; NaN if the size is unknown.
         of: a text that says what was measured, or why nothing was measured.
     """
 
@@ -32,13 +32,13 @@ class Size:
 
 
 def size_of(engine: str) -> Size:
-    """Return the size of the environment or the library of an engine."""
+    """Return the size on disk [MB] of an engine's environment or library; NaN, with the reason, if the size is unknown."""
     if environment := environment_of(engine):
         folder = Path(environment.python).parent.parent
         if not (folder / VENV).is_file():
             return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
         return Size(size_of_folder(folder) / MEGABYTE, "its environment")
-    if engine in ELSEWHERE:
+    if engine in ELSEWHERE:  # it needs an environment of its own, which is not installed here
         return Size(read_offered(engine).installed, "its environment, as told before it is installed")
     if engine in AUTHORED:
         return Size(math.nan, "a part of the suite")

@@ -51,7 +51,7 @@ def check_fault(name: str, fault: str) -> Check:
 def check_failed_run(name: str, run: Run) -> Check:
     """Return the check for a run that gave no trajectory.
 
-    The check is failed or, if the engine refuses the linkage, not made (`passed` is None).
+    The check fails or, if the engine refuses the linkage, counts as not made (`passed` is None).
     """
     return Check(name, None if run.status is Status.SKIP else False, run.message)
 
@@ -105,8 +105,8 @@ class Subject:
     def accepted(self) -> list[tuple[str, str]]:
         """The linkages and scenarios on which the engine's accelerations and motions are checked.
 
-        This is the linkage with every kind of load, PROBE, if the engine can run it; otherwise those linkages in PLAIN that the
-        engine can run. If there are none, all of PLAIN is returned, so that the checks report the refusals.
+        PROBE, a linkage with every kind of load, is used if the engine can run it; otherwise the linkages in PLAIN that the engine
+        can run. If the engine can run none of these either, all of PLAIN is returned, so that the checks report the refusals.
         """
 
         def takes(place: tuple[str, str]) -> bool:

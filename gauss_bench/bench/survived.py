@@ -1,4 +1,4 @@
-"""Races that continue after a crash: an engine that crashes the process gets rows with the reason, and all others are timed again.
+"""Timed comparisons ("races") that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -25,7 +25,7 @@ Entries = Callable[
 def race_here(
     entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str] | None = None, path: str = ""
 ) -> Rows:
-    """Race entries(*arguments) in this process; return one row for each round of an entry, and one for each entry that failed.
+    """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
     `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
     has facts, further columns that it returns after the race, there is one more row with these facts.
@@ -53,7 +53,7 @@ def race_here(
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
-    """Race entries(*arguments) as `race_here` does, but in a process of its own.
+    """Time entries(*arguments) alternately, as `race_here` does, but in a process of its own.
 
     If an engine crashes this process or hangs, each entry of the engine gets one row with the reason, and the race of all other
     entries is repeated.
@@ -102,7 +102,7 @@ def list_survivors(
         The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
 
     Raises:
-        WorkerFailure: the race crashed while no engine was running, or raised an error.
+        WorkerFailure: the timed comparison crashed while no engine was running, or raised an error.
     """
     lost: dict[str, WorkerFailure] = {}
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
@@ -119,9 +119,10 @@ def list_survivors(
 
 
 def watching(path: str) -> Watch:
-    """Return a function that writes the engine's name in the key of an entry into the file `path`; a call takes a microsecond.
+    """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
 
-    The function is called before code of this entry runs, so that a crash can be attributed to the engine.
+    The function is called before the entry's code runs, so that a crash can be attributed to the engine; a call takes a
+    microsecond. The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name.
     """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)

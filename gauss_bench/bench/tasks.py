@@ -49,7 +49,7 @@ class Task(NamedTuple):
     """A task for a worker.
 
     Attributes:
-        key: identifies the task in the journal.
+        key: identifies the task in the journal, the file of finished tasks.
         function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
         table: name of the table that gets a row if the task fails.
@@ -78,23 +78,24 @@ class Task(NamedTuple):
         return f"{self.stamp}.{self.limit:g}"
 
     def stamp_of(self, answer: Tables) -> str:
-        """Return the stamp with which an answer (table -> rows) is stored in the journal.
+        """Return the stamp (digest of code and data) with which an answer, table -> rows, is stored in the file of finished tasks.
 
-        This is the attribute `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped, else `stamp`.
+        The stamp is the attribute `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped, else
+        `stamp`.
         """
         lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
         return self.stamp_if_lost if lost else self.stamp
 
 
 def with_race_limit(task: Task, processes: int = 1) -> Task:
-    """Return the task of a race with a time limit that is long enough for RACES attempts in each of `processes` processes."""
+    """Return a task that times engines, with a time limit long enough for RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> Tables:
-    """Run the tasks that the journal does not hold yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
+    """Run the tasks that are not finished yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
 
-    `label` names the tasks in reports of progress.
+    `journal` is the file of finished tasks, to which the tasks are added; `label` names the tasks in reports of progress.
     """
     done: dict[str, Tables] = {}  # key of a task -> its answer
     for task in tasks:
@@ -192,7 +193,8 @@ class Context:
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
         """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite.
 
-        If the task fails, a row of `table` records the failure. The `part` that is passed to the function has no linkages.
+        If the task fails, a row of `table` records the failure. The `part` (section of the suite) that is passed to `function` has
+        no linkages.
         """
         tasks = []
         for part in parts:

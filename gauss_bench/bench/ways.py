@@ -1,7 +1,7 @@
 """Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`.
 
-A setting of this kind is called a way (class `Way`): an engine, one of its variants (options, integrator, stabilisation), and a
-size, that is, a step or a tolerance.
+A setting of this kind (class `Way`) is an engine with one of its variants (options, integrator, stabilisation) and a size, that is,
+a step or a tolerance.
 """
 
 import math
@@ -68,7 +68,7 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value, for the settings of a way; empty if the engine does not know the settings.
+    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`.
 
     `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
     """
@@ -80,16 +80,16 @@ def options_of(way: Way) -> Mapping[str, Any]:
 
 
 def loop_of(way: Way) -> str:
-    """Return the option `loop` of a way: the name of the loop over the time steps; an empty text if there is no such option."""
+    """Return the option `loop` of a setting: the name of the loop over the time steps; an empty text if there is no such option."""
     return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    """Return a way as a `Choice`, the object by which an engine is given its setting, for a run until a time [s].
+    """Return a setting as a `Choice`, the object in which an engine is given its setting, for a run that ends at `until` [s].
 
     Args:
-        adaptive: whether the integrator chooses its steps. If so, the way's size becomes the tolerance of the choice, whose step is
-            set to the whole run and thus limits nothing. Otherwise the size becomes the step.
+        adaptive: whether the integrator chooses its steps. For such an integrator, `way.size` becomes the tolerance of the choice,
+            and the step is set to the whole duration and thus limits nothing. Otherwise `way.size` becomes the step.
     """
     names = way[1:4]  # settings, integrator, stabilisation
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
@@ -102,12 +102,12 @@ def has_samples(truth: Reference, until: float, beats: int) -> bool:
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
 
 
-def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
+def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
     """Run one setting of an engine, and return its largest errors at those sample times that are ends of steps.
 
     Args:
         run: the motion to be computed.
-        judge, truth: evaluator of the run's mechanism, and the reference motion.
+        evaluator, truth: evaluator of the run's mechanism, and the reference motion.
         way: the engine and its setting.
         adaptive: whether the integrator chooses its steps; the run then has samples at all sample times.
         beats: number of sample times, at equal distances, at which errors are taken.
@@ -115,8 +115,8 @@ def evaluate_run(run: Run, judge: Evaluator, truth: Reference, way: Way, adaptiv
     steps = beats if adaptive else round(run.until / way.size)
     # k equal parts end at ends of steps and at sample times if k divides both numbers
     wanted = sample(run, steps, math.gcd(steps, beats))
-    ran = run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
-    return judge_trial(run, judge, truth, way, ran)
+    ended = run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
+    return judge_trial(run, evaluator, truth, way, ended)
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
@@ -129,30 +129,31 @@ def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
-def judge_trial(run: Run, judge: Evaluator, truth: Reference, way: Way, ran: Ended) -> Trial:
-    """Return the trial of an ended run (`ran`): the reason of its failure, or its largest errors.
+def judge_trial(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ended: Ended) -> Trial:
+    """Return the trial of an ended run: the reason for its failure, or its largest errors.
 
-    Errors are taken at the sample times that the run and the reference have in common.
+    Errors are taken at the sample times that the run and the reference have in common. The error "end" is the largest position
+    error at the last of these times.
     """
-    if ran.trajectory is None:
-        return Trial(way.size, {}, ran.sampling.count, ran.status, ran.message)
-    errors = state_errors(run.mechanism, ran.trajectory, truth)
-    force = joint_force_errors(judge, ran.trajectory, truth)
+    if ended.trajectory is None:
+        return Trial(way.size, {}, ended.sampling.count, ended.status, ended.message)
+    errors = state_errors(run.mechanism, ended.trajectory, truth)
+    force = joint_force_errors(evaluator, ended.trajectory, truth)
     over_time = {"position": errors.length, "angle": errors.angle, "force": force}
     found = {kind: float(x.max()) for kind, x in over_time.items()} | {"end": float(errors.length[-1].max())}
-    steps = ran.trajectory.steps
+    steps = ended.trajectory.steps
     if steps is None and not is_adaptive(way):  # equal steps: those that were asked for
-        steps = ran.sampling.count
-    return Trial(way.size, found, steps, evaluations=ran.trajectory.evaluations)
+        steps = ended.sampling.count
+    return Trial(way.size, found, steps, evaluations=ended.trajectory.evaluations)
 
 
 def is_adaptive(way: Way) -> bool:
-    """Tell whether the integrator of a way chooses its own steps; the way's size is then a tolerance, else a step."""
+    """Tell whether the integrator of a setting chooses its own steps; if it does, `way.size` is a tolerance, otherwise a step."""
     return way.integrator in offer(way.engine).adaptive
 
 
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
-    """Build the model of an engine for a way, or reuse one built before, and return the timing block that `work` makes from it.
+    """Build the model of an engine with a setting, or reuse a model, and return the timing block that `work` makes from it.
 
     The engine runs in this process or, if it has an environment of its own, in a process of that environment.
 
@@ -177,7 +178,7 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
     """
     if not is_adaptive(way):
         return block_of(run, way, models, partial(stepping, NO_KEY, step=way.size, native=True))
-    block = whole_run(run, way, steps, seconds=0.0, lead=math.inf, models=models)  # without a limit of time
+    block = whole_run(run, way, steps, seconds=0.0, lead=math.inf, models=models)  # lead=inf: the whole run is timed
     block.count = steps or 1
     return block
 

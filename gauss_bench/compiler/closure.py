@@ -48,9 +48,9 @@ def compile_closure(mechanism: Mechanism, lanes: int | None = None, backend: str
     The inputs are the coordinates that the scenario drives, or the crank's angle if the scenario drives none.
 
     Args:
-        lanes: number of samples in one SIMD vector, a power of 2; None takes the number of doubles in the widest vector register of
-            this machine.
-        backend: "llvm", or "numpy", which needs no compiler; None takes llvm if it is installed, else numpy.
+        lanes: number of samples in one SIMD vector, a power of 2; if None, the number of doubles in the widest vector register of
+            this machine is used, or PARTS with the backend "numpy".
+        backend: "llvm", or "numpy", which needs no compiler; if None, llvm is used if it is installed, else numpy.
 
     Raises:
         KernelError: no usable pivots are found, the start is a singular position, or the backend is not installed.
@@ -99,9 +99,9 @@ class Closure:
 
         Args:
             inputs: values of the inputs [rad, m]: (k,) if there is one input, or (k, inputs).
-            rates: first derivatives of the inputs, in the shape of `inputs`. None stands for 1 if there is one input, so that v and
-                a are derivatives with respect to it, and for 0 if there are several.
-            second_rates: second derivatives of the inputs, in the shape of `inputs`; None stands for 0.
+            rates: first derivatives of the inputs, in the shape of `inputs`. If None, the rate is 1 if there is one input, so that
+                v and a are derivatives with respect to this input, and 0 if there are several inputs.
+            second_rates: second derivatives of the inputs, in the shape of `inputs`; 0 if None.
 
         Raises:
             ValueError: the shapes do not fit, or a number is not finite.
@@ -122,7 +122,8 @@ class Closure:
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
         """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K).
 
-        Missing first derivatives are 1 for a single input, so that results are derivatives with respect to it, and 0 for several.
+        First derivatives that are None become 1 for a single input, so that results are derivatives with respect to it, and 0 for
+        several inputs.
         """
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:

@@ -69,12 +69,12 @@ def compile_kernel(
         formulation: "gauss", "lagrange", or "auto" for the one that costs less.
         stabilization: "none", "baumgarte", or "projection" of positions and velocities at each step.
         open_parameters: names of numbers of the linkage file whose values are given with each call, such as "links.crank.mass".
-        lanes: number of trajectories in one SIMD vector, a power of 2; None takes the number of doubles in the widest vector
-            register of this machine.
+        lanes: number of trajectories in one SIMD vector, a power of 2; if None, the number of doubles in the widest vector register
+            of this machine.
         cache: whether the results of the search for a cheap elimination and object code are kept in the user's cache folder.
-        backend: "llvm", or "numpy", which needs no compiler; None takes llvm if it is installed, else numpy.
-        independent: indices of the independent coordinates of the first program; None lets the search for a cheap elimination
-            choose them. Further programs with other independent coordinates are generated on demand.
+        backend: "llvm", or "numpy", which needs no compiler; if None, llvm is used if it is installed, else numpy.
+        independent: indices of the independent coordinates of the first program; if None, the search for a cheap elimination
+            chooses the independent coordinates. Further programs with other independent coordinates are generated on demand.
         baumgarte: alpha and beta [1/s] of Baumgarte's stabilisation.
         form: deprecated and without effect, because all generated code is straight-line code; any value but None gives a warning.
 
@@ -194,12 +194,12 @@ class Kernel:
         return self._driver.tally.lost
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
-        """Compile in advance all code of the first program that rollouts from one state, or from `many`, may need."""
+        """Compile all code of the first program for rollouts from a single state or, if `many`, from a batch of states."""
         self._programs.prepare(integrator, many)
 
     @property
     def directions(self) -> int:
-        """Number of independent coordinates of the first program; an implicit step is differentiated in as many directions."""
+        """Number of independent coordinates of the first program; an implicit step needs derivatives in so many directions."""
         return len(self._programs.partitions[0])
 
     @property
@@ -228,8 +228,8 @@ class Kernel:
             dt: step size [s].
             n: number of steps.
             t0: time [s] of q0, v0.
-            parameters: values of the open parameters, (n_parameters,) or (batch, n_parameters); None takes those of the linkage
-                file.
+            parameters: values of the open parameters (see the class), (n_parameters,) or (batch, n_parameters); if None, the values
+                of the linkage file are used.
             every: number of steps between two states that are returned; None returns only the last state.
             threads: number of threads that share a batch.
             integrator: "rk4", "semi_implicit_euler", "dop853_fixed", or "gauss_legendre", which is implicit and of order 6, for
@@ -260,6 +260,7 @@ class Kernel:
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
+        # arguments that depend on time are evaluated in the middle of a run of equal steps
         given = self._numbers(parameters, len(states), _middle(t0, parts))
         batch = Batch(states, given, float(t0), float(dt), int(n), max(1, every or n))
         if len(parts) <= 1:
@@ -276,6 +277,7 @@ class Kernel:
 
         A step in which a force has a kink or a jump is divided there.
         """
+        # max(1, n): the only sample is after the last step
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
     def integrate(
@@ -287,7 +289,7 @@ class Kernel:
             q0, v0: (n_q,) positions and velocities at the first time.
             times: (k,) times [s] of the states that are returned: at least two, ascending.
             rtol, atol: tolerances; the allowed error of each component of q and v is atol + rtol |component|.
-            parameters: values of the open parameters; None takes those of the linkage file.
+            parameters: values of the open parameters (see the class); if None, the values of the linkage file are used.
 
         Raises:
             ValueError: there are fewer than two times, or they do not ascend.
@@ -304,11 +306,10 @@ class Kernel:
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
         """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
 
-        If True, no other program is needed, and exported C source, which contains only the first program, is valid for these n
-        steps.
+        If True, exported C source, which contains only the first program, is valid for these n steps.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
-        for leg in self.legs(0.0, dt, n):
+        for leg in self.legs(0.0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
             if isinstance(done, Stop):
                 return False
@@ -326,9 +327,9 @@ class Kernel:
     def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
         """Return the last state (2 n_q,) of a single trajectory after n steps of dt, with the least overhead.
 
-        p (n_p,) has the open numbers, which are the numbers that the code takes as arguments (`_numbers`).
+        p (n_p,) has the number arguments of the code (`_numbers`).
         """
-        end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)
+        end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)  # 0 is the index of the first program
         if not isinstance(end, Stop):
             return end
         # a guard stopped the first program: the driver continues with other programs from the state that was reached
@@ -337,10 +338,11 @@ class Kernel:
         return np.asarray(self._driver.resume(batch, stopped, integrator).samples[0, -1])
 
     def _numbers(self, parameters: Array | None, count: int, t: float | Array) -> Array:
-        """Return the open numbers (count, n_p), which are all numbers that the code takes as arguments, for `count` states.
+        """Return the number arguments (count, n_p) of the code for `count` states: the numbers that are not constants in the code.
 
-        The first columns are the open parameters: `parameters`, or their values in the file if `parameters` is None. The remaining
-        columns are the coefficients of time-dependent forces at the time t: () for one time of all states, or (count,).
+        The first columns are the open parameters, with the values `parameters`, or with those of the linkage file if `parameters`
+        is None. The remaining columns are the coefficients of time-dependent forces at the time t, which is one number for all
+        states or has the shape (count,).
         """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
@@ -353,10 +355,10 @@ class Kernel:
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
         """Return accelerations (n_q,) or (batch, n_q) at one state or at many, without Baumgarte's terms.
 
-        At a state where every program has a pivot that is too small, the acceleration is computed by dense linear algebra, which
-        decides the rank of the constraint rows at this state.
+        At a state where every generated program has a pivot that is too small, the acceleration is computed by dense linear
+        algebra, which decides the rank of the constraint rows.
         """
-        # a single state takes a path without the overhead of a batch; with kinks the open numbers depend on t
+        # a single state takes a path without the overhead of a batch; with kinks the number arguments depend on t
         if np.ndim(q) == 1 and parameters is None:
             p = self._numbers(None, 1, t)[0] if self._kinks else self._values
             quick = self._programs.acceleration(float(t), q, v, p)
@@ -371,6 +373,7 @@ class Kernel:
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
         """Return kinetic plus potential energy [J], () or (batch,)."""
         rows, single = self._rows(q, v, 0.0, parameters)
+        # without rows[0], the time, on which the energy does not depend; [0][:, 0]: the only column (k,) of the results
         energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
         return np.asarray(energies[0] if single else energies)
 
@@ -379,7 +382,7 @@ class Kernel:
         return self._programs.c_source(integrator)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
-        """Return the arrays t (k,), q, v (k, n_q) and the open numbers (k, n_p), and whether a single state was given."""
+        """Return the arrays t (k,), q, v (k, n_q) and number arguments (k, n_p), and whether a single state was given."""
         single = np.ndim(q) == 1
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
         at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
@@ -396,9 +399,9 @@ class Kernel:
     ) -> Array:
         """Return a quantity, such as the accelerations, at one state or at many, evaluated by the first program where it is usable.
 
-        At a state where a pivot of the first program is too small, another program is evaluated. At a state where no program is
-        usable, `by_rank` is evaluated. `by_rank` needs the parameter values of the linkage file; with other values the result is
-        NaN.
+        At a state where a pivot of the first program is too small, another program, with other pivots, is evaluated. At a state
+        where no program is usable, `by_rank` is evaluated. `by_rank` needs the parameter values of the linkage file; with other
+        values the result is NaN.
 
         Args:
             evaluate: function of the index of a program and the four arrays of `_rows`. It returns values (k, ...) and flags (k,):
@@ -423,8 +426,8 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return the time [s] in the middle of the first leg of a rollout, or t if the rollout is not divided into legs.
+    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty.
 
-    No force has a kink inside a leg, so that the open numbers at the middle of the leg are valid for all of its steps.
+    No force has a kink inside a leg, so that the code's number arguments at the middle of the leg are valid for all of its steps.
     """
     return parts[0].middle if parts else float(t)

@@ -20,14 +20,14 @@ MAGIC = b"gauss-bench cache 2\n"
 
 
 def folder() -> Path:
-    """Return the folder of the cache."""
+    """Return the folder in which compiled kernels are cached."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
     return home / "gauss-bench" / "kernels"
 
 
 def trusted_folder() -> Path | None:
-    """Create the folder of the cache if needed, and return it; None if it does not belong to the user or others may enter it."""
+    """Create the cache folder if needed, and return its path; None if the folder is not the user's own or others may enter it."""
     path = folder()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,7 +42,7 @@ def trusted_folder() -> Path | None:
 
 
 def load(name: str) -> bytes | None:
-    """Return the content that is stored under a file name; None if it is missing, damaged or not trusted."""
+    """Return the content that is stored under a file name; None if the file is missing, damaged or not trusted."""
     path = trusted_folder()
     if path is None:
         return None

@@ -43,7 +43,7 @@ from gauss_bench.trajectory import Reference, Trajectory
 FOUR_BAR, CRANK_SLIDER, DRIVEN = ("four_bar", "torque"), ("crank_slider", "paper"), ("four_bar", "cycloid")
 SHAPER = ("shaper", "torque")  # slides that carry moments
 AGREES = 1e-10  # relative tolerance; formulations agree to about 1e-13
-OPENING = 5  # number of samples of a certificate that are verified, which are enough to detect a fault
+FIRST_SAMPLES = 5  # number of samples of a certificate that are verified, which are enough to detect a fault
 MOVED = 1e-3  # [m] known displacement of a link
 ORDERS = {"rk4": 4, "semi_implicit_euler": 1, "dop853_fixed": 8, "gauss_legendre": 6}
 Figures = dict[str, float | str]
@@ -63,7 +63,7 @@ def alter(
     """
 
     def scale(x: Any) -> Any:
-        """Return a link or force, with its attributes times the factors if it has the given name, and unchanged otherwise."""
+        """Return a link or force with its attributes multiplied by `factors` if it has the given name, and otherwise unchanged."""
         return replace(x, **{key: getattr(x, key) * factor for key, factor in factors.items()}) if x.name == of else x
 
     def move_pin(x: Any) -> Any:
@@ -94,7 +94,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return a trajectory with a number added to one column of its level "q", "v" or "a"."""
+    """Return a trajectory with a number added to one column of its array "q", "v" or "a", which is `level`."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
@@ -115,7 +115,7 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
     def frame(some: Figures) -> pd.DataFrame:
-        """Return figures as a table of the gate's format, with one row for each figure."""
+        """Return figures, name -> value, as a table that `gate.compare` accepts, with one row for each figure."""
         texts = {k: x if isinstance(x, str) else f"{x:.15g}" for k, x in some.items()}
         return pd.DataFrame([key | {"metric": k, "value": x, "message": "", "accepted": ""} for k, x in texts.items()])
 
@@ -134,11 +134,12 @@ def check_model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | No
 
     Args:
         which: linkage and scenario.
-        alter: arguments of the function `alter`; without them the linkage is not altered.
+        alter: arguments by which the function `alter` changes the modelled linkage; None for the true linkage.
     """
 
     def measure_error(modelled: Mechanism) -> Figures:
-        """Return name -> value of the median relative error of the accelerations if the engine models this linkage."""
+        """Return a dict of one figure: the median relative error of the accelerations if the engine models `modelled`."""
+        # x: states of the unaltered linkage, with its true accelerations x.a
         x, engine = states(which), Interpreted("gauss").build(modelled, Choice(integrator="rk4"))
         accelerations = np.array([engine.acceleration(float(t), q, v) for t, q, v in zip(x.t, x.q, x.v, strict=True)])
         return {"acceleration_error_median": float(np.median(metrics.relative_acceleration_error(accelerations, x.a)))}
@@ -155,7 +156,7 @@ def change(mechanism: Mechanism, how: Mapping[str, Any] | None) -> Mechanism:
 def check_sample_times(late: float) -> str | None:
     """Ask the gate (the regression test) about a correct motion of the four-bar linkage whose samples are `late` [s] too late.
 
-    Return the gate's message if it rejects the errors of these samples, or None if it accepts them.
+    Return None if the gate accepts the errors of these samples, and otherwise the gate's message.
     """
     reference = truth(FOUR_BAR)
     correct = reference.samples
@@ -301,7 +302,7 @@ def check_judge() -> str | None:
     angles(turned)[...] += 0.2
 
     def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
-        """Judge a motion whose accelerations have a relative error."""
+        """Judge a motion, given the median relative error of the engine's accelerations at known states."""
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
 
     if not verdict(sound).valid:
@@ -359,13 +360,13 @@ def check_certificate(
         which: linkage and scenario of the certificate.
         nudge: planted error of the samples. "q", "v", "a" or "multipliers" -> number that is added to the largest entry of the
             middle sample of this array; "late" -> delay of all samples [s].
-        alter: arguments of the function `alter`, which changes the linkage whose equations are used; None for the true linkage.
+        alter: arguments by which the function `alter` changes the linkage whose equations are used; None for the true linkage.
     """
     mechanism = load(*which)
     path = certificate_path(mechanism)
     assert path is not None
     whole = read_certificate(path)
-    x = replace(whole, **{name: getattr(whole, name)[:OPENING] for name in ARRAYS})
+    x = replace(whole, **{name: getattr(whole, name)[:FIRST_SAMPLES] for name in ARRAYS})
     for level, by in (nudge or {}).items():
         if level == "late":
             x = replace(x, q=x.q + by * x.v + by**2 / 2 * x.a, v=x.v + by * x.a)
@@ -428,10 +429,11 @@ def check_clocks() -> str | None:
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     if max(abs(x - 3.0) for x in clock.ratio(3.0 * wandering, wandering)) > 1e-12:
         return "a delay of both entries in one round counts as spread"
+    # `ratio` returns the ratio and its spread, low to high, which is to hold nine tenths of the distribution of the ratio
     n = 4000
     _, low, high = clock.ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))
-    # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; 1.645 standard deviations to
-    # either side hold nine tenths of it.
+    # The lower quartile of n uniform numbers is nearly normal with variance p (1 - p) / n, p = 1/4; nine tenths of a normal
+    # distribution lie within 1.645 standard deviations of its mean.
     expected = 2 * 1.645 * math.sqrt(3 / 16 / n)
     return "a spread does not hold nine tenths" if off((high - low) / expected, 1.0, 0.3) else None
 
@@ -460,6 +462,7 @@ def check_gate() -> str | None:
         if not ask_gate(base | {key: value}, base):
             return f"the gate accepts {key} = {value}, which was {base[key]}"
         missing = {k: x for k, x in base.items() if k != key}
+        # an order may be missing, as of a run whose errors are rounding; a status never is, since every run gets one
         if key not in ("observed_order", "status") and not ask_gate(missing, base):
             return f"the gate accepts that {key} is missing"
     floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
@@ -467,4 +470,5 @@ def check_gate() -> str | None:
         return "the gate rejects rounding"
     if not ask_gate({"acceleration_error_median": 1.5 * floor}, {"acceleration_error_median": floor / 100}):
         return "the gate accepts an error above rounding"
+    # a floor that was raised by mistake would let errors pass
     return None if abs(floor - 1e-12) <= 1e-15 else "the gate's floor for accelerations has changed"

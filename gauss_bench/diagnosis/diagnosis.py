@@ -1,7 +1,7 @@
 """Diagnose an engine on a linkage: split its error against the reference into parts, and give a verdict in words.
 
 The diagnosis asks questions in such an order that no fault falsifies the answer to a later question. Are the links in the right
-order in the samples, and do the samples move? Did the state jump? Are the samples correct states of wrong times? How much of the
+order in the samples, and do the samples move? Did the state jump? Are the samples correct states at wrong times? How much of the
 error remains with smaller steps, how much of it violates the constraints, and which possible fault predicts the wrong
 accelerations? A cause is named only if it accounts for most of the error.
 
@@ -10,8 +10,8 @@ are called its burst. Two kinds of accelerations are compared with correct ones 
 the engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
 
 The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
-reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. An error that is so small
-is still split into its parts.
+reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. The parts of such a small
+error are computed all the same.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ MAX_PROJECTED = 1 / 3  # the error is drift if projection of the steps leaves le
 BETTER = 10.0  # factor by which a second cause must reduce the squared residual
 MIN_CORRELATION = 0.8  # correlation of gap and constraint force (`Closure.held`) from which a constraint is compliant
 TINY_GAP = SMALL / 10  # [m, rad] smaller gaps of loops are not explained
-WHOLE = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
+UNDIVIDED = (Cause.RESET, Cause.ORDER, Cause.START, Cause.STALE, Cause.LENGTH)  # causes that explain the whole error or none of it
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Numbers(split.Closure):
         moved: median relative error of the accelerations that follow from the change of velocities in a step, for every run.
         step_exponent: exponent k if the error of one step is proportional to h^k: 0 for round-off, 1 for wrong accelerations,
             p + 1 for an integrator of order p.
-        shift: shift b [s] of the time map, by which a sample reported at t is the true state at b + rate t.
+        shift: shift b [s] of the fitted map of time, by which a sample reported at t is the true state at b + rate t.
         rate: the factor `rate` of this time map.
         jump_time: time of a jump of the state [s].
     """
@@ -173,7 +173,7 @@ def diagnose_runs(
         told: called with each sentence of progress.
 
     Raises:
-        ChoiceError: until `until` a run has fewer steps than a diagnosis needs.
+        ChoiceError: a run up to the time `until` has fewer steps than a diagnosis needs.
     """
     own = OwnMotion(mechanism)
     bursts, runs = observe(run, choices, until, told)
@@ -203,24 +203,25 @@ class Case:
         choices: the setting of every run, the requested one first.
         adaptive: whether the settings differ by tolerance instead of step.
         projected: the first setting with projected steps, or None.
-        first: burst of the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
+        first: the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
         true: reference states at the checkpoints of this run.
         off: position errors (k, n) of this run at its checkpoints [m, rad].
-        bursts: burst of every run at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: such samples of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
         error: largest position error of the first run [m, rad].
         bar: largest error bar of the reference [m, rad].
         steps: the first run's error, split into the error that its step causes and the error that would remain at step zero. The
-            `horizon` of `steps` is the number of checkpoints whose errors are small enough to be split.
+            `horizon` of `steps` is the number of checkpoints whose errors are small enough for this split.
         limit: root mean square of the error extrapolated to step zero [m, rad].
         by_step: root mean square of the error that the step causes [m, rad].
         whole: root mean square of the first run's error [m, rad].
         closure: gaps of the loops.
-        sound: burst of every run without the checkpoints at which a loop is wide open (a gap above OPEN times the linkage's size).
+        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open (gap above OPEN times the linkage's
+            size).
         local: errors of the accelerations of every run at the checkpoints in `sound`; None for a run without such checkpoints.
         start: the start state, repeated once for each checkpoint of `sound[-1]`.
-        noise: relative error that correct accelerations may have.
-        map: the map from reported times to times of the true motion; NaN until it is found.
+        noise: relative error below which accelerations count as correct (numerical noise).
+        map: the fit true time = shift + rate * reported time of the samples; NaN until it is found.
         jump_time: time of a jump of the state [s]; NaN until it is found.
     """
 
@@ -234,10 +235,7 @@ class Case:
         adaptive: bool,
         projected: Choice | None,
     ):
-        """Measure errors, gaps and single steps of all runs; the attributes of the class tell what each argument and figure means.
-
-        `bursts` has the samples of each run at all checkpoints that this run reached.
-        """
+        """Measure errors, gaps and single steps of all runs; the attributes of `Case` explain the arguments and figures."""
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
         # errors of positions at the checkpoints
         self.first: Burst = bursts[0]
@@ -245,6 +243,7 @@ class Case:
         self.off = self.first.at.q - self.true.q
         self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
+        # the argument has the samples of each run at all checkpoints that this run reached, the attribute only at common ones
         shortest = min(len(b.at) for b in bursts)
         self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
         # the part of the error that the step causes, the part that remains at step zero, and the gaps of the loops
@@ -271,11 +270,11 @@ class Case:
         2. Are the samples or the velocities wrong (whole turns, order of links, standstill, a jump, velocities)?
         3. Does one fault reproduce the reported accelerations to within the numerical noise (`_reproduce`)?
         4. Is a pin displaced?
-        5. Are the samples correct states of wrong times?
-        6. What does the dependence of the error on the step tell?
+        5. Are the samples correct states at wrong times?
+        6. How does the error depend on the step?
 
-        If the error mainly decreases with the step, a fault found by question 3 is not named as the cause, and the later questions
-        are asked. If their answer lists no explanations of its own, it lists those of question 3.
+        If the error mainly decreases with the step, a fault found by question 3 is not named as the cause, and questions 4 to 6 are
+        asked. If the answer to these lists no explanations, the explanations found by question 3 are added to it.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
@@ -289,10 +288,10 @@ class Case:
         return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
 
     def _acceleration_noise(self) -> float:
-        """Return the relative error that correct accelerations may have: ten times the difference of two solvers of the suite."""
+        """Return the relative error that correct accelerations may have: ten times the difference of two solvers."""
         states = self.sound[-1].at
         if not len(states) or self.own.evaluator.friction:
-            return NOISE
+            return NOISE  # with friction `own` uses the second solver itself, so that the difference would be zero
         a, other = self.own.accelerations(states), self.own.absolute.acceleration(states.t, states.q, states.v)
         apart = float(np.linalg.norm(a - other) / max(float(np.linalg.norm(a)), 1e-300))
         return max(NOISE, 10 * apart) if np.isfinite(apart) else NOISE
@@ -373,6 +372,7 @@ class Case:
         """Detect velocities that disagree with the change of positions from step to step."""
         finest = self.bursts[-1]
         implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
+        # error: relative difference of the velocities; left: share of it that remains if `implied` is multiplied by `factor`
         error, factor, left = samples.other_velocities(implied, finest.at.v)
         # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
         if not (error > OFF_VELOCITIES and _largest(finest.at.v - implied) * finest.at.t[-1] > SMALL):
@@ -384,8 +384,8 @@ class Case:
     def _find_standstill(self) -> Answer | None:
         """Detect samples that stand still while the true motion moves; the cause is a driver or a frozen output.
 
-        If the engine leaves out the second time derivative of what a driver prescribes, a linkage may stand still that starts at
-        rest. This is the cause if it explains the wrong accelerations.
+        If the engine leaves out the second time derivative of a driver's motion law, a linkage that starts at rest may stand still.
+        This omission is named if it explains the wrong accelerations.
         """
         if not samples.stands_still(self.true, self.first.at):
             return None
@@ -399,8 +399,10 @@ class Case:
     def _find_jump(self) -> Answer | None:
         """Detect a jump of the state between two checkpoints.
 
-        A second run is sampled at every step between the two checkpoints between which the displacement is suspicious.
+        A second run is sampled at every step between those two checkpoints whose displacement the velocities and accelerations do
+        not explain. Return None if there are none, or if the integrator chooses its own steps.
         """
+        # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
         k = samples.suspicious_window(reported, np.vstack([self.own.accelerations(self.first.start), self.first.a]))
         if k is None or self.adaptive:
@@ -417,7 +419,10 @@ class Case:
         return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
-        """Detect a pin that the engine has at another place of a link than the file: its gap turns with the link at any step."""
+        """Detect a pin that the engine has at another place of a link than the file.
+
+        The gap of such a pin has a constant part that is fixed in the frame of the link, whatever the step.
+        """
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > TINY_GAP:
             return None
@@ -431,7 +436,7 @@ class Case:
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
 
     def _find_other_times(self) -> Answer | None:
-        """Test whether the steps are correct, but the reported states belong to shifted or scaled times, or the start is wrong."""
+        """Test whether the steps are correct, but states are reported at shifted or scaled times, or the start is wrong."""
         h = self.first.step
         for stretch in (False, True):  # first a shift alone, then a shift and a factor on time
             found = samples.time_map(self.truth, self.first.at, stretch)
@@ -458,12 +463,13 @@ class Case:
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether the time map of the run with the smallest step shows that the fault lies in the sampling.
+        """Tell whether a delay or stretch of time depends on the step like a fault of the sampling, not like an integration error.
 
-        Without `stretch`, this is so if the samples of that run are late by the same time, or by the same number of its own steps,
-        as those of the first run, whose map is `time_map`. The delay by an integration error would decrease faster with the step.
-        With `stretch`, the factor on time is compared instead of the delay: it must not decrease with the step. The result is True
-        too if there is nothing to compare, because no run has a smaller step or the integrator chooses its own steps.
+        `time_map` is the fit true time = shift + rate * reported time of the first run. It is compared with the same fit of the run
+        with the smallest step. A sampling fault delays both runs by the same time, or by the same number of their own steps; a
+        delay caused by an integration error would decrease faster with the step. With `stretch`, the differences of the rates from
+        1 are compared instead: they must not be halved. The result is also True if no run has a smaller step, or if the integrator
+        chooses its own steps.
         """
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -479,8 +485,9 @@ class Case:
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        If the first step ends at the state of a later or earlier time, all times of the samples are shifted. This can be seen even
-        if the integration errors of the later steps are so large that a fit to all samples does not find the shift.
+        If the state after the first step is the true state at a later or earlier time, all sample times are shifted by the same
+        amount. This can be seen even if the integration errors of the later steps are so large that a fit to all samples does not
+        find the shift.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
@@ -497,18 +504,19 @@ class Case:
             if not (LEAST_LATE < abs(steps) < MOST_LATE and unexplained < MOST and x.relative_implied < abs(steps) / 5):
                 return 0.0
             shifts.append(steps * b.step)
-        # the same time or the same number of steps in all runs; an integration error falls faster with the step
+        # a shift by a fixed time or by a fixed number of steps decreases at most like the step, an integration error faster; 0.8
+        # allows for other errors
         same = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
         """Tell whether the steps are correct: both the reported accelerations and those that the change of velocities implies.
 
-        If the samples are the true states of the times shift + rate t, the implied accelerations of correct steps are wrong by the
+        If the samples are the true states at the times shift + rate t, the implied accelerations of correct steps are wrong by the
         factor `rate`. This is allowed.
         """
         # A map that explains nearly the whole error is accepted without a comparison of accelerations. If forces or drivers depend
-        # on time, correct states of wrong times have other accelerations, and the comparison would reject a correct map.
+        # on time, correct states at wrong times have other accelerations, and the comparison would reject a correct map.
         if time_map.left < NEGLIGIBLE:  # share of the error that the map does not explain
             return True
         last, by_rate = self.local[-1], abs(time_map.rate - 1)  # by_rate: relative error of implied accelerations due to the rate
@@ -526,7 +534,7 @@ class Case:
         return self._explain_step_error() if self._step_dominates() else self._explain_remaining_error()
 
     def _step_dominates(self) -> bool:
-        """Tell whether the error that falls with the step is larger than the one that remains."""
+        """Tell whether the error that decreases with the step is larger than the error that would remain at step zero."""
         return self.limit <= self.by_step and (self.steps.converges or self.adaptive)
 
     def step_exponent(self) -> float:
@@ -544,11 +552,15 @@ class Case:
         return float(np.log(coarse_error / fine_error) / np.log(coarse_step / fine_step))
 
     def _is_round_off(self) -> bool:
-        """Tell whether the error falls more slowly than by order 1, and the error of one step does not depend on the step."""
+        """Tell whether the error falls more slowly than the step itself, and that of one step does not depend on the step."""
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
-        """Explain an error that remains with smaller steps: wrong accelerations, or loops that are not kept closed."""
+        """Explain an error that remains with smaller steps by wrong accelerations, or by loops that stay open at any step.
+
+        Accelerations are those of the run with the smallest step: `last.reported` is the error of the accelerations that the engine
+        reports, `last.implied` that of the changes of velocities in a step, divided by the step.
+        """
         last, closure = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
@@ -572,7 +584,8 @@ class Case:
     def _explain_step_error(self) -> Answer:
         """Explain an error that decreases with the step: old constraint data, soft constraints, drift, or the integrator.
 
-        The causes are tested in this order. The integrator is named if none of the others is found. Drift needs a further run.
+        The causes are tested in this order; the integrator is named if none of the first three is found. The test of drift makes a
+        further run.
         """
         if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
@@ -629,9 +642,10 @@ class Case:
         return f"; an error of {self.limit:.1e} (m, rad) remains at any step" if stays else ""
 
     def _share_after_projection(self) -> float:
-        """Return the share of the error that is left if the engine projects the state on the constraints after each step.
+        """Return the size of the position error with projected steps, divided by that of the first run without projection.
 
-        Return 1 if the engine does not offer projection, or if the run with projection fails.
+        After a projected step, the state satisfies the constraints. The size is the root mean square over the checkpoints. Return 1
+        if the engine does not offer projection, or if the run with projection fails.
         """
         if self.projected is None:
             return 1.0
@@ -646,12 +660,12 @@ class Case:
         """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
         The error of the accelerations is fitted by age * effect of data that are one step old: first the error of the reported
-        accelerations, then that of the implied ones. Old data are the cause if three conditions are met. The fitted age is between
-        OLD and 5 steps. The squared error that remains after the fit is less than 1 - EXPLAINS of the whole squared error. It is
-        also less than 1 / BETTER of the squared error that remains without the effect of old data.
+        accelerations, then that of the implied ones. Old data are named as the cause of this error if three conditions are met. The
+        fitted age is between OLD and 5 steps. The squared error that remains after the fit is less than 1 - EXPLAINS of the whole
+        squared error. The remaining squared error is also less than 1 / BETTER of that of a fit without old data.
 
-        The implied accelerations of a first-order method contain the error of a correct Euler step. This error is fitted too, both
-        with and without the effect of old data.
+        Implied accelerations are the changes of velocities in a step, divided by the step. With a first-order method they contain
+        the error of a correct Euler step, which is fitted too, both with and without old data.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
@@ -675,7 +689,7 @@ class Case:
         return None
 
     def numbers(self) -> Numbers:
-        """Return errors, order of convergence, local errors, gaps and time map; `Numbers` tells what each figure means."""
+        """Return the measured figures; `Numbers` explains each of them. Figures of a run without usable checkpoints are NaN."""
         worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
         return Numbers(
             **vars(self.closure),
@@ -689,6 +703,7 @@ class Case:
             horizon=float(self.first.at.t[self.steps.horizon - 1]),
             limit_error=self.limit,
             step_error=self.by_step,
+            # errors of the accelerations that the engine reports, and of those that follow from its changes of velocities
             told=tuple(np.nan if x is None else x.relative_reported for x in self.local),
             moved=tuple(np.nan if x is None else x.relative_implied for x in self.local),
             step_exponent=self.step_exponent(),
@@ -700,32 +715,33 @@ class Case:
     def parts(self, cause: Cause) -> dict[Part, float]:
         """Return the size of each part of the error [m, rad], given the cause that was found.
 
-        Sizes are root mean squares over those checkpoints at which the error is small enough to be split. `whole` is the size of
-        the first run's error, `limit` that of the error extrapolated to step zero, and `by_step` that of the error that the step
-        causes.
+        Sizes are root mean squares over those checkpoints whose errors are small enough for Richardson's extrapolation to step
+        zero. `whole` is the size of the first run's error, `limit` that of the error extrapolated to step zero, and `by_step` that
+        of the error that the step causes.
 
-        The error that decreases with the step has two components. The component that violates the constraints is drift, and the
-        rest is due to the integrator. The error that remains at step zero is attributed to soft constraints if they are the cause,
-        and otherwise to the model. If the cause is the sampling of the output, round-off or one of the causes in WHOLE, the whole
-        error is attributed to this cause.
+        The error that decreases with the step has two components. The component of this error that violates the constraints is
+        drift, and the integrator causes its other component. The error that remains at step zero is attributed to soft constraints
+        if they are the cause, and otherwise to the model. If the cause is the sampling of the output, round-off or one of
+        UNDIVIDED, the whole error is attributed to this cause.
         """
         by_part = dict.fromkeys(Part, 0.0)
-        if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in WHOLE:
-            left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share that the map of times does not explain
+        if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in UNDIVIDED:
+            left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share of the error that the fitted map of time leaves
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
-        rest, soft = Part.MODEL, cause is Cause.SOFTNESS
+        owner, soft = Part.MODEL, cause is Cause.SOFTNESS  # owner: part to which the error at step zero is attributed
+        # gaps that do not decrease with the step (`closure_stays`) are not drift
         drift = 0.0 if self.closure.closure_stays else min(self.closure.closure_share * self.whole, self.by_step)
         # drift leads off the constraints and the rest of the error along them: they are about perpendicular, and their squares add
         by_part |= {Part.DRIFT: drift, Part.INTEGRATOR: float(np.sqrt(max(0.0, self.by_step**2 - drift**2)))}
         if soft:
-            rest = Part.SOFTNESS
+            owner = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
         # a remaining error counts if it is larger than that of the reference, and than that of Richardson's extrapolation, for
         # which by_step / 4 is taken
         resolved = max(BARS * self.bar, self.by_step / 4)
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
-            by_part[rest] += self.limit
+            by_part[owner] += self.limit
         return by_part
 
 
@@ -742,8 +758,8 @@ def _largest(x: Array) -> float:
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
     """Fit a linear combination of columns, each (k, n), to y (k, n) by weighted least squares.
 
-    Return the coefficient of the last column and the squared weighted residual. The columns before the last are fitted only to
-    remove known errors.
+    Return the fitted coefficient of the last column (0 without columns), and the squared weighted residual of the fit. The columns
+    before the last are fitted only to remove known errors.
 
     Args:
         y, columns: the errors, and what they may be composed of.

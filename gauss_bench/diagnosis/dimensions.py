@@ -1,12 +1,13 @@
 """Detect a pin that an engine has at another place in its link than the linkage file: the gap of this pin turns with the link.
 
-Suppose that an engine has a pin of link a displaced by the vector d (2,) in the frame of that link, and closes its loops with the
-displaced pin. If the gap of this pin is computed from the engine's states with the dimensions of the file, the gap is
+Suppose that in an engine a pin of link a is displaced by the vector d (2,) in the frame of that link, and that the engine closes
+its loops with the displaced pin. If the gap of this pin is computed from the engine's states with the dimensions of the file, the
+gap is
 
     phi(t) = R(theta_a(t)) d + c
 
 Here R is the rotation by the angle theta_a of link a, and c (2,) is a constant vector. If the engine closes its loops at the start
-too, c is 0. If the engine starts from the state of the file and keeps the error of closure that it has there, c is
+too, the vector c is 0. If the engine starts from the state of the file and keeps the error of closure that it has there, c is
 -R(theta_a(0)) d. Neither the vector d nor the vector c depends on the step or on a force. A displaced pin of the ground causes a
 constant gap, which is not detected here.
 """
@@ -77,6 +78,7 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
         others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
         for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
             if point.link != GROUND:
+                # d: displacement (2,) fitted to the gap of this pin; left: squared gap of this pin that the fit leaves
                 d, left = _fit_turning(gap, angle_at(x.q, point.link))
                 share = 1.0 - (left + others) / squares
                 found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
@@ -87,8 +89,8 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
 def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
     """Fit gap (k, 2) = R(theta) d + c at angles theta (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
 
-    The vector d turns with the link, and the vector c is constant. If the link turns by less than TURNS, d cannot be distinguished
-    from c. In this case nothing is fitted: d is zero, and the residual is the sum of the squared gaps.
+    The vector d turns with the link, and the vector c is constant. If the link turns by less than TURNS, the two vectors cannot be
+    told apart; then d = 0 and the sum of the squared gaps are returned without a fit.
     """
     cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
     # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y

@@ -1,10 +1,10 @@
 """Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
 
 y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
-would cause. The faults are a wrong mass, inertia, gravity or number of a force, a torque on another link, exchanged masses of two
-links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier state, and a
-factor on all accelerations. The amount c of a fault, which is its size relative to the unit amount, is fitted by least squares in
-the metric of the mass matrix, as in Gauss's principle. The share of the squared error that the fault explains is
+would cause. The faults are a wrong mass, inertia, gravity or parameter of a force, a torque on another link, exchanged masses of
+two links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier state,
+and a factor on all accelerations. The amount c of a fault, which is its size relative to the unit amount, is fitted by least
+squares in the metric of the mass matrix, as in Gauss's principle. The share of the squared error that the fault explains is
 
     share = 1 - |y - c x|^2 / |y|^2
 
@@ -111,9 +111,9 @@ def tell(template: str, amount: float) -> str:
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
     """Fit possible faults to errors y (k, n) of accelerations; return the fits, the best first.
 
-    Faults that do not change the accelerations are left out. Faults marked `exact` whose residual exceeds the numerical noise are
-    left out too. Faults whose residual does not exceed the noise cannot be distinguished: they come first, in the order in which
-    they were tried.
+    Faults that do not change the accelerations are left out, and so are faults marked `exact` whose residual exceeds the numerical
+    noise. Faults whose residual does not exceed the noise cannot be distinguished: they come first, in the order in which they were
+    tried.
 
     Args:
         y: (k, n) error of the engine's accelerations at k states.
@@ -135,11 +135,11 @@ def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None
 
 
 def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
-    """Return those explanations that reproduce the engine's accelerations to within the numerical noise."""
+    """Return those of the fitted faults that reproduce the engine's wrong accelerations to within the numerical noise."""
     return [x for x in explanations if x.residual <= noise]
 
 
-def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Explained | None:
+def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained | None:
     """Fit the amount of a possible fault to errors of accelerations; return None if the fault has no effect or does not fit.
 
     The amount is fitted linearly first, and then refined if the effect is not proportional to it.
@@ -148,11 +148,11 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
         x: the possible fault.
         target: (k n,) errors of the accelerations, times the square roots of the masses.
         root: (n,) square roots of the masses.
-        size_of_all: norm by which the residual is divided.
+        norm: size of all accelerations, weighted like `target`, by which the residual is divided.
     """
 
     def effect(amount: float) -> Array:
-        """Return the weighted change (k n,) of the accelerations that the fault causes if it has this amount."""
+        """Return the change (k n,) of the accelerations that a fault of a given amount causes, weighted like `target`."""
         return np.asarray((x.effect_of(amount) * root).ravel())
 
     # linear fit of the amount
@@ -165,21 +165,21 @@ def _fit(x: Explanation, target: Array, root: Array, size_of_all: float) -> Expl
     residual = target - column * amount
     if x.exact and float(residual @ residual) > SCREENED * whole:  # saves the refinement of most of the many exact explanations
         return None
-    if callable(x.effect):  # the effect is not proportional to the amount
+    if callable(x.effect):  # not proportional to the amount; the refinement starts at a factor 1 + amount of 0.1 to 10
         amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(residual @ residual) / whole
     # a fault that is either present or not must have an amount near 1
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
-    relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / size_of_all
+    relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / norm
     return Explained(x.cause, x.what, amount, share, tell(x.template, amount), relative_residual)
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
     """Refine the size (amount) of a wrong mass or inertia by Gauss-Newton steps; return it and the residual (k n,).
 
-    The amount is the relative error of a mass or an inertia: the faulty parameter is the correct one times (1 + amount). The limits
-    LEAST_AMOUNT and MOST_AMOUNT keep the faulty parameter positive.
+    The amount is the relative error of a mass or an inertia: the engine's value is the correct value times (1 + amount). The limits
+    LEAST_AMOUNT and MOST_AMOUNT keep the engine's value positive.
 
     Args:
         effect: amount -> predicted error (k n,) of the accelerations.
@@ -202,12 +202,13 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
     Each fault has its effect, which is the change of the accelerations at the states x (k, n). The effect of a wrong mass or
     inertia is a nonlinear function of the relative error of the parameter. The effect of a wrong force or of wrong gravity is
-    proportional to this error, so that its effect for the amount 1 is that of the doubled parameter.
+    proportional to the relative error of the parameter; its effect for the amount 1 is the change of the accelerations if the
+    parameter is doubled. The sentences have placeholders, which `tell` fills in.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if these attributes of the mechanism have these values."""
+        """Return the change (k, n) of the accelerations if attributes of the mechanism are replaced by `changes`."""
         changed = Evaluator(replace(mechanism, **changes))
         return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
@@ -221,7 +222,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         return lambda c: change_by(links=tuple(scale(link, c) for link in mechanism.links))
 
     def with_force(at: int, **changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if these attributes of the force number `at` have these values."""
+        """Return the change (k, n) of the accelerations if attributes of force number `at` are replaced by `changes`."""
         return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
@@ -269,14 +270,14 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield the possible faults in which one force, all forces of a kind, or all forces have a wrong factor or sign.
 
-    The amount is the relative change of the force: with 1 the force is counted twice, with -1 it is left out. The effects on the
-    accelerations are computed at states x (k, n). The faults are marked `exact`, because so many sums of forces are tried that one
-    of them would always fit a part of the error by chance.
+    The amount is the relative change of the force: with 1 the force is counted twice, with -1 it is left out. The effects of the
+    faults on the accelerations are computed at states x (k, n). The faults are marked `exact`, because so many sums of forces are
+    tried that one of them would always fit a part of the error by chance.
     """
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
-        """Return the generalised force (k, n) of these forces alone, without gravity and the other forces."""
+        """Return the generalised force (k, n) of the given forces alone, without gravity and other forces."""
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
@@ -293,9 +294,9 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield the possible faults in which entries, rows or velocity terms of the constraints are multiplied by a wrong factor.
 
-    The amount is the relative change of these entries: with -1 they are left out. The effects on the accelerations are computed at
-    states x (k, n). The faults are marked `exact`, because so many entries are tried that one of them would always fit a part of
-    the error by chance.
+    The amount is the relative change of the wrong entries: with -1 they are left out. The effects of the faults on the
+    accelerations are computed at states x (k, n). The faults are marked `exact`, because so many entries are tried that one of them
+    would always fit a part of the error by chance.
     """
     mechanism, parts = own.mechanism, own.parts(x)
     # names of the rows of J, in the order of the evaluator
@@ -328,10 +329,10 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
     """Yield the possible faults in which an engine treats constraints wrongly.
 
-    The engine may leave out a joint, the closing joints of all loops or all constraints; the second time derivative of what a
-    driver prescribes; or the velocity terms -J' v of a joint or of all constraints. Or it may use the Jacobian, or the Jacobian and
-    gamma, of the start or of an earlier step. The last fault has an amount, which is the age of the old data in steps. All others
-    are marked `once`, because they are either present or not.
+    The engine may leave out a joint, the closing joints of all loops or all constraints; the second time derivative of a driver's
+    motion law; or the velocity terms -J' v of a joint or of all constraints. The engine may also use the Jacobian, or the Jacobian
+    and gamma, of the start or of an earlier step. The amount of data of an earlier step is their age in steps. All other faults are
+    either present or not, and are therefore marked `once`.
 
     Args:
         own: the equations of motion of the linkage.
@@ -380,7 +381,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield every possible fault that is tried.
+    """Yield every fault whose effect is fitted to the errors of the accelerations.
 
     Args:
         own: the equations of motion of the linkage.

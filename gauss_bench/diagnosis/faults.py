@@ -1,7 +1,7 @@
 """Engines with one known fault each, which the self-test runs and the diagnosis must name.
 
-Each engine is one of the suite's formulations with its integrators. Its fault lies in the modelled linkage, in the terms at a
-state, in the accelerations, in the state after a step, or in the samples. `planted.toml` lists the faults.
+Each faulty engine is one of the suite's formulations with its integrators. The engine's fault lies in the modelled linkage, in the
+terms at a state, in the accelerations, in the state after a step, or in the samples. `planted.toml` lists the faults.
 """
 
 from collections.abc import Callable
@@ -69,8 +69,8 @@ class FaultyModel(InterpretedModel):
         fault: the planted fault; true: the linkage without the fault.
         asked: requested times [s].
         recent: constraint Jacobian and right-hand side (J, gamma) at the beginnings of the last two steps, used by `stale`.
-        first: the same at the start, used by `keep_first_jacobian`.
-        running: whether the run is under way; outside it the model is asked for the accelerations that it reports.
+        first: Jacobian and right-hand side at the start, used by `keep_first_jacobian`.
+        running: whether the run is under way; at other times the model is asked only for the accelerations that it reports.
         reset: whether the function `reset` has already reset the state.
     """
 
@@ -81,7 +81,7 @@ class FaultyModel(InterpretedModel):
         self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
 
     def rows(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return J (m, n) and gamma (m,) at a state."""
+        """Return the constraint Jacobian J (m, n) and the right-hand side gamma (m,) of J a = gamma at a state."""
         found = self.evaluator.constraints(t, q, v)
         return found.J, found.gamma
 
@@ -95,7 +95,7 @@ class FaultyModel(InterpretedModel):
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the terms for accelerations and multipliers; return the solution as the planted fault changes it."""
+        """Solve the terms for accelerations and multipliers; return the solution, which the planted fault may have changed."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -266,9 +266,9 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
     """Report a motion whose joint coordinates are taken in a wrong order.
 
-    Joint coordinates that are listed by their depth in the joint tree are read as if they were listed branch by branch. If the two
-    orders are equal for this tree, the joint coordinates are read in reversed order. The reported accelerations are computed with
-    joint accelerations of zero.
+    Joint coordinates that are listed by their depth in the joint tree are read as if they were listed branch by branch. If the
+    order by depth is the order by branches, the joint coordinates are read in reversed order. Accelerations are computed from the
+    wrong coordinates with joint accelerations of zero.
     """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
@@ -289,9 +289,9 @@ def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **s
         name, sentence: name and description of the fault.
         cause: the cause that the diagnosis must name, a value of `Cause`.
         where: linkage and scenario in which the fault shows.
-        spoils: what plants the fault. It is either the name of an attribute of `Fault` -> the name of a function of this file, or
-            "alter" -> arguments of `alter`, which changes the linkage, or "resample" -> arguments of `resample`, which changes the
-            sample times.
+        spoils: functions or arguments that plant the fault: either the name of an attribute of `Fault` -> the name of a function of
+            this file, or "alter" -> arguments of `alter`, which changes the linkage, or "resample" -> arguments of `resample`,
+            which changes the sample times.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

@@ -5,8 +5,8 @@ In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
 Each term can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant
-constraint rows contradict each other slightly. The tolerance for singular values, RANK_TOLERANCE, is so large that such rows still
-count as redundant.
+constraint rows contradict each other slightly. The tolerance for singular values, RANK_TOLERANCE, is so large that such slightly
+contradictory rows still count as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -91,7 +91,8 @@ class OwnMotion:
         """Prepare the equations of a mechanism."""
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
-        # singular values of redundant rows are zero only up to the gaps of loops; without redundant rows, small ones count too
+        # the singular values of redundant rows are as large as the gaps of loops, and must count as zero; without redundant rows,
+        # only rounding counts as zero
         self.tolerance = RANK_TOLERANCE if mechanism.redundant else DEPENDENT
 
     def parts(self, x: States) -> Parts:

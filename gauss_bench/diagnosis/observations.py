@@ -1,7 +1,7 @@
 """The runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
 
 Checkpoints are the times at which errors are analysed; all runs have the same ones. The three samples are the states at a
-checkpoint, one step before it and one step after it. A `Burst` has these three samples for all checkpoints of a run. The engine's
+checkpoint, one step before it and one step after it. A `Burst` has the three samples of every checkpoint of a run. The engine's
 step after a checkpoint is compared with the exact motion of the linkage over this step, which begins at the engine's own state,
 even if this state is far from the reference motion. The state one step before a checkpoint shows whether the engine used constraint
 data of the previous step. If an integrator chooses its own steps, the three runs have different tolerances instead of different
@@ -58,8 +58,9 @@ class Burst:
 def checkpoints(step: float, until: float) -> Array:
     """Return the times (k,) [s] of the checkpoints, each at least one step before the end of the run.
 
-    The times are multiples of the step. They are also multiples of GRID, the spacing of the reference's samples, if this is
-    possible with multiples of at most 100 steps and leaves enough checkpoints. There are at most COUNT checkpoints, evenly spaced.
+    The times are multiples of the step. The times are also multiples of GRID, the spacing of the reference's samples, if a multiple
+    of GRID is a whole number of steps, at most 100, and if enough checkpoints are left. There are at most COUNT checkpoints, evenly
+    spaced.
 
     Raises:
         ChoiceError: the run has fewer than FEWEST steps.
@@ -91,7 +92,8 @@ def sample(step: float, at: Array) -> Sampling:
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
     """Return the burst of a run: its samples one step before, at, and one step after each of the checkpoints `at` (k,) [s].
 
-    Checkpoints that are not followed by at least one more step of the trajectory are left out.
+    The burst also has the first sample of the run, and the one after the first step. Checkpoints that are not followed by at least
+    one more step of the trajectory are left out.
     """
     steps = np.round(trajectory.t / choice.step).astype(int)  # number of the step after which each sample was taken
     wanted = np.round(at / choice.step).astype(int)
@@ -115,9 +117,9 @@ def observe(
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
     """Run the engine with each setting.
 
-    Return the bursts of those runs that reached at least one checkpoint, and all runs. A burst has the samples one step before, at,
-    and one step after each checkpoint. Of a run that failed, the samples before the failure are used. If the first run ends before
-    its first checkpoint, no further runs are made.
+    The first result has a burst (the samples one step before, at, and one step after each checkpoint) for every run that reached at
+    least one checkpoint; the second result has all runs. If a run failed, its samples before the failure are used. If the first run
+    ends before its first checkpoint, no further runs are made.
 
     Args:
         run: function that runs the engine: (choice, sampling) -> Run.

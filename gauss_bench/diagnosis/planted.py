@@ -28,7 +28,7 @@ class Planted:
     """One fault and the check that must detect it.
 
     Attributes:
-        kind: place of the fault: models, formulations, metrics, references, clocks or gate.
+        kind: part of the suite in which the fault lies: models, formulations, metrics, references, clocks or gate.
         sentence: description of the fault.
         sound: the check without the fault, which must return None; check: the check with the fault, which must return a sentence.
     """
@@ -43,11 +43,11 @@ class Planted:
 def plant(file: str, text: str, mutant: str) -> Iterator[None]:
     """Let a module run, within this context, as if its source file contained `mutant` instead of `text`.
 
-    Other modules hold references to the module's functions. The functions are therefore not replaced: their code objects are
-    exchanged for those of the altered source. Constants of the types NUMBERS are replaced in the module.
+    Other modules hold references to the functions of this module. The function objects are therefore kept, and only their code
+    objects are exchanged for those of the altered source. Constants of the types NUMBERS are replaced in the module.
 
     Raises:
-        ValueError: the file does not contain the text that is to be replaced exactly once.
+        ValueError: `text` does not occur exactly once in the file.
     """
     module = import_module(file.removesuffix(".py").replace("/", "."))
     path = Path(str(module.__file__))
@@ -80,17 +80,17 @@ def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = ch
     """Return the fault of the suite that one [[fault]] table of `planted.toml` describes, with the check that must detect it.
 
     Args:
-        kind, sentence: place and description of the fault.
+        kind: the part of the suite in which the fault lies, such as metrics; sentence: description of the fault.
         check: name of the function of `checks` that must detect it.
         where: linkage and scenario that are checked; not used if `fault` has the key `file`.
         fault: if it has the key `file`, the arguments of `plant`, which alters this file while the check runs; otherwise further
             arguments of the check, by which the check itself plants the fault.
     """
-    sound: Any = getattr(checks, check)
+    sound: Any = getattr(checks, check)  # the check, run without the fault
     if "file" in fault:
 
         def spoilt() -> str | None:
-            """Run the check while the source file of the fault is altered."""
+            """Run the check with the fault: while the source file is altered."""
             with plant(**fault):
                 return sound()  # type: ignore[no-any-return]
 
@@ -110,7 +110,7 @@ def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: f
         factor: the returned size is larger than the smallest detected size by at most this factor.
 
     Raises:
-        ValueError: `seen` is not detected, or `sound` is.
+        ValueError: the check does not detect a fault of the size `seen`, or detects one of the size `sound`.
     """
     if check(seen) is None or check(sound) is not None:
         raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")

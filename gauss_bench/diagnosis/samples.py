@@ -1,7 +1,7 @@
-"""Detect wrong samples of a correct motion: samples of wrong times, of wrong links, without motion, or after a restart.
+"""Detect wrong samples of a correct motion: taken at wrong times, of exchanged links, without motion, or after a restart.
 
-A search for wrong times looks for a map of time, and a search for wrong links looks for another order of links. Either is found if
-it maps the true motion to the reported samples so well that almost no error remains.
+Wrong times are detected by fitting a shift and a stretch of time, and exchanged links by trying other orders of the links. A fit or
+an order is reported if the true motion, changed by it, agrees with the reported samples to a small part of the error.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
-LEFT = 0.2  # largest share of the error (median over the samples) that a map may leave
+LEFT = 0.2  # largest share of the error (median over the samples) that a map of time or a new order may leave
 ITERATIONS = 12  # largest number of iterations of a fit
 LOOKED_AT = 20  # number of samples to which a time map is fitted
 STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
@@ -47,8 +47,9 @@ def _state(x: States, pace: float) -> Array:
 def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | None:
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
-    The error is the distance of a reported state from the true one. Return None if more than the share LEFT of this error remains
-    when the map is applied (median over the samples). The factor `rate` is fitted if `stretch` is true, and is 1 otherwise.
+    The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
+    leaves more than the share LEFT of the error (median over the samples). The factor `rate` is fitted if `stretch` is true, and is
+    1 otherwise.
     """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
@@ -81,8 +82,9 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
     """Estimate the ratio of true time to reported time, which is 1 if the times are right, as a first guess for the fit.
 
-    The true time of a reported state is taken from the nearest state among the reference's samples. The result is the median of the
-    ratios of all samples, limited to 0.2 to 5. `pace` [s] is the factor that makes velocities comparable with positions.
+    The true time of a reported state is taken from the nearest state among the reference's samples. The result is the median, over
+    all samples, of the ratio of true to reported time, limited to 0.2 to 5. `pace` [s] is the factor that makes velocities
+    comparable with positions.
     """
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
@@ -110,8 +112,8 @@ def whole_turns(off: Array) -> Array:
 def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
     """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
 
-    Return the relative error of the reported velocities, the factor c that fits reported = c moved best, and the share of the error
-    that remains with this factor.
+    Return three numbers: the relative error of the reported velocities; the factor c with which c * moved fits them best; and the
+    share of the error that remains with this factor.
     """
     error, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))  # squares
     factor = float(np.sum(reported * moved)) / max(true, 1e-300)
@@ -124,8 +126,8 @@ class Order:
     """A wrong order in which an engine reports links or joint coordinates.
 
     Attributes:
-        sentence: the order in words.
-        left: share of the error that remains if the reported columns are put into the right order.
+        sentence: the order of the reported links or joints in words.
+        left: share of the error that remains if the reported links or joints are put into the right order.
     """
 
     sentence: str
@@ -157,9 +159,9 @@ def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None
 
 
 def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
-    """Yield the values in which the order of links or joints can be seen, for each kind of coordinate.
+    """Yield, for each kind of coordinate, the values whose order an engine may confuse, one row for each link or joint.
 
-    These are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the
+    The kinds are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the
     kind, the reported values and the true values (columns, ...), and the names of the columns, which are links or joints.
     """
 
@@ -223,13 +225,14 @@ def jump(own: OwnMotion, dense: States) -> Jump | None:
     displacement that the velocities allow. The jump leads back to the start if the state after the jump is nearer to the start than
     a tenth of the size of the jump.
     """
-    x = dense[1:]
+    x = dense[1:]  # samples at every step; dense[0] may lie long before them
     h = np.diff(x.t)[:, None]
     unexplained = np.abs(np.diff(x.q, axis=0) - h / 2 * (x.v[1:] + x.v[:-1])).max(axis=1)
     allowed = (h * np.maximum(np.abs(x.v[1:]), np.abs(x.v[:-1]))).max(axis=1)  # displacement that the velocities allow
     if not len(unexplained):
         return None
     usual, k = float(np.median(unexplained)), int(unexplained.argmax())
+    # no jump: not far above the usual size; or neither large nor far above what the velocities allow
     if unexplained[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
     from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())

@@ -112,7 +112,7 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 def diagnose_sound(where: tuple[str, str]) -> str | None:
     """Diagnose an engine that has no fault, on the linkage and scenario `where`.
 
-    Return a sentence if the diagnosis names a fault nevertheless, and otherwise None.
+    Return a sentence if the diagnosis names a fault although there is none, and otherwise None.
     """
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
@@ -127,8 +127,8 @@ def diagnose_planted(fault: Fault) -> Finding:
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
     """Plant every fault of the chosen kinds, and also run every check while no fault is planted.
 
-    Without a planted fault, a sentence that a check returns is a false alarm. The smallest detected faults are determined only if
-    the kind "models" is among the chosen ones.
+    Without a planted fault, a sentence that a check returns is a false alarm. For some parameters the smallest fault that is still
+    detected is determined, if "models" is among the chosen kinds.
 
     Args:
         only: the kinds of faults to plant, a part of KINDS; by default all.

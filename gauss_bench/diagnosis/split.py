@@ -6,8 +6,8 @@ Three runs with steps h, h/2 and h/4 give the order p of the integration error, 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
 The error of x does not depend on the step, and the integrator causes the rest of the error. The part of the error that violates the
-constraints is drift. The size of an error is the root mean square, over the checkpoints, of the error of that coordinate whose
-error is largest at the checkpoint [m, rad]. Only those checkpoints are used that come before the errors exceed REGIME.
+constraints is drift. At each checkpoint, the largest error of any coordinate is taken [m, rad]; the size of an error is the root
+mean square of these largest errors over the checkpoints. Only checkpoints before the errors exceed 0.1 m or rad (REGIME) are used.
 """
 
 from dataclasses import dataclass
@@ -67,8 +67,8 @@ def horizon_of(errors: list[Array]) -> int:
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
     """Split the errors of runs with smaller and smaller steps into the limit at step zero and the error that the step causes.
 
-    The step is halved from run to run. The limit is Richardson's extrapolation of the last two of three runs. With fewer than three
-    runs, or if the runs do not converge (`order` <= CONVERGES), the last run is taken as the limit.
+    The step is halved from run to run. The motion at step zero (limit) is Richardson's extrapolation of the last two of three runs.
+    With fewer than three runs, or if the runs do not converge (`order` <= CONVERGES), the last run is taken as the limit.
 
     Args:
         bursts: for each run the samples at its checkpoints.
@@ -117,9 +117,10 @@ class Closure:
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the largest gap decreases with the step by a clearly higher order than the error of the motion, `order`.
+        """Tell whether the largest gap decreases with the step by a clearly higher order than `order`, that of the motion's error.
 
-        A gap that does so cannot cause the error. The last two runs are compared, of which the last has half the step.
+        Clearly means by more than HALF. A gap that decreases so fast cannot cause the error. The last two runs are compared, of
+        which the last has half the step.
         """
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
@@ -137,6 +138,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     """
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
+    # sizes: largest gap of the first run at each checkpoint; third: number of checkpoints in one third of the run
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
     with np.errstate(all="ignore"):  # the part of the error that leads off the constraints, which projection would remove
@@ -146,6 +148,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     early, late = float(sizes[:third].max()), float(sizes[-third:].max())
+    # correlation and ratio of gap and force, of the run with the smallest step
     held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
     return Closure(
         closure=opened,
@@ -162,7 +165,8 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
 def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
     """Return the correlation between the gap and the force of the constraint row `worst`, and the ratio of gap to force [m/N].
 
-    Both are computed over the checkpoints of the run `b`. Both are zero if the gap or the force is zero at all checkpoints.
+    The correlation and the ratio are computed over the checkpoints of the run `b`. They are zero if the gap or the force is zero at
+    all checkpoints.
     """
     phi = own.gaps(b.at)
     if not phi.shape[1]:

@@ -43,19 +43,19 @@ class Entry:
 
     @property
     def address(self) -> str:
-        """The table's anchor on the page, such as `forces.torque`: its first path without `.*` and `[*]`, and its first kind."""
+        """The table's HTML anchor, such as `forces.torque`: its first path without `.*` and `[*]`, then the first of its kinds."""
         return ".".join(filter(None, (re.sub(r"\.\*|\[\*\]", "", self.places[0]), *self.kinds[:1])))
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file, each before the tables inside it; one that may stand at several paths comes once."""
+    """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths comes once."""
     entries: dict[type[schema.Table], Entry] = {}
     add_entry(entries, schema.LinkageTable, "", edition=1)
     return list(entries.values())
 
 
 def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
-    """Add a table at the path `place`, and the tables inside it, to `entries`; edition: the first grammar with it."""
+    """Add a table at the path `place`, and its inner tables, to `entries`; edition: first edition of the grammar with the table."""
     entry = entries.setdefault(table, Entry(table, [], edition))
     if place in entry.places:
         return
@@ -77,7 +77,7 @@ def edition_of(entry: Entry, key: str) -> int:
 
 
 def inner_tables(annotation: Any, place: str) -> Iterator[tuple[str, type[schema.Table]]]:
-    """Yield (path, class of the table) for every table in the type annotation of a value that stands at the path `place`."""
+    """Yield (path, table class) for every table in the type annotation of the value at the path `place`."""
     origin, of = get_origin(annotation), get_args(annotation)
     if isinstance(annotation, type) and issubclass(annotation, schema.Table):
         yield place, annotation
@@ -98,8 +98,8 @@ def print_type(value: dict[str, Any], place: str) -> str:
 
     Args:
         value: a JSON Schema.
-        place: path of the value in a file, such as `links.*`. There `.*` is the value of any key of a table, `.~` the key itself,
-            and `[*]` any entry of a list.
+        place: path of the value in a file, such as `links.*`. In paths `.*` is the value of any key of a table, `.~` the key
+            itself, and `[*]` any entry of a list.
     """
     named = schema.GRAMMAR["named"]
     alternatives = value.get("anyOf", value.get("oneOf", ()))
@@ -132,7 +132,7 @@ def print_default(default: Any) -> str:
 
 
 def explaining_headings() -> dict[str, str]:
-    """Return a dictionary: place of a table -> heading of the guide that explains it; the key "" is for all other tables."""
+    """Return a dict: path of a table in a linkage file -> heading of the guide that explains it; "" stands for all other tables."""
     headings = {"": TOP}
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
@@ -155,7 +155,7 @@ def heading_anchor(heading: str) -> str:
 
 
 def print_place(place: str) -> str:
-    """Return a path as it is printed: with NAME in place of *, which is any name, and [] in place of [*], any entry of a list."""
+    """Return a path as it is printed: NAME replaces * (any name), and [] replaces [*] (any entry of a list)."""
     return place.replace("[*]", "[]").replace("*", "NAME")
 
 

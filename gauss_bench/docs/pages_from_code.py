@@ -50,7 +50,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the headings of a page to HEADINGS; the index of keys adds its keys instead, the commands add their options too."""
+    """Add the headings of a page to HEADINGS: for the index of keys its keys instead, for the page of commands also the options."""
     HEADINGS.append({"location": page.url, "title": page.title})
     found = [(heading.url, heading.title) for heading in flatten(page.toc)]
     if page.file.src_uri == "keys.md":
@@ -85,7 +85,7 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def write_grammar() -> str:
-    """Return the part of the guide to linkage files that begins with the complete example."""
+    """Return the guide to linkage files from its complete example of a file to the end."""
     text = GUIDE.read_text(encoding="utf-8")
     return text[text.index(BEGINS) :]
 

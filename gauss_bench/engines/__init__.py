@@ -3,8 +3,8 @@
 The module of an engine's adapter is imported when the engine is first used. If a library is missing, the message names the extra of
 this package that installs the library.
 
-Some simulation libraries cannot be installed in one Python environment with the libraries of other engines. The engines of these
-libraries run in Python environments of their own. The user's file of engines lists these environments, one table for each engine:
+Some simulation libraries cannot be installed in one Python environment with the libraries of other engines. Engines with such a
+library run in Python environments of their own. The user's file of engines lists these environments, one table for each engine:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
@@ -202,6 +202,7 @@ def read_environments() -> dict[str, Environment]:
         tables = parse_toml(content.decode())
     except ValueError as error:
         raise EnvironmentFault(f"{path}: {error}") from error
+    # SAFE: names of the engines of this package
     if taken := next((x for x in tables if x in SAFE), None):
         raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
     return {name: _read_table(path, name, table) for name, table in tables.items()}

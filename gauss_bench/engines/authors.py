@@ -54,11 +54,11 @@ class SettingsFault(BadInput, ValueError):
 
 @dataclass(frozen=True)
 class Reason:
-    """The authors' reason for setting a knob.
+    """The authors' reason for giving a value to a knob, an option of their engine.
 
     Attributes:
         source: address of the knob's documentation.
-        why: why it has its value, in a sentence.
+        why: a sentence that states why the knob has its value.
     """
 
     source: str
@@ -76,7 +76,7 @@ class AuthorsSettings:
         contact: address of the owners.
         date: day on which the owners wrote the settings.
         most: largest number of settings that the file may have: the number of variants in the suite's own search.
-        knobs: name of a knob -> reason.
+        knobs: name of a knob -> the authors' reason for its value.
         candidates: name of a setting in the file -> candidate of the search.
     """
 
@@ -168,7 +168,8 @@ def _find_engine(name: str) -> tuple[Any, Variants]:
         SettingsFault: no engine of that name has a `variants.toml`.
     """
     there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
-    _require(name in there, "engine", f"{name!r} has no file of knobs; the engines that have one are {', '.join(there)}")
+    _require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
+    # ELSEWHERE: name of an engine that runs in another environment -> import path of its adapter's class
     engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)
     return engine, read_variants(ROOMS / name)
 
@@ -176,7 +177,8 @@ def _find_engine(name: str) -> tuple[Any, Variants]:
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
     """Check one table [settings.NAME] of an authors' file and return it as a variant, a candidate of searches.
 
-    The table may change knobs of `base`, which names settings of the suite; by default these are the engine's first settings.
+    The table changes values of knobs (options of the engine). The field `base` names the settings of the suite that are changed; by
+    default they are the first settings in the engine's `variants.toml`.
 
     Args:
         place: name of the table in messages.
@@ -207,7 +209,7 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
 
 
 def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
-    """Return the value of the knob `key`; a whole number becomes a float if the knob's values are floats.
+    """Return the checked value of the option (knob) `key`; an integer becomes a float if the knob's values are floats.
 
     Raises:
         SettingsFault: the value does not have the type of the knob's values, or is out of the knob's range.
@@ -222,7 +224,7 @@ def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
 
 
 def _read_reason(place: str, line: Line) -> Reason:
-    """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence why the knob is set."""
+    """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence that gives the reason."""
     for key in line:
         _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
@@ -235,7 +237,7 @@ def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
     """Return the entry `name` of a parsed file: a table with at least one entry, all of whose entries are tables.
 
     Raises:
-        SettingsFault: the file has no such entry.
+        SettingsFault: the entry is missing, or is no such table.
     """
     lines = file.get(name)
     if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
@@ -250,7 +252,7 @@ def _read_text(line: Line, key: str, place: str) -> str:
         place: name of the field in messages.
 
     Raises:
-        SettingsFault: the text does not meet these requirements.
+        SettingsFault: the field is missing, or does not meet these requirements.
     """
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text

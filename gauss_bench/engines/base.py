@@ -29,7 +29,7 @@ class Choice:
         stabilization: name of a stabilisation of the engine.
         step: step size [s] of a fixed-step integrator.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it, in
-            SI units. If it is None, the settings give both tolerances.
+            SI units. If `tolerance` is None, the settings give both tolerances.
     """
 
     settings: str = "default"
@@ -244,7 +244,7 @@ class ModelDefaults:
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
         """Return two functions: the library's own call alone, and a trivial call of the library, which shows the cost of calling.
 
-        A suite may list engines under `bare`; the benchmark then times both functions of each of these engines.
+        A suite may list engines under `bare`; the benchmark then times both returned functions for each of these engines.
 
         Raises:
             RunFailure: the engine does not provide these two functions.
@@ -264,7 +264,7 @@ class ModelDefaults:
 
 
 def _list_members(defaults: type) -> dict[str, type]:
-    """Return a table from the name of each public member of a class to the class itself."""
+    """Return a dictionary that maps the name of each public member of a class to the class itself."""
     return {name: defaults for name in vars(defaults) if not name.startswith("_")}
 
 

@@ -45,6 +45,8 @@ class BodyModel(ABC):
         return ""
 
     def read(self) -> Trajectory:
+        """Return the samples of the last run, with accelerations that are computed at each sample."""
+
         def acceleration_of_sample(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
 

@@ -115,7 +115,8 @@ class CompiledModel:
     def _run_adaptive(self) -> None:
         """Integrate by DOP853, which chooses its own steps, and store the samples.
 
-        The kernel counts `switches`, changes of the independent coordinates, and `fallbacks`, steps at which none were usable.
+        The kernel counts changes of the independent coordinates (`switches`) and steps at which no choice of them was usable
+        (`fallbacks`).
         """
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)

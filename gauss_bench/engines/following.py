@@ -11,10 +11,10 @@ PIECES = 720  # grid intervals in a turn: away from dead centres, no link turns 
 
 
 def follow(angles_of: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
-    """Return approximate, unwrapped link angles (k, links) [rad] at the values `at` (k,) of the linkage's coordinate.
+    """Return approximate, unwrapped link angles (k, links) [rad] at the values `at` (k,) of the independent coordinate.
 
     The angles are continuous in the coordinate and equal `angles` at `start`. They are interpolated in a table. The function `wind`
-    uses them only to add the right number of whole turns to exact angles, and the table is accurate enough for that.
+    uses the interpolated angles only to add the right number of whole turns to exact angles; the table is accurate enough for that.
 
     Args:
         angles_of: function of values (j,) of the coordinate; it returns the exact angles (j, links), up to whole turns.

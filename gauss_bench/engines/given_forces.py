@@ -51,26 +51,27 @@ class GivenForces:
         `OnJoints` is a spring and damper on a sum of tree coordinates. `OtherLoad` is any other load, which acts on links.
         """
         loads = sort_loads(mechanism, tree)
-        # A force may have several loads. If one of them is an OtherLoad, the whole force is given as a force on links.
-        beyond = {x.name for x in loads if isinstance(x, OtherLoad)}
-        within = [x for x in loads if isinstance(x, OnJoints) and x.name not in beyond]
-        springs = [part for load in within for part in split_load(load)]
+        # A force may have several loads. If one of them is an OtherLoad, the whole force is given as a force on links. All other
+        # springs and dampers are elements of the library (`own`), or are summed in `stiffness`, `damping` and `constant`.
+        on_links = {x.name for x in loads if isinstance(x, OtherLoad)}
+        on_joints = [x for x in loads if isinstance(x, OnJoints) and x.name not in on_links]
+        springs = [part for load in on_joints for part in split_load(load)]
         self.tree, self.own = tree, [x for x in springs if is_own(x)]
         self.constant, self.stiffness, self.damping = np.zeros(tree.n), np.zeros((tree.n, tree.n)), np.zeros((tree.n, tree.n))
         for load in loads:
-            if isinstance(load, Steady) and not beyond & {*load.names}:
+            if isinstance(load, Steady) and not on_links & {*load.names}:
                 self.constant += load.value * load.force
         for x in springs:
             if x not in self.own:  # k (rest - L) - c dL/dt along the row, with L = row . y + constant
                 self.stiffness += x.k * np.outer(x.row, x.row)
                 self.damping += x.c * np.outer(x.row, x.row)
                 self.constant += x.k * (x.rest - x.constant) * x.row
-        others = tuple(f for f in mechanism.forces if f.name in beyond or f in mechanism.varying)
+        others = tuple(f for f in mechanism.forces if f.name in on_links or f in mechanism.varying)
         self.others = AppliedForces(replace(mechanism, forces=others, gravity=np.zeros(2))) if others else None
 
     @property
     def joint_damping(self) -> Array:
-        """The damping coefficients (n,) [N s/m, N m s/rad] of the tree coordinates that the library's own damper elements have."""
+        """Damping coefficients (n,) [N s/m, N m s/rad] on the tree coordinates, of dampers that are elements of the library."""
         return sum((x.c * np.abs(x.row) for x in self.own), np.zeros(self.tree.n))
 
     @property
@@ -83,10 +84,7 @@ class GivenForces:
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return the forces and torques (3 links,) of `others` on the links, at their centres of mass; None if there are none.
-
-        They are those at time t [s] and a tree state y, dy (n,).
-        """
+        """Return the forces and torques (3 links,) of `others` on the links' centres of mass at t [s], y, dy (n,), or None."""
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))

@@ -208,12 +208,12 @@ def is_ours(folder: Path) -> bool:
 
 
 def _make_hidden(place: Path) -> Path:
-    """Make a hidden folder with a new unique name beside a place, and return it.
+    """Make a hidden folder with a new unique name in the folder that contains a path, and return it.
 
     The name must be new, because the pip of an installation that was killed may still run and write into its own hidden folder.
     """
     folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
-    (folder / MADE).touch()
+    (folder / MADE).touch()  # marks a folder that gauss-bench made and may remove
     return folder
 
 
@@ -245,7 +245,7 @@ def pip_of(folder: Path) -> list[str]:
 
 
 def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = False) -> None:
-    """Run a program to its end. Its output goes to the terminal; if there is no terminal, `told` gets it line by line.
+    """Run a program to its end. The program's output goes to the terminal, or line by line to `told` if there is no terminal.
 
     Args:
         failure: beginning of the message if the program fails.
@@ -297,6 +297,7 @@ def _enter(name: str, python: Path) -> None:
     """
     before = _read_file()
     gap = "\n" if before.endswith("\n") or not before else "\n\n"
+    # ELSEWHERE: engine -> class of its adapter; `_write_file` checks that the text contains exactly the given tables
     table = {"class": ELSEWHERE[name], "python": str(python)}
     lines = [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
     text = f"{before}{gap if before else ''}" + "\n".join(lines) + "\n"

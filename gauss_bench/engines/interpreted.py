@@ -129,7 +129,7 @@ class OwnSteps:
 
 
 class InterpretedModel(OwnSteps):
-    """A mechanism under one formulation, integrator and stabilisation."""
+    """A mechanism with one formulation, integrator and stabilisation."""
 
     def __init__(self, name: str, mechanism: Mechanism, choice: Choice):
         """Prepare the equations of a mechanism, and check that the joint forces on which dry friction depends are unique."""
@@ -165,10 +165,10 @@ class InterpretedModel(OwnSteps):
         return self._add_friction(t, self.friction.directions(q, v), terms, solution) if self.friction else solution.a
 
     def _add_friction(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
-        """Return the acceleration (n,) with friction, the fixed point of a = solve(Q + W N(lambda(a))).
+        """Return the acceleration (n,) with friction: the fixed point of a = solve(Q + W N(lambda(a))).
 
-        The iteration begins with the solution without friction. W (n, p) has the generalised force of each of the p joints with
-        friction, per unit of its load N.
+        The iteration begins with the solution without friction. N (p,) are the loads of the p joints with friction, which depend on
+        the multipliers lambda at the accelerations a. W (n, p) has each joint's generalised friction force per unit of load.
 
         Raises:
             RunFailure: the iteration does not converge (the joints jam), or values are not finite.
@@ -193,7 +193,7 @@ class InterpretedModel(OwnSteps):
         raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the terms by the formulation.
+        """Solve the equations of motion at time t [s], given by `terms`, by the chosen formulation.
 
         Raises:
             RunFailure: the system is singular or not finite, or its rank is higher than at the start.

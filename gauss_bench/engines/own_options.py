@@ -48,6 +48,7 @@ class OptionTable:
         """
         if text in self.labels:
             return dict(self.labels[text])
+        # a text without a name changes the engine's first settings
         parts = [x.strip() for x in COMMA.split(text)]
         name = next(iter(self.labels)) if is_assignment(parts[0]) else parts.pop(0)
         for part in (name, *parts):

@@ -1,8 +1,8 @@
 """Parts of the Python programs that run one linkage with a library, without this package.
 
 Every program prints t, positions and velocities of the links as CSV. The adapter of an engine builds its model with a stand-in for
-the library (`transcript.py`). The recorded calls build the model in the program, and the engine's `program.py` adds the lines that
-take the steps.
+the library (`transcript.py`). The recorded calls of the library build the model in the program, and the engine's `program.py` adds
+the lines that take the steps.
 """
 
 import inspect
@@ -35,7 +35,10 @@ MAIN = """if __name__ == "__main__":
 
 
 def plan(end: float, step: float) -> tuple[int, int]:
-    """Return the number of equal steps until `end` [s], none longer than `step` [s], and the number of steps between two rows."""
+    """Return the number of equal steps until `end` [s], none longer than `step` [s], and the number of steps per printed row.
+
+    The first number is a multiple of the second, and a program prints at most SAMPLES rows after the start.
+    """
     count = max(1, math.ceil(end / step - 1e-9))
     every = math.ceil(count / SAMPLES)
     return every * math.ceil(count / every), every
@@ -164,7 +167,7 @@ class Parts:
 
 
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
-    """Return name -> value of the constants of a program that passes forces on tree coordinates to its library at every step.
+    """Return the constants, name -> value, of a program that passes the forces on tree coordinates to the library at every step.
 
     The generalised forces on the tree coordinates y are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven
     tree coordinate with its motion law.

@@ -102,7 +102,7 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
     """List, for each driver of an angle or slide (`jointed`), the index of the tree coordinate that equals the driven coordinate.
 
-    The entry is None if the driven angle is a sum of several tree coordinates.
+    The entry of a driver is None if its angle is a sum of several tree coordinates.
     """
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
@@ -192,7 +192,8 @@ def measure_gaps(pins: Iterable[tuple[End, End]], place: Callable[[End], Array])
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
     """Yield the start y0, dy0 (n,) in tree coordinates and rates, and random states around it, at which loops may be open.
 
-    The states spread over the ranges in SPREAD. Speeds are so large that the velocity terms matter in a comparison.
+    The states spread over the ranges in SPREAD. The random speeds are so large that errors of velocity terms show in a comparison
+    of accelerations.
     """
     random = np.random.default_rng(0)
     for size in SPREAD:
@@ -260,7 +261,7 @@ def size(x: Array) -> float:
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """Return the accelerations a (n,) of a library at time t [s], if all are finite.
+    """Return the accelerations a (n,) that a library computed at time t [s], after a check that they are finite.
 
     Raises:
         RunFailure: some are not finite.

@@ -31,8 +31,8 @@ class Script:
         Args:
             statements: name of a function or method whose calls become lines of the script -> variable to which the line assigns
                 the result. If the variable's name ends with an underscore, a number is appended to it. If the name is "", the
-                result is not assigned. A call of a function that is not in this table becomes part of the expression that uses its
-                result.
+                result is not assigned. A call of a function that `statements` does not list becomes part of the expression that
+                uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
@@ -114,7 +114,7 @@ def python(x: Any) -> str:
     """Return a value as Python source; texts are written in ASCII.
 
     Raises:
-        TypeError: a script cannot hold the value, such as a function.
+        TypeError: the value, for example a function, cannot be written into a script.
     """
     if isinstance(x, StandIn):
         return x._source

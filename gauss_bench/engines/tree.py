@@ -9,8 +9,8 @@ from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
     free:        The coordinates are x, y and theta of the centre of mass.
 
 Slides enter the tree before pins, so that pins close the loops wherever possible. The pins of the tree are either the first ones in
-the linkage's file, or those that give each link a short path to the ground. Branches are listed depth first. A single state (n,) is
-mapped in Python numbers, which is fastest; a batch of states (..., n) is mapped in numpy.
+the linkage's file, or those that give each link a short path to the ground. Branches are listed depth first. The map to absolute
+coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
 """
 
 import cmath
@@ -60,12 +60,13 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The branch's tree coordinates, written as relative angles and displacements between the parent and the link.
+        """The tree coordinates of this link's joint: relative angles and displacements between the parent and the link.
 
         A pin has an angle, a slide a displacement along its axis, and a free link both displacements and the angle.
         """
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
+        # points without a name; a free link is displaced along the parent's x and y axes
         near, far = Point(self.parent, self.parent_anchor, ""), Point(self.link, self.anchor, "")
         if self.kind == "prismatic":
             return (Along(near, far, float(np.arctan2(self.axis[1], self.axis[0]))),)
@@ -158,7 +159,7 @@ class Tree:
 
         Gaps at joints of the tree are ignored, such as two points of a pin that do not coincide.
         """
-        y, dy = self._coordinates(0.0, q, v)
+        y, dy = self._coordinates(0.0, q, v)  # at t = 0: the time has no effect
         return y, dy
 
     def forces(self, q: Array, Q: Array) -> Array:
@@ -226,9 +227,9 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     """Return a spanning tree that takes slides first, then pins; links that no joints connect to the ground become free.
 
     Args:
-        least_depth: how pins are chosen after all slides that close no loop of slides. If true, the pins are those for which the
-            path of every link to the ground has the fewest joints. If false, pins are taken in the order of the linkage's file,
-            which makes long chains.
+        least_depth: rule for the pins of the tree, which are chosen after its slides. If true, the tree has the pins with which the
+            path of every link to the ground has the fewest joints. If false, pins are taken in the order of the linkage's file
+            unless they close a loop, which makes long chains.
     """
     slides = _without_loops(mechanism, mechanism.slides)
     pins = mechanism.pins
@@ -284,7 +285,10 @@ def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint
     waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
 
     def reach(link: int, depth: int) -> None:
-        """Mark as reached a link that is `depth` joints away from the ground, and recursively all links that slides join to it."""
+        """Mark a link at `depth` joints from the ground as reached and queue it; go on with links that slides join to it.
+
+        The slides are added to `chosen`.
+        """
         reached.add(link)
         heappush(waiting, (depth, link))
         for joint, other in by_slides[link]:

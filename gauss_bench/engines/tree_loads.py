@@ -1,6 +1,6 @@
 """The loads of a linkage, sorted into three kinds, for engines whose coordinates are those of a joint tree.
 
-The kinds are classes; y are the tree coordinates:
+Each kind of load is a class; y are the tree coordinates:
 
     Steady:      A constant generalised force on tree coordinates: a torque, or a force along a slide with its
                  reaction on the guide.
@@ -50,7 +50,7 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """The force k (rest - L) - c dL/dt on L = row . y + constant, where row (n,) has entries 0, 1 and -1.
+    """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant; row (n,) has entries 0, 1 and -1.
 
     Attributes:
         name: name of the linkage's force to which the load belongs.
@@ -76,10 +76,10 @@ TreeLoad = Steady | OnJoints | OtherLoad
 
 
 def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
-    """Return all forces of a mechanism that do not vary with time, as loads of the three kinds of this module.
+    """Return all forces of a mechanism that do not vary, as loads `Steady`, `OnJoints` and `OtherLoad`.
 
     Torques, and forces that act only along slides of the tree, become constant forces on tree coordinates (motors). Each of the
-    other forces becomes one load or several. Forces that vary are left out.
+    other forces becomes one load or several. Forces that vary with time or with the direction of motion are left out.
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
@@ -95,10 +95,13 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
 
 
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
-    """Return the forces that only act along slides of the tree, as constant forces on the slides' coordinates.
+    """Return those forces that act only along slides of the tree, as constant forces on the slides' coordinates.
 
     Such a force acts on the block of a slide. If the guide is fixed to the ground, its reaction has no effect. If the guide moves,
     another force in `forces` must be the reaction on the guide.
+
+    Args:
+        turns: the links' angles in terms of the tree coordinates.
     """
     motors: list[Steady] = []
     done: set[str] = set()
@@ -113,7 +116,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
             reactions = [g.name for g in forces if g.name not in done and is_reaction(g, f, b, mechanism, turns)]
             if b.parent != GROUND and not reactions:
                 continue
-            names = (f.name, *reactions[:1])
+            names = (f.name, *reactions[:1])  # one reaction balances the force; an equal second one remains a force of its own
             motors.append(Steady(np.eye(tree.n)[b.at], value, names))  # the unit vector of the slide's coordinate
             done.update(names)
     return motors
@@ -122,7 +125,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
     """Return the component [N] of a force along the slide of a branch.
 
-    Return None if the force is zero or has another direction, or if its direction turns relative to the parent link.
+    Return None if the force is zero or not parallel to the slide, or if its direction turns relative to the parent link.
     """
     if not turns.together(f.frame, b.parent):
         return None
@@ -136,6 +139,10 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
     """Tell whether the force g on the guide of a slide is opposite to the force f on the block, and acts on the same line.
 
     Opposite forces on different lines would turn the links too.
+
+    Args:
+        b: branch of the slide: the block with its guide, the parent link.
+        turns: the links' angles in terms of the tree coordinates.
     """
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
@@ -164,7 +171,7 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
     """Return (in_world, vector): whether the direction of a force is fixed in the world, and the vector (2,) of the force [N].
 
     The vector is given in the world's axes if the direction is fixed in the world, and otherwise in the frame of the link on which
-    the force acts. The direction must be fixed in one of these two; `refuse_load` refuses all other forces.
+    the force acts. The direction must be fixed in the world or in this link; `refuse_load` refuses all other forces.
     """
     in_world = turns.together(force.frame, GROUND)
     fixed_in = GROUND if in_world else force.point.link

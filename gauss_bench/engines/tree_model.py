@@ -1,4 +1,4 @@
-"""The common parts of adapters to libraries of joint trees.
+"""The common parts of adapters to libraries that model mechanisms as trees of joints.
 
 TreeModel:               The base class of models in tree coordinates y (n,), with rates dy. It translates states and samples.
 verify:                  The function compares a library's model of the tree with the linkage, at states with open loops.
@@ -24,11 +24,10 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class TreeModel(ABC):
-    """A mechanism in a library of joint trees, run with one setting of the engine (`Choice`): a base class of models.
+    """Base class of models of a mechanism in a library of joint trees, run with one setting of the engine (`Choice`).
 
-    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which takes
-    the steps of `plan` and stores tree states in `y` and `dy`. It may extend `prepare` and `read`. The interface of models is
-    `Model` in `base.py`.
+    A subclass calls this `__init__` and then builds the library's model. The subclass supplies `tree_acceleration`, and `run`,
+    which takes the steps of `plan` and stores tree states in `y` and `dy`; it may extend `prepare` and `read`.
 
     Attributes:
         library: the library's name in messages.
@@ -70,7 +69,7 @@ class TreeModel(ABC):
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,).
 
-        This default is the same as `accelerate`; a subclass may replace it.
+        By default `accelerate` computes them; a subclass may override this function.
         """
         return self.accelerate(t, y, dy)
 
@@ -112,7 +111,7 @@ class TreeModel(ABC):
 class OpenModel:
     """Quantities that a library computes for the open tree of a linkage, without closures and drivers, at a tree state y, dy.
 
-    The motion must be determined by the mass matrix and the forces, or by the accelerations. A library may give all of them.
+    The motion must be determined by the mass matrix and the forces, or by the accelerations. All fields except `gaps` may be None.
 
     Attributes:
         gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
@@ -129,7 +128,7 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check that the mass matrix and the forces are given, or the accelerations."""
+        """Check that the mass matrix and forces are given, or else the accelerations."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
@@ -168,17 +167,17 @@ TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # (t, y,
 
 
 def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
-    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), from steps of several sizes [s] that a library takes.
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps of several sizes.
 
     In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives the
     acceleration a = D(0). If a library treats springs and dampers implicitly, this changes b, but not a. If the library rounds the
-    rates with an error e, the error of the acceleration is about e / h.
+    rates with an error e, the error of D(h) is about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step satisfy J v1 = 0, with J at the beginning of
-    the step. If a step began at a state with J v = 0, both velocities would satisfy the same equation, and their difference would
-    give J a = 0 in place of J a = gamma. So D is taken from the second of two steps. The first step begins at the time t - h, and
-    at the position y - h dy, where the loops have gaps of the size h^2. The library must not close these gaps, because to close a
-    gap in one step adds an acceleration whose size does not depend on h.
+    the step. If a single step began at a state with J v = 0, the velocities before and after it would satisfy the same equation,
+    and their difference would give J a = 0 in place of J a = gamma. Therefore D(h) is computed from the second of two steps. The
+    first step begins at the time t - h, and at the position y - h dy, where the loops have gaps of order h^2. The library must not
+    correct these gaps, because a correction within one step adds an acceleration whose size does not depend on h.
 
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.

@@ -1,7 +1,7 @@
 """Read an engine's knobs, settings and variants from the file `variants.toml` in the engine's folder.
 
-A knob is an option of the engine. Settings and variants are named sets of values of the knobs: suites run the settings, and
-searches try the variants. The file has one line and four tables:
+A knob is an option of the engine. Settings and variants are named sets of knob values: suites run the settings, and searches try
+the variants. The file has one line and four tables:
 
     first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
     [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
@@ -13,14 +13,15 @@ searches try the variants. The file has one line and four tables:
                             searches
 
 A knob that a variant leaves out has the value of the settings that the variant names. A variant without `settings` uses the
-engine's first settings, and a variant without `stabilization` uses "none". If a line of [variants] lists several values of a knob,
-the line stands for every combination of the values. The name of a combination is the line's name and the chosen values
-("lean/rk4/2"). Besides knobs, settings may have two other fields. The field `remark` is a note for readers. The field `soft` is the
-reason why accelerations with these settings, and with the variants that name them, satisfy J a = gamma only approximately.
+engine's first settings, and a variant without `stabilization` uses "none". If a line of the table [variants] lists several values
+of knobs, the line stands for every combination of the values. The name of a combination is the line's name and the chosen values
+("lean/rk4/2"). Besides values of knobs, a line of [settings] may have two other fields. The field `remark` is a note for readers.
+The field `soft` is the reason why accelerations with these settings, and with the variants that name them, satisfy J a = gamma only
+approximately.
 
 Every knob must have `source`, the address of a documentation page, example or issue, or `own_search`, the reason why the suite's
-authors try the knob. So readers can look up every option that is compared. The file is refused if a knob has neither of these two
-fields, or if settings or a variant use a knob that is not declared.
+authors try the knob. So readers can look up every option that is compared. The file is refused if a knob has neither `source` nor
+`own_search`, or if settings or a variant use a knob that is not declared.
 """
 
 import math
@@ -44,7 +45,7 @@ Line = dict[str, Any]
 
 
 class VariantError(ValueError):
-    """A file of variants has a fault; the message names file, table and field."""
+    """A file `variants.toml` has a fault; the message names file, table and field."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Knob:
         meaning: effect of the option, in a few words.
         source: address of the option's documentation, or the text OWN_SEARCH and the reason to try the option.
         values: words that the option may have as its value, besides those that settings and variants use.
-        range: least and largest number that the option may be; if the option is a list, that every entry may be.
+        range: least and largest allowed number, for the option's value or, if this is a list, for every entry.
     """
 
     meaning: str
@@ -102,13 +103,13 @@ class Variants:
 
     @property
     def table(self) -> OptionTable:
-        """All settings and variants, and the options that users can set alone."""
+        """All settings and variants by name, and the options that users can set one by one."""
         labels = {**self.settings, **{k: x.options for k, x in self.space.items()}}
         return OptionTable(labels, {k: x.values for k, x in self.knobs.items() if k not in CHOSEN})
 
 
 def read_variants(room: Path) -> Variants:
-    """Read the knobs, settings and variants of the engine in a folder.
+    """Read the knobs (options), settings and variants of the engine whose folder is `room`.
 
     Raises:
         VariantError: a table or field has a fault, a knob has neither `source` nor `own_search`, or settings or a variant use a
@@ -126,9 +127,9 @@ def read_variants(room: Path) -> Variants:
 def _read(file: Mapping[str, Any]) -> Variants:
     """Check a parsed file table by table, and return its content.
 
-    A variant is soft (it satisfies J a = gamma only approximately) if the settings that it names are. A variant is unfinished (its
-    solver stops before it has converged) if its options include all knob values of a table [[unfinished]]. A "line" is the table of
-    one knob, of one set of settings, or of one variant: key -> value.
+    A variant is soft (it satisfies J a = gamma only approximately) if the settings that it names are soft. A variant is unfinished
+    (its solver stops before it has converged) if its options include all knob values of a table [[unfinished]]. A "line" is the
+    table of one knob, of one set of settings, or of one variant: key -> value.
 
     Raises:
         VariantError: a table or field has a fault.
@@ -183,7 +184,7 @@ def _read_knob(place: str, line: Line) -> Knob:
 
 
 def _read_range(place: str, line: Line) -> tuple[float, float]:
-    """Return the least and the largest number that a knob may be; without a `range` all numbers are allowed."""
+    """Return the least and the largest allowed value of a knob; without a `range` all numbers are allowed."""
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:
             return float(least), float(most)
@@ -247,10 +248,10 @@ def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return a stated cause, which must be a text of at least MIN_REASON_LENGTH characters.
+    """Return the cause that an exception (`soft` or [[unfinished]]) states, a text of at least MIN_REASON_LENGTH characters.
 
     Raises:
-        VariantError: the text is shorter, or no text.
+        VariantError: the value is no text, or a shorter text.
     """
     _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)
@@ -273,8 +274,8 @@ def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[V
 
 
 def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a knob's value in a line of [variants] is a list of alternatives, and not the value of one variant.
+    """Tell whether a knob's value in a line of [variants] lists alternatives, each for a variant of its own.
 
-    If the knob's value in the settings, `usual`, is itself a list, only a list of lists counts as alternatives.
+    If the knob's usual value in the settings, `usual`, is itself a list, only a list of lists has alternatives.
     """
     return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -18,7 +18,7 @@ class Formulations(UserDict[str, Any]):
     """Formulations by name; a value "module:function" names a function of this package, which is imported when it is used."""
 
     def __getitem__(self, name: str) -> Formulation:
-        """Return the formulation with a name; a function of this package is imported only now."""
+        """Return the formulation with a name; its module is imported when the formulation is first used."""
         found: Formulation = self.data[name]
         return resolve_name(f"{__name__}.{found}") if isinstance(found, str) else found
 

@@ -17,8 +17,8 @@ Any factor L with M = L L^T gives the same solution, because |L^T x| depends on 
 redundant.
 
 The entries of the basis N have rounding errors relative to its largest entry, and the mass matrix M weighs these errors. If a heavy
-link stands still while a light one moves, the solution has a relative error of 1e-16 times the ratio of their masses. If the ratio
-of masses exceeds UNEVEN, the same factors are used a second time, to solve for the residuals of M a + J^T lambda = Q and J a =
+link stands still while a light one moves, the computed accelerations have a relative error of 1e-16 times the ratio of the masses.
+If this ratio exceeds UNEVEN, the same factors are used a second time, to solve for the residuals of M a + J^T lambda = Q and J a =
 gamma (iterative refinement).
 Sources: Yuan and Ge (2016), eqs (1)-(9) with the exponents of (10), (11) corrected; null-space method as in Golub and Van Loan,
 Matrix Computations (4th ed.), section 6.2.3; refinement of constrained least squares as in Bjorck, Numerical Methods for Least
@@ -52,8 +52,9 @@ def gauss(terms: Terms) -> Solution:
     def least_constraint(load: Array, rhs: Array) -> Array:
         """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|.
 
-        The factors are those computed above: J^T[:, order] = Y R, the columns of N span the null space of J, and M = L L^T. First a
-        = Y y is computed, which satisfies the constraints. Then N h is added, which does not change J a; h makes the norm least.
+        The factors come from the QR factorisation J^T[:, order] = Y R with orthonormal columns of Y, from the orthonormal basis N
+        of the null space of J, and from the Cholesky factorisation M = L L^T. The part Y y of a satisfies the constraints. Adding N
+        h does not change J a; h makes the norm least.
         """
         a: Array = Y @ least_squares(R.T, rhs[order])
         if N.shape[1]:

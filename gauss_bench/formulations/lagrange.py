@@ -4,10 +4,10 @@
     [ J   0  ] [ lambda ] = [ gamma ]
 
 The system is solved by LU with partial pivoting. Redundant constraint rows make the KKT matrix singular, so that its reciprocal
-condition number is at most SINGULAR. Masses that differ by a factor of 1e8 or more can also make the reciprocal condition number
-that small, although no row is redundant. If the number is that small, rows and columns of the matrix are scaled so that first the
-masses and then the rows of J are about 1. If the reciprocal condition number of the scaled matrix is also at most SINGULAR,
-constraint rows are redundant. The scaling factors are powers of two, which cause no rounding.
+condition number is at most SINGULAR. Masses that differ by a factor of 1e8 or more can also make the reciprocal condition number at
+most SINGULAR, although no row is redundant. In both cases, rows and columns of the matrix are scaled so that first the masses and
+then the rows of J are about 1. If the reciprocal condition number of the scaled matrix is also at most SINGULAR, constraint rows
+are redundant. The scaling factors are powers of two, which cause no rounding.
 Sources: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), eq. (6.3.18); Golub and Van Loan, Matrix
 Computations (4th ed.), section 3.5.2 (scaling).
 """
@@ -41,7 +41,7 @@ def lagrange(terms: Terms) -> Solution:
 
 
 def solve(K: Array, b: Array) -> tuple[Array, float]:
-    """Return K^-1 b and the reciprocal condition number of K; if the number is zero, b itself stands in for the solution."""
+    """Return K^-1 b and the reciprocal condition number of K; if a pivot of K is zero, return b and 0.0 instead."""
     norm = float(np.abs(K).sum(axis=0).max())  # the 1-norm
     lu, pivots, info = dgetrf(K)
     if info:
@@ -50,7 +50,7 @@ def solve(K: Array, b: Array) -> tuple[Array, float]:
 
 
 def scale_evenly(terms: Terms) -> Array:
-    """Return the powers of two (n + m,) that scale masses, and then the largest entry of each row of J, to about 1."""
+    """Return powers of two (n + m,): n that scale the masses to about 1, and m that then scale the rows of J to about 1."""
     masses = power_of_two(np.sqrt(np.diagonal(terms.M)))
     return np.concatenate([masses, power_of_two(np.abs(terms.J * masses).max(axis=1))])
 

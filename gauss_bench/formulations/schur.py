@@ -2,8 +2,8 @@
 
     (J M^-1 J^T) lambda = J M^-1 Q - gamma,        a = M^-1 (Q - J^T lambda)
 
-The Schur complement J M^-1 J^T is symmetric, and positive definite if and only if the rows of J are independent. If they are not,
-its Cholesky factorisation fails, or its reciprocal condition number is tiny.
+The Schur complement J M^-1 J^T is symmetric, and positive definite if and only if the rows of J are independent. If rows are
+dependent, the Cholesky factorisation of the Schur complement fails, or its reciprocal condition number is tiny.
 Source: Featherstone, Rigid Body Dynamics Algorithms (2008), section 8.4.
 """
 

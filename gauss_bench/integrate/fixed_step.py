@@ -77,7 +77,7 @@ def dop853_tableau() -> Tableau:
 
 @cache
 def dop853_estimates() -> tuple[Array, Array]:
-    """Return the weights (s,) of the difference from the embedded step of order 5, and of that from the step of order 3."""
+    """Return the weights (s,) of two error estimates: the differences from the embedded steps of order 5 and of order 3."""
     from scipy.integrate import DOP853
 
     s = len(DOP853.B)  # scipy has one weight more, for the first stage of the next step; it is 0
@@ -87,8 +87,8 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds the accelerations of all stages at once. The derivatives of the acceleration that it needs are computed
-    once per step, by finite differences at the beginning of the step.
+    Newton's method finds the accelerations of all stages at once. Its derivatives of the acceleration are computed once per step,
+    by finite differences at the beginning of the step.
 
     Raises:
         LinAlgError: Newton's method does not converge.
@@ -214,15 +214,15 @@ def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterato
     ends a stretch.
     """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
-        near = ROUNDING * max(abs(end), abs(begin))  # a kink this near to a sample is at the sample
+        near = ROUNDING * max(abs(end), abs(begin))  # [s] a kink this near to a sample counts as being at the sample
         ends = [*(t for t in kinks if begin + near < t < end - near), end]
-        jumps = any(abs(t - end) <= near for t in kinks)  # whether there is a kink at the sample
+        kink_at_sample = any(abs(t - end) <= near for t in kinks)
         nodes = np.array([begin, *ends])
         for k, (count, size) in enumerate(step_counts(nodes, step)):
             at_sample = k == len(ends) - 1
             boundary = nodes[k + 1] - (near if at_sample else 0.0)  # a kink at a sample may differ from it by rounding
-            # no force is evaluated after `last`, so that the new value after a jump at the boundary belongs to the next stretch
-            last = np.inf if at_sample and not jumps else np.nextafter(boundary, nodes[k])
+            # no force is evaluated after `last`, so that only the next stretch uses its value after a jump at the boundary
+            last = np.inf if at_sample and not kink_at_sample else np.nextafter(boundary, nodes[k])
             yield Stretch(begin=float(nodes[k]), steps=count, size=size, last=float(last), row=row if at_sample else None)
 
 

@@ -36,7 +36,7 @@ class Leg:
     def middle(self) -> float:
         """The time [s] in the middle of this part of the run.
 
-        Arguments of the compiled code that depend on time are evaluated at this time and used in all steps of the part.
+        Arguments of the compiled code that depend on time are evaluated at this middle, and used in all steps of the part.
         """
         return self.t + self.h * self.n / 2
 
@@ -77,8 +77,8 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
     """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs.
 
-    The three legs have the steps up to the first sample, the steps from there to the last sample, and the steps after the last
-    sample. A run has n steps and begins at t0 [s]; one sample is stored after every `every` steps, and one at the end of the run.
+    The three legs have the steps up to the first stored sample, the steps from there to the last stored sample, and the steps after
+    it. A run has n steps and begins at t0 [s]; one sample is stored after every `every` steps, and one at the end of the run.
     """
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample

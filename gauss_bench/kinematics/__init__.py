@@ -1,7 +1,7 @@
 """Kinematics: the motion of a linkage without forces.
 
-Two methods, loop closure and point coordinates, compute the motion that the drivers of a scenario (the inputs) prescribe. Both
-methods return the `Motion` of the module `motion`, and raise the exceptions of the module `errors`.
+Two methods, loop closure and point coordinates, compute the motion that the drivers of a scenario (the inputs) prescribe. The
+results are the `Motion` of the module `motion`, and the exceptions of the module `errors`.
 
 Modules of the loop closure:
 - `topology`: links and pairs as a graph, and its independent loops.
@@ -14,7 +14,7 @@ Modules of the point coordinates:
 - `point_equations`: the equations between these points.
 - `basic_coordinates`: the motion.
 - `root_finding`: the solvers of the point equations at one position.
-- `basins`: a study from how far away these solvers converge.
+- `basins`: a study of how far from a solution these solvers still converge to it.
 
 Other modules:
 - `singular`: limits of motion and dead centres.

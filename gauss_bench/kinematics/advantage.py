@@ -29,7 +29,7 @@ STILL = 1e-12  # a rate below this share of the other one is a zero that roundin
 
 @dataclass(frozen=True, eq=False)
 class Advantage:
-    """The ratios between one input and one output at k positions.
+    """Velocity ratio and mechanical advantage between one input and one output at k positions.
 
     Attributes:
         input, output: names of links (for their angles) or slides.
@@ -46,7 +46,7 @@ class Advantage:
 
 
 def advantages(mechanism: Mechanism, positions: Array) -> tuple[Advantage, ...]:
-    """Return the ratios between the input and every other link or slide on the ground, at positions (k, n).
+    """Return the `Advantage` between the input and every other link or slide on the ground, at positions (k, n).
 
     The input is the first driver of the scenario, else the crank, else the measured coordinate.
 

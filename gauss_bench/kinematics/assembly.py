@@ -2,12 +2,13 @@
 
 Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
 the other. One pin of each loop is cut (its "chord"), and its two ends are dragged as near to each other as possible, while all
-earlier loops stay closed. At the nearest position let g be the gap, the vector from one end to the other, and w the vector through
-one link of the loop. Then
+earlier loops stay closed. At the nearest position let g be the gap, the vector from one end to the other. The vectors w through the
+links of the loop add up to the gap, so that
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|.
 
-A link that is parallel to the gap can therefore close it if its length changes by |g|. A link at right angles to the gap cannot.
+A link that is parallel to the gap can therefore close it if its length changes by |g|. A change of the length of a link at right
+angles to the gap does not make the gap smaller.
 """
 
 from contextlib import suppress
@@ -82,7 +83,8 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
     Drivers are ignored.
 
     Raises:
-        ValueError: the tree of its joints cannot be assembled, which happens only if numbers are not finite.
+        ValueError: the linkage without the joints that close loops cannot be assembled, which happens only if numbers are not
+            finite.
     """
     loops = find_graph(pin_loose_links(mechanism)).loops
     bare = replace(mechanism, drivers=(), knife_edges=())
@@ -90,8 +92,10 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
     joints = [x for x in mechanism.joints if x not in chords]
     place = _close(bare, joints, mechanism.q0)
     for loop, chord in zip(loops, chords, strict=True):
+        # `joints` are closed already; `chord` is the joint at which the loop is cut open, and still has to be closed
         nearest, gap = _approach(bare, joints, chord, place)
         if gap > CLOSED:
+            # the gap if only the joints of this loop are closed
             _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
             links = tuple(mechanism.link_name(x.link) for x in loop.passages)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
@@ -110,7 +114,7 @@ def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
 def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """Return the pair at which a loop is cut open: the last pin in the file, or the last slide if there is no pin.
 
-    Pairs that belong to the loops `before` are left out, unless the loop has no others.
+    Pairs that also belong to one of the loops `before` are left out, unless all pairs of this loop do.
     """
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
@@ -132,7 +136,7 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
     """Return the position in which the two ends of `chord` are nearest to each other, and their distance there [m].
 
-    The search begins at the position `place`. It is repeated from positions with randomly turned links, because a drag may stop at
+    The search begins at the position `place`, and is repeated from positions with randomly turned links, because a drag may stop at
     a local minimum of the distance.
 
     Args:
@@ -141,7 +145,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
             infinite if it cannot.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # all pairs of the loop are slides
+    if chord.slides:  # `_chord` returns a slide only if there is no pin at which the loop could be cut
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -151,7 +155,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
         angles(q)[:] += rng.uniform(-TURNED, TURNED, size=len(mechanism.links)) if attempt else 0.0
         with suppress(ValueError):  # the turned links do not close: the next attempt turns them differently
             drag = Drag(part, q, point, onto=onto)
-            dragged = drag.to(np.zeros(2), STEPS)
+            dragged = drag.to(np.zeros(2), STEPS)  # the target is a zero vector from `onto` to `point`
             if dragged.reached:
                 return drag.place, 0.0
             if dragged.apart < apart:
@@ -195,10 +199,10 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    The generic rank is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. Some linkages
-    cannot move although J loses rank, for example two bars stretched along one line, and then have no neighbouring position. The
-    rank is then computed with all links turned slightly, which opens the joints. J would have the same rank if the lengths of the
-    links were slightly different.
+    The generic rank is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. Some linkages,
+    such as two bars stretched along one line, cannot move although J loses rank, and have no neighbouring position. For these the
+    rank is computed with all links turned slightly, which opens the joints. J would have the same rank if the lengths of the links
+    were slightly different.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)

@@ -1,4 +1,4 @@
-"""Motion of a linkage in basic coordinates: positions from the equations between its points, velocities and accelerations exactly.
+"""Motion of a linkage in basic coordinates (of its points): positions by a root search, rates from the differentiated equations.
 
 Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the equations of `point_equations`, and J = dphi/dp.
 
@@ -7,11 +7,11 @@ Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the 
     velocities:     J p' = -phi_t, where phi_t is the rate of phi if the unknown points rest and the inputs move
     accelerations:  J p'' = gamma = -(known points' part of phi'') - (products of velocities)
 
-Redundant equations are solved in least squares.
+Redundant equations are solved in the least-squares sense.
 
-The state of a link follows from two of its points. They lie at the complex places A and B in the world, and at a and b in the frame
-of the link. With E = (B - A) / (b - a) the angle theta of the link is arg E plus the whole turns that bring it nearest to its
-predicted value; its rates are omega = Im(E' conj E) and alpha = Im(E'' conj E).
+The state of a link follows from two of its points. As complex numbers, the places of both points are A and B in the world, and a
+and b in the frame of the link. With E = (B - A) / (b - a) the angle theta of the link is arg E plus the whole turns that bring it
+nearest to its predicted value; its rates are omega = Im(E' conj E) and alpha = Im(E'' conj E).
 
 A step is halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion
 therefore follows an input up to its limit, and never changes to another assembly.
@@ -46,10 +46,10 @@ Branch = Mapping[str, int]
 def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
     """Compute the motion at times (k,) [s] under the mechanism's drivers, the inputs, from the assembled start q0.
 
-    Between two times the inputs are followed along the straight line of their values.
+    Between two times the values of the inputs are interpolated linearly.
 
     Raises:
-        ValueError: knife edges, or drivers that do not fit the linkage.
+        ValueError: the mechanism has couplings or knife edges, or drivers that do not fit it.
         LimitOfMotion: a limit of motion lies between two times.
         SingularPosition: at some time the rates are undetermined, or two assemblies meet on the way.
     """
@@ -58,6 +58,7 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
     corrections: list[int] = []
     try:
         for t in np.asarray(times, dtype=float):
+            # (i, 3): value, first and second time derivative of each driver; the shape is given because there may be no driver
             laws = np.array([driver.law(t) for driver in mechanism.drivers], dtype=float).reshape(-1, 3)
             follower.move_to(laws[:, 0])
             states.append(follower.state(laws[:, 1], laws[:, 2]))
@@ -75,13 +76,13 @@ def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -
 
 
 def branch_of(mechanism: Mechanism, q: Array) -> Branch:
-    """Return name of a group of points -> its side, +1 or -1, at the position q (n,); the sides distinguish assemblies.
+    """Return a dict of groups of points, name -> side (+1 or -1), at the position q (n,); sides distinguish assemblies.
 
     The unknown points of `point_equations` fall into groups that can be solved one after the other. The side of a group is the sign
-    of the determinant of the Jacobian of the group's own equations, and changes only at singular positions. A dyad is a group of
-    one point, the joint between two links whose other joints are known: its side tells on which side of the line between these two
-    joints the point lies. A larger group may have several assemblies with the same sign of the determinant. Groups that have only
-    one assembly, or more equations than unknowns, are left out.
+    of the determinant of the Jacobian of the group's own equations, and changes only at singular positions. In a dyad, two links
+    whose other joints are known, the group is the point that joins both links: its side tells on which side of the line between the
+    known joints this point lies. A larger group may have several assemblies with the same sign of the determinant. Groups of points
+    that have only one assembly, or more equations than unknowns, are left out.
     """
     model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
@@ -152,8 +153,8 @@ class _Follower:
         """
         model = self.model
         # prediction to first order: dp from J dp = -(dphi / dx) dx, with dphi = Re(r dz)
-        # z: all inputs and points as complex numbers. The change of the inputs takes the place of their rate, so that the first
-        # rows of Z are z and dz
+        # z: all inputs and points as complex numbers. `known` returns z, z', z''; here the change of the inputs is given instead of
+        # their rate, so that the rows Z[0] and Z[1] are z and dz
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])  # complex derivatives of phi with respect to z
@@ -211,8 +212,8 @@ class _Follower:
     def _failure(self, step: Array) -> MotionError:
         """Return the exception that tells why the motion ends at the present position.
 
-        It is a limit of motion if the equations have no solution for inputs just ahead, else a singular position. `step` (i,) is
-        the largest step that the inputs could make in the direction of their motion.
+        The position is a limit of motion if the equations have no solution for inputs that are moved on by a small part of `step`,
+        else a singular position. `step` (i,) is the largest step of the inputs in the direction of their motion.
         """
         # a solution for the inputs just ahead counts only if the points are near the present ones, in the same assembly.
         # `residual(x)` is a function of the points p, which returns the residual and its Jacobian.

@@ -53,8 +53,8 @@ def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
 def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
     """Return the loop equations with the inputs fixed at their values in q0, and their solution there.
 
-    The equations are a function of the unknown angles and slides (unknown variables,); the solution has their values at the
-    assembled start q0.
+    The equations are a function of the unknown angles and slides (unknown variables,); the solution is the vector of their values
+    at the assembled start q0.
     """
     equations = LoopEquations(mechanism)
     start = equations.start()  # unknown variables, then inputs
@@ -71,7 +71,8 @@ def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
 def whole_turns_apart(x: Array, y: Array) -> Array:
     """Return the difference x - y of the unknowns of the loop equations, with whole turns removed from the angles.
 
-    Displacements of slides [m] are treated like angles, so that two of them must differ by less than pi metres.
+    Displacements of slides [m] are treated like angles: the result is right for a slide only if x and y differ by less than pi
+    metres.
     """
     return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 

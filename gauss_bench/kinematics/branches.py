@@ -1,7 +1,7 @@
 """All assemblies of a linkage with its inputs fixed, found from random starts.
 
 From randomly placed links Levenberg-Marquardt approaches the constraints, and Gauss-Newton converges onto them. The search ends
-after PATIENCE starts without a new assembly, so that it may miss some.
+after PATIENCE starts without a new assembly, and may therefore miss assemblies.
 Source: as in `root_finding`.
 """
 
@@ -30,8 +30,8 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     The inputs (the coordinates of the drivers, or the crank's angle) have the same values in all assemblies. The links' angles are
     within half a turn of those in q.
 
-    The search closes the joints from random positions. It ends after MOST starts, or after PATIENCE starts in a row that give no
-    new assembly.
+    The search closes the joints from random positions. The search ends after MOST starts, or after PATIENCE starts in a row without
+    a new assembly.
 
     Raises:
         ValueError: the fixed inputs leave a motion free, or the joints are open at q.

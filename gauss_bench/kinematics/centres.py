@@ -5,9 +5,9 @@ link. The instant centre c of two links a and b follows from
 
     u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b),
 
-which is linear in c. Two links with the same angular speed have no such point: one of them translates relative to the other. Only
-ratios of velocities matter, so that a linkage with one degree of freedom has instant centres even while it is at rest. The three
-instant centres of any three links lie on one line (Aronhold, Kennedy).
+which is linear in c. Two links with the same angular speed have no instant centre at a finite distance: one of them translates
+relative to the other. Only ratios of velocities matter, so that a linkage with one degree of freedom has instant centres even while
+it is at rest. The three instant centres of any three links lie on one line (Aronhold, Kennedy).
 Source: Kennedy, The Mechanics of Machinery (1886); Uicker, Pennock, Shigley, Theory of Machines and Mechanisms, chapter 3.
 """
 
@@ -44,7 +44,7 @@ class Centre:
 
 
 def free_motion(mechanism: Mechanism, q: Array) -> Array:
-    """Return the velocity (n,) that the joints leave free at q (n,), of arbitrary size.
+    """Return the only velocity (n,) that the joints permit at q (n,); its magnitude is arbitrary.
 
     Raises:
         ValueError: the joints leave no motion free, or more than one.

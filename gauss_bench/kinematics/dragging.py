@@ -7,11 +7,11 @@ point, P = dp/dy its Jacobian, and r = p - target. A step y follows from the equ
 
 in which mu makes the matrix positive definite. Gauss-Newton then projects the position after the step back onto the constraints.
 
-A step is halved until the linkage certainly moves continuously: the directions of the free motions change little along the step,
-and the projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving
-there. At a fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free
-motions, so that P is square, it does not cross a singular position det P = 0: an arm that is pulled straight folds back to the side
-from which it came.
+A step is halved until the linkage moves continuously: the directions of the free motions change little along the step, and the
+projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving there. At a
+fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free motions, the
+Jacobian P is square, and the linkage does not cross a singular position det P = 0: an arm that is pulled straight folds back to the
+side from which it came.
 """
 
 from collections.abc import Iterator
@@ -111,7 +111,7 @@ def _check_found(found: list[Any], kind: str, name: str) -> None:
 
 
 def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
-    """Return a second pin that joins the two links of a pin at another point, so that both pins together connect them rigidly."""
+    """Return a second pin that joins the two links of a pin at another point: two pins prevent a relative rotation."""
     at = position(q, joint.a) + np.array([mechanism.size, 0.0])
     ends = []
     for link in (joint.a.link, joint.b.link):
@@ -136,21 +136,22 @@ class Drag:
     """A linkage of which one point is dragged; each call of the method `to` continues from the position that the last call reached.
 
     In the methods, N (n, f) is the basis of the f free motions at the present position in scaled coordinates, as in `Freedom`.
-    y (f,) is a step: the amplitudes of these motions. P (2, f) is the Jacobian of the dragged point with respect to y.
+    y (f,) is a step: the amplitudes of these motions. P (2, f) is the Jacobian of the dragged point's position with respect to
+    these amplitudes y.
 
     Attributes:
         place: present position of the linkage.
-        side: sign of det P, which must not change: the linkage does not cross a singular position det P = 0. It is 0, and nothing
-            is forbidden, until |det P| has exceeded MARGIN, and always if P is not square.
-        directions: number of directions in which the point could move at the beginning. It is at least 1, so that a point that
-            could not move at the beginning counts as a point at its limit.
+        side: sign of det P, which must not change: the linkage does not cross a singular position det P = 0. `side` is 0, and no
+            step is forbidden, until |det P| has exceeded MARGIN, and always if P is not square.
+        directions: number of directions in which the point could move at the beginning. The number is at least 1, so that a point
+            that could not move at the beginning counts as a point at its limit.
     """
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
         """Begin to drag the point "link.point" of a linkage that is assembled at the position q (n,).
 
-        The targets of the point are places in the world. If a point `onto` of another link is given, they are instead values of the
-        vector from `onto` to the dragged point; the target 0 then brings both points together.
+        The targets of the method `to` are places of the point in the world. If a point `onto` of another link is given, the targets
+        are instead values of the vector from `onto` to the dragged point; the target 0 then brings both points together.
 
         Raises:
             ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
@@ -191,7 +192,7 @@ class Drag:
     def is_at_limit(self) -> bool:
         """Tell whether the point is at the end of its path, or at the edge of the area that it can reach.
 
-        There it can move in fewer directions than at the beginning of the drag.
+        The point can then move in fewer directions than at the beginning of the drag.
         """
         return self._count_directions() < self.directions
 
@@ -216,14 +217,14 @@ class Drag:
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
                 self.place = place
-                self.side = self.side or self._side()
+                self.side = self.side or self._side()  # sign of det P: fixed as soon as |det P| exceeds MARGIN
                 return not is_tiny
             if is_tiny:
                 break
         return False
 
     def _bends(self) -> Array:
-        """Return the second derivatives (f, f, n) of the scaled coordinates by the amplitudes y of the free motions."""
+        """Return the second derivatives (f, f, n) of the scaled coordinates with respect to a step y."""
         N = self.place.free
         f = N.shape[1]
         i, j = np.triu_indices(f)
@@ -237,25 +238,26 @@ class Drag:
     def _propose_steps(self, r: Array, bends: Array) -> Iterator[Array]:
         """Yield HALVINGS steps y (f,) that may bring the point nearer to its target, each half as long as the one before.
 
-        The first step solves the equation at the top of this file. It is changed if it would cross a singular position (see
-        `_stay_on_side`), and shortened if it is longer than LARGEST_STEP.
+        The first of these steps solves the equation at the top of this file. This solution is changed if it would cross a singular
+        position (see `_stay_on_side`), and shortened if it is longer than LARGEST_STEP.
 
         Args:
             r: (2,) vector from the target to the point [m].
-            bends: (f, f, n) second derivatives of the scaled coordinates by y, from `_bends`.
+            bends: (f, f, n) second derivatives of the scaled coordinates with respect to y, from `_bends`.
         """
         P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
         N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
-        # second derivatives (f, f, 2) of the point by y. `velocity` is linear in its second argument: it gives the part from second
-        # derivatives of the coordinates. The other part is centripetal
+        # second derivatives (f, f, 2) of the point with respect to y. `velocity` is linear in its second argument: it gives the
+        # part from second derivatives of the coordinates. The other part is centripetal
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r  # first and second derivatives of |r|^2 / 2 by y
+        gradient, H = P.T @ r, P.T @ P + bent @ r  # derivatives of |r|^2 / 2 with respect to y
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
-        # mu makes the smallest curvature positive, and as large as its size if it is negative
+        # mu is added to all curvatures: a negative smallest curvature becomes as large as its absolute value, one near zero at
+        # least FLAT * largest
         mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
         y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
         if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
@@ -268,16 +270,17 @@ class Drag:
             y = y / 2
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
-        """Return the step y (2,) if, to first order, det P keeps its sign s = `side` during the step, else another step.
+        """Return the step y (2,) if det P keeps its sign s = `side` to first order, else a step that is changed to keep it.
 
-        Let d be the gradient of s det P with respect to y. The sign is kept, with a margin, if d . y >= MARGIN - s det P. Otherwise
-        the returned step lies on the line d . y = MARGIN - s det P, at the minimum of the function gradient . y + y . H y / 2 on
-        this line. This function approximates the change of half the squared distance from the target.
+        Let d be the gradient of s det P with respect to y. The sign of det P is kept, with a margin, if d . y >= MARGIN - s det P.
+        A step y that violates this condition is replaced by a step on the line d . y = MARGIN - s det P: the minimum, on this line,
+        of gradient . y + y . H y / 2, which approximates the change of half the squared distance from the target.
 
         Args:
-            P: (2, 2) Jacobian of the point by y.
-            bent: (2, 2, 2) second derivatives of the point: bent[j, k] by y_j and y_k.
-            gradient, H: (2,) and (2, 2) first and second derivatives of half the squared distance from the target by y.
+            P: (2, 2) Jacobian of the point with respect to y.
+            bent: (2, 2, 2) second derivatives of the point: bent[j, k] with respect to y_j and y_k.
+            gradient, H: (2,) and (2, 2) first and second derivatives of half the squared distance from the target with respect to
+                y.
         """
         least = MARGIN - self.side * float(np.linalg.det(P))
         # d det P / dy_k: one column of P at a time is replaced by its derivative
@@ -292,7 +295,7 @@ class Drag:
     def _try_step(self, y: Array, bends: Array) -> Place | None:
         """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly.
 
-        `bends` (f, f, n) has the second derivatives of the scaled coordinates by y, from `_bends`.
+        `bends` (f, f, n) has the second derivatives of the scaled coordinates with respect to y, from `_bends`.
         """
         N, scale = self.place.free, self.freedom.scale
         move = N @ y  # (n,) first-order displacement in scaled coordinates
@@ -329,15 +332,15 @@ class Drag:
         return here if self.onto is None else here - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
-        """Return P (2, f): the derivatives of the result of `at` by the amplitudes of the f free motions at `place`."""
+        """Return P (2, f): the derivatives of `at(place)` with respect to the amplitudes of the f free motions at `place`."""
         motions = place.free.T / self.freedom.scale  # (f, n) in absolute coordinates
-        # the velocity of the point in the free motion k is the derivative of its position by the amplitude of this motion
+        # the velocity of the point in the free motion k is the derivative of its position with respect to this motion's amplitude
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)
         return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """Return the arrays omega_i omega_j arm (f, f, 2); minus this is the centripetal part of a point's second derivatives by y.
+        """Return the products omega_i omega_j arm (f, f, 2): minus the centripetal part of a point's second derivatives.
 
         The columns of N (n, f) are the free motions in absolute coordinates, and omega_i is the rotation of the point's link in the
         free motion i. The arm (2,) is the vector from the centre of mass of the link to the point, in world axes.

@@ -7,11 +7,11 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 class MotionError(ArithmeticError):
-    """The inputs cannot be followed any further.
+    """The linkage cannot follow its inputs any further.
 
     Attributes:
         inputs: the last values that the inputs reached [rad, m], by name or in order.
-        time: the first sample time that was not reached [s]; NaN if the one who raises the exception does not know the time.
+        time: the first sample time that was not reached [s]; NaN if the function that raises the exception does not know the time.
         reached: the motion up to the last sample time that was reached.
     """
 

@@ -2,7 +2,7 @@
 
 Coordinates are scaled: a turn of one radian counts as a displacement by the size of the linkage. Let J be the constraint Jacobian
 in scaled coordinates, and J^+ its pseudo-inverse. The columns of N are an orthonormal basis of the f free motions, and y (f,) are
-the amplitudes of these motions:
+the amplitudes of these motions. The positions near q are q(y):
 
     J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...
 

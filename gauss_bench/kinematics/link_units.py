@@ -1,18 +1,18 @@
 """Link units: the contribution of one link to the loop equations, computed from its own shape alone.
 
-An element is the half of a joint that belongs to one link. A loop passes a link from the element at which it enters the link to the
-element at which it leaves. In the frame of the link an element lies at r. The guide of a slide and the far end of an active bar (a
-bar whose length is an input) move along the link: they lie at r + s u, where u is the unit vector of the direction and s the
+An element (a pin, guide, block or rod end) is the half of a joint that belongs to one link. A loop enters a link at one element and
+leaves it at another. An element has the position r in the frame of its link. The guide of a slide and the far end of an active bar
+(a bar whose length is an input) move along the link: they lie at r + s u, where u is the unit vector of the direction and s the
 coordinate along it. Vectors of the plane are complex numbers, and E = exp(i phi) is the direction of the link. The vector from the
-first to the second element is w in the frame of the link, and A in the world:
+first to the second element is w in the frame of the link, and A in the world. A, its Jacobian J and the time derivative J' are
 
     vector in the link:   w = (r + s u)_leave - (r + s u)_enter
     vector unit:          A = E w
     Jacobian unit:        J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
     Jacobian-rate unit:   J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
-The sign is + for the element at which the loop leaves the link. A link that cannot turn has no variable phi, so that its J and J'
-lack the first column.
+The sign +- is + if s belongs to the element at which the loop leaves the link, else -. A link that cannot turn has no variable phi,
+so that its J and J' lack the first column.
 
 These formulas cover every type of link of the paper, which has a code for each:
 
@@ -68,8 +68,8 @@ class LinkUnit:
 
     Attributes:
         vector: (2,) vector A from the element at which the loop enters the link to the element at which it leaves [m].
-        J: (2, C) derivatives of A by the link's C variables: its angle [m/rad] if it can turn, then the coordinates s of its moving
-            elements [-].
+        J: (2, C) derivatives of A with respect to the link's C variables: its angle [m/rad] if it can turn, then the coordinates s
+            of its moving elements [-].
         J_rate: (2, C) time derivative of J, with a column for each of the C variables of the link.
     """
 
@@ -99,7 +99,7 @@ class Way:
     def moving(self) -> list[tuple[float, Element]]:
         """The elements of this path that have a coordinate s, each with a sign, sorted by the name of s.
 
-        The sign is +1 for the element at which the loop leaves the link, and -1 for the element at which it enters.
+        The sign is that of s u in the vector A: +1 where the loop leaves the link, and -1 where it enters.
         """
         # this order does not depend on the sense of the path, so that the reverse path has the same columns
         ends = [(-1.0, self.enter), (1.0, self.leave)]
@@ -107,18 +107,20 @@ class Way:
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """The names of the coordinates s on this path, in the order of their columns in J.
+        """The names of the coordinates s at the two ends of this path, in the order of their columns in J.
 
         The column of the link's angle, if it can turn, comes before these columns.
         """
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return the vector A of this path, its Jacobian J, and the time derivative of J, by the equations at the top of this file.
+        """Return the vector A from element to element, its Jacobian J, and the time derivative of J.
+
+        The equations are those at the top of this file.
 
         Args:
             angle, speed: angle [rad] and angular speed [rad/s] of the link.
-            places, speeds: coordinates s of the path's moving elements [m] and their rates [m/s], in the order of `slides`.
+            places, speeds: coordinates s of the elements of this path [m] and their rates [m/s], in the order of `slides`.
         """
         E = cmath.exp(1j * angle)
         w = self.leave.at - self.enter.at  # vector from element to element in the frame of the link
@@ -146,8 +148,9 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """Return the paper's code for the type of the link that has these elements; `frame` tells whether the link is the frame.
 
     The code has an R for each pin and a P for each slide of the link. Four or more letters of a kind are written as a number and
-    the letter, as in 4R. If a moving link has only one slide, its P is followed by 1 if the link carries the block, or by 2 if it
-    carries the guide. The code of the frame ends in 0 instead. An active bar has the code S. A multiple joint counts as one pin.
+    the letter, as in 4R. If a moving link has only one slide, the letter P is followed by 1 if the link carries the block, or by 2
+    if it carries the guide. The code of the frame ends in 0 instead. An active bar, whatever its joints, has the code S. A multiple
+    joint counts as one pin.
     """
     # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())

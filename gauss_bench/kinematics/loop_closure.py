@@ -3,11 +3,11 @@
 A state x has TU + TK entries, named as in the paper: the values of the TU unknown variables, followed by those of the TK inputs
 (the known variables), as in `LoopEquations`. A state is closed if the vectors around every loop add up to zero.
 
-Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until the new
-state certainly belongs to the same assembly: every angle turns little, Newton's method ends near the prediction of second order,
-and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its determinant keeps its sign). The
-motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be closed, or at a singular position,
-where they can be closed in more than one way.
+Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until nothing
+suggests that the new state belongs to another assembly: every angle changes by a small amount, Newton's method converges near the
+second-order prediction, and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its
+determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
+closed, or at a singular position, where they can be closed in more than one way.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
 2010, fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
 """
@@ -82,9 +82,9 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
-    """Return the closed state at the values `goal` (TK,) of the TK inputs, reached from `state` in steps.
+    """Return the state with closed loops at the values `goal` (TK,) of the TK inputs, reached from `state` in steps.
 
-    `walk` calls `advance` with increasing shares of the whole change of the inputs, and halves a step that fails.
+    `walk` calls `advance` with increasing fractions of the change of the inputs, and halves a step that fails.
 
     Raises:
         _End: the motion ends before the inputs reach their values `goal`, even with the shortest step.
@@ -95,7 +95,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     size = largest(change)
 
     def advance(share: float) -> None:
-        """Move the inputs to their values at the start plus the given share of their whole change."""
+        """Move the inputs to `inputs` + `share` * `change`."""
         nonlocal state, steps
         # at the end of the change the inputs are the goal itself: the sum would be rounded
         state = _advance(equations, state, goal if share == 1.0 else inputs + share * change)
@@ -110,7 +110,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
-    """Return the closed state at the values `target` (TK,) of the inputs; it certainly belongs to the same assembly as `state`.
+    """Return the state with closed loops at the values `target` (TK,) of the TK inputs, in the same assembly as `state`.
 
     Raises:
         Stopped: the step is too long, or leads to no regular position.
@@ -127,6 +127,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     closed, J, steps = equations.close(guess)
     if not largest((closed - guess)[angles]) < LARGEST_MISS:
         raise Stopped("the position is far from the prediction", singular=False)
+    # the determinant is not positive if J has passed a singular position, beyond which lies another assembly
     if unknowns and np.linalg.slogdet(state.J.T @ J)[0] <= 0:
         raise Stopped("the Jacobian changes its orientation", singular=True)
     return _State(closed, J, steps)
@@ -161,11 +162,12 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the motion through some closed states, in absolute coordinates.
+    """Return the motion through states with closed loops, in absolute coordinates.
 
     `given` has two arrays: the first and the second time derivatives (k, TK) of the TK inputs at k times.
     """
-    # (states, 3, TU + TK): x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
-    levels = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
-    x = np.array(levels).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
+    # (states, 3, TU + TK), for TU unknown variables and TK inputs: x, x', x'' of each state; a motion that ends early has fewer
+    # states than the inputs have times
+    x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
+    x = np.array(x_and_rates).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

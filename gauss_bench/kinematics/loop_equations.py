@@ -1,17 +1,17 @@
-"""The loop equations of a linkage, whose drivers are the inputs, put together from link units.
+"""The loop equations of a linkage with its drivers as inputs, assembled from the contributions of the links.
 
-The variables are angles of links [rad], and coordinates [m] along slides and active bars (bars whose length is an input). Those
-that the drivers prescribe are the known variables q, the others are the unknown variables phi. In the notation of the paper there
-are L loops, TU unknown and TK known variables. Links that are joined by slides share one angle.
+The variables are angles of links [rad], and coordinates [m] along slides and active bars (bars whose length is an input). The
+variables that the drivers prescribe are the known variables q, all others are the unknown variables phi. In the notation of the
+paper there are L loops, TU unknown and TK known variables. Links that are joined by slides share one angle.
 
-A loop is closed if the vectors through its links add up to zero. The link i contributes its vector A_i, the Jacobian J_i of this
-vector by the variables of the link, and the time derivative J_i' (see `link_units`). The matrices U_i and K_i, of zeros and ones,
-move the columns of J_i to the columns of the unknown and of the known variables of the whole linkage. Sums over the links i of the
-loop l give
+A loop is closed if the vectors through its links add up to zero. The link i contributes its vector A_i, the Jacobian J_i of A_i
+with respect to the variables of the link, and the time derivative J_i' (see `link_units`). The matrices U_i and K_i, of zeros and
+ones, move the columns of J_i to the columns of the unknown and of the known variables of the whole linkage. For the loop l, the
+sums over its links i are
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   J_l' = sum J_i' U_i,   B_l' = sum J_i' K_i.
 
-The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage. They give
+The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage. The loop equations A = 0 give
 
     positions A(phi; q) = 0 by Newton's method:   J dphi = -A,   phi += dphi
     velocities:                                   J phi' = -B q'
@@ -20,8 +20,8 @@ The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage.
 All these equations are solved in the least-squares sense. The least-squares solution is the exact solution if J is square, and the
 common solution of consistent equations if redundant joints make the equations of the loops dependent.
 Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
-2010, eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, which would put the loops side
-by side.
+2010, eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which the blocks of the
+loops would be beside, not below, each other.
 """
 
 from collections.abc import Sequence
@@ -72,8 +72,8 @@ class Matrices:
 
     Attributes:
         A: (2L,) sums of the vectors around the loops [m], zero if the loops are closed.
-        J, J_rate: (2L, TU) Jacobian of A with respect to the unknown variables, and the time derivative of this Jacobian.
-        B, B_rate: (2L, TK) Jacobian of A with respect to the known variables, and the time derivative of this Jacobian.
+        J, J_rate: (2L, TU) Jacobian of the sums A with respect to the unknown variables, and its time derivative.
+        B, B_rate: (2L, TK) Jacobian of the sums A with respect to the known variables, and its time derivative.
     """
 
     A: Array
@@ -90,10 +90,10 @@ class PlacedWay:
     A state x (TU + TK,) has the values of the TU unknown variables, then those of the TK known variables.
 
     Attributes:
-        way: the path.
+        way: the path, from one joint of the link to another.
         slides: indices in x of the coordinates s along slides or active bars on this path.
-        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side. The link unit has C columns; the row c of `factors`
-            has a 1 at the index in x of the variable that belongs to column c, and zeros elsewhere.
+        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side. The link's Jacobian has C columns; the row c of
+            `factors` has a 1 at the index in x of the variable that belongs to column c, and zeros elsewhere.
     """
 
     way: Way
@@ -123,11 +123,11 @@ class LoopEquations:
         variables: all variables in the order of x.
         column: index of a link, or name of a slide or bar -> index of its variable in x.
         is_angle: (TU + TK,) True for variables that are angles.
-        turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the frame last.
+        turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots: index of the root of each link, in the same order of the links.
         phase: (links + 1,) angle of each link minus the angle of its root [rad], in the same order.
         ways: for each loop the list of its paths through its links.
-        lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
+        lengths: (TU,) factors of the columns of J that make derivatives with respect to lengths and to angles comparable.
 
     Raises:
         ValueError: there are not as many drivers as degrees of freedom; a driver turns a link that cannot turn; two drivers
@@ -184,7 +184,7 @@ class LoopEquations:
         return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
 
     def _place(self, way: Way) -> PlacedWay:
-        """Return the path of a loop through a link, with the indices of this path's variables in a state x."""
+        """Return `way`, the part of a loop that runs through one link, with the indices of its variables in a state x."""
         # the variables of this path in the order of the columns of the link unit: the angle of the link's root, then slides
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
@@ -193,7 +193,7 @@ class LoopEquations:
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
-        """Return the values of the TK known variables and their first and second time derivatives, (k, TK) each, at times (k,).
+        """Return the TK prescribed variables (inputs) and their first and second time derivatives, (k, TK) each, at times (k,).
 
         Raises:
             ValueError: a motion law has a value that is not finite.
@@ -207,15 +207,15 @@ class LoopEquations:
         return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
-        """Return name of an input -> its value in a state x [rad, m], as its motion law gives it."""
+        """Return a dict from each input to its value in a state x [rad, m], measured as in the motion law of its driver."""
         values = x[len(self.unknown) :] + self._phases()
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
 
     def _phases(self) -> Array:
-        """Return the constants (TK,) by which the inputs exceed the known variables [rad].
+        """Return the constant differences (TK,) between the inputs of the drivers and the known variables [rad].
 
-        For the angle of a driven link this is the angle of the link minus the angle of its root, which is the variable. For driven
-        slides and bars it is 0.
+        For a driven link the difference is the angle of the link minus the angle of its root, which is the variable. For driven
+        slides and bars the difference is 0.
         """
         return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
@@ -251,8 +251,8 @@ class LoopEquations:
     def close(self, x: Array) -> tuple[Array, Array, int]:
         """Return the closed state near x with the same inputs, the Jacobian J there, and the number of Newton steps.
 
-        x has the values of the unknown variables, then those of the inputs, which are kept. J (2L, TU) is the Jacobian of the loop
-        equations with respect to the unknown variables.
+        x has the values of the TU unknown variables, then those of the inputs, which are kept. J (2L, TU) is the Jacobian of the
+        equations of the L loops with respect to the unknown variables.
 
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
@@ -261,20 +261,20 @@ class LoopEquations:
         count, last = 0, np.inf  # number of Newton steps, size of the last one
         while count < NEWTON_STEPS and last >= SETTLED:
             here = self.at(x, zero_rates)
-            step = solve_rows(here.J, -here.A)
+            step = solve_rows(here.J, -here.A)  # A: residual of the loop equations
             x[:unknowns] += step
             count, last = count + 1, largest(step)
         here = self.at(x, zero_rates)
         if last >= SETTLED or not largest(here.A) < CLOSED:
             raise Stopped("the loops do not close", singular=False)
-        self.check_rank(here.J, FORKED)
+        self.check_rank(here.J, FORKED)  # at a fork the loops close, but assemblies cannot be distinguished
         return x, here.J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
         """Check that J (2L, TU) has full column rank: every singular value is above `tolerance` times the largest one.
 
         Raises:
-            Stopped: a singular value is smaller, or J has fewer rows than columns.
+            Stopped: a singular value of J is below this limit, or J has fewer rows than columns.
         """
         # the factors `lengths` make columns that belong to angles and to lengths comparable
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
@@ -285,7 +285,7 @@ class LoopEquations:
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Return the first and second time derivatives (TU + TK,) of a closed state x = [phi, q].
 
-        phi are the TU unknown variables, and q the TK known variables, the inputs. The equations are those at the top of this file.
+        phi are the TU unknown variables, and q the TK known variables, the inputs.
 
         Args:
             speed, second: (TK,) first and second time derivatives of the inputs.

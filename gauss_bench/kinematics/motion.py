@@ -1,4 +1,4 @@
-"""The motion of a linkage that follows its inputs: the result of both loop closure and point equations."""
+"""The motion of a linkage that follows its inputs, computed either from loop equations or from point equations."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ class Motion:
 
     Attributes:
         q, v, a: (k, n) absolute positions, velocities, accelerations as in Mechanism; angles are continuous from q0 on.
-        iterations: (k,) iterations of the solver on the way from the sample before.
+        iterations: (k,) iterations of the solver since the previous sample.
     """
 
     q: Array

@@ -7,9 +7,9 @@ three constant rows of coefficients a, b, c (N,) each:
     first derivative:   dphi = Re(r dz),  with  r = conj(b z) a + conj(a z) b + c
     second derivative:  phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
 
-Jacobian and acceleration bias are therefore exact. The expressions phi of the equations are listed here with the parts to which
-they belong. In this list A, B, C, P are points in the world, a, b, c are the places of A, B, C in the frame of a link, and u is the
-unit vector of a slide's line through the point G:
+Jacobian and acceleration bias are therefore exact. The expressions phi of the equations are listed here with the points or drivers
+to which they belong. In this list A, B, C, P are points in the world, a, b, c are the places of A, B, C in the frame of a link, and
+u is the unit vector of a slide's line through the point G:
 
     (|B - A|^2 - L^2) / 2 L:             the two points that show a link's direction
     C - A - (c - a) (B - A) / (b - a):   two rows, for every further point of a link, or of a link that shares its angle
@@ -46,8 +46,8 @@ class PointGroup:
     """Points that can only be solved together (an Assur group).
 
     The sign of the determinant of the group's block of the Jacobian distinguishes assemblies, and changes only at a singular
-    position. In a dyad two links are joined at one unknown point, and their other joints are known: the sign then tells on which
-    side of the line between these two joints the point lies.
+    position. In a dyad two links are joined at one unknown point, and their other joints are known: the sign of the determinant
+    then tells on which side of the line between the known joints the point lies.
 
     Attributes:
         name: names of the points, joined by "+".
@@ -79,7 +79,7 @@ def link_equations(p: Points, link: int) -> Iterator[Equation]:
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
     """Yield the equation that keeps the block on the line of a slide and, if the slide is driven, the equation of its coordinate s.
 
-    Each equation is a triple of rows a, b, c (N,), as at the top of this file.
+    Each equation is a triple of coefficient rows a, b, c (N,), as defined at the top of this file.
     """
     u = exp(1j * slide.angle) * p.direction(slide.guide.link)  # unit vector along the line
     gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))  # P - G, from guide to block
@@ -190,9 +190,9 @@ class PointModel:
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return for each of the g groups of points the sign (g,) of a determinant, which distinguishes the group's assemblies.
+        """Return the sign of a determinant for each of the g groups of points (g,); it differs between a group's assemblies.
 
-        It is the determinant of the block of J (m, 2 u) that consists of the group's equations (rows) and unknowns (columns).
+        The determinant is that of the square block of J (m, 2 u) that has the group's equations (rows) and unknowns (columns).
         """
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
@@ -202,13 +202,13 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     """Return the groups of points that have more than one assembly, in an order in which they can be solved one after the other.
 
     Each unknown coordinate is matched with an equation, from which it can be computed if the other unknowns in this equation are
-    known: it depends on them. Unknowns that depend on each other (a strongly connected component of the graph of dependences) form
-    a group. Two kinds of groups are left out: those of linear equations, which have only one solution, and those that depend on
-    redundant equations, which have more equations than unknowns and therefore no determinant.
+    known: the coordinate depends on these other unknowns. Unknowns that depend on each other (a strongly connected component of the
+    graph of dependences) form a group. Two kinds of groups are left out: those of linear equations, which have only one solution,
+    and those that depend on redundant equations, which have more equations than unknowns and therefore no determinant.
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
-    z[0] = 1.0
+    z[0] = 1.0  # the constant entry of z
     J = model.jacobian(model.rows(z))
     m, n = J.shape
     pattern = np.abs(J) > SAME * largest(J)
@@ -223,7 +223,7 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     for i in range(m):
         if ("row", i) not in matched:
             redundant.update(*({k} | nx.descendants(needs, k) for k in columns_of[i]))
-    # an equation is quadratic if both a and b have entries at points
+    # an equation Re(conj(a z) (b z) + c z) = 0 is quadratic in the points if both a and b have entries at points of z
     curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
     groups = []
     for part in nx.strongly_connected_components(needs):

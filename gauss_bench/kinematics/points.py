@@ -4,12 +4,12 @@ Points and directions of the plane are complex numbers. A position of the linkag
 
     z = [1, inputs, points].
 
-The entry of an input is exp(i theta) for the driven angle of a link, the coordinate s for a driven slide, or the squared length L^2
-for an active bar (a bar whose length is an input).
+An input enters z as exp(i theta) for the driven angle of a link, as the coordinate s for a driven slide, or as the squared length
+L^2 for an active bar (a bar whose length is an input).
 
 Many quantities are linear in z. Let A and B be two points of a link, and a and b their places in the frame of the link. A vector
 that is s in the frame of the link is s (B - A) / (b - a) in the world. If an input gives the direction exp(i theta) of the link, a
-point C of the link with the place c in its frame follows from one other point: C = A + (c - a) exp(i theta).
+further point with the place C in the world and c in the frame of the link follows from A alone: C = A + (c - a) exp(i theta).
 """
 
 from cmath import exp
@@ -51,15 +51,16 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     Args:
         frames: link -> (root, phase) as from `shared_angles`: links that slides join turn by the same angle, and one of them, the
             root, stands for their angles.
-        turned: roots whose angle is known, because it is an input or because the root is the ground. Links that have one of these
-            roots need no second point to show their direction.
+        turned: roots whose angle is known, because it is an input or because the root is the ground. Links with such a root need no
+            second point to show their direction.
     """
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
         """Add a point to the list `basic`; `ends` has its places in the frames of one or more links.
 
-        Points of the list that coincide with it in one of these links are merged with it to one point.
+        Points of the list that have the same place in the frame of one of these links are merged with the new point; the name of
+        the first of them is kept.
         """
         at = {end.link: place(end) for end in ends}
 
@@ -107,7 +108,7 @@ def link_size(points: list[BasicPoint]) -> float:
 
 
 def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
-    """Return the drivers that prescribe the distance of two points, by name."""
+    """Return a dict of the drivers that prescribe the distance of two points, from name to driver."""
     return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
 
 
@@ -138,7 +139,7 @@ class Points:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Choose the basic points of a mechanism, and find those that are known.
+        """Choose the basic points of a mechanism, and find those whose places follow from the ground and the inputs alone.
 
         Raises:
             ValueError: a link has no joint, or a driver prescribes a quantity that another driver or the joints already determine.
@@ -166,8 +167,9 @@ class Points:
     def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
         """Return the attributes `turned`, `pushed` and `stretched`.
 
-        These are dictionaries from a root, the name of a slide or the name of an active bar to the entry of z that its driver
-        prescribes. The driver k has the entry k, counted from 1. Entry 0 is the constant 1 = exp(0 i), the direction of the ground.
+        These are dictionaries from a root, the name of a slide or the name of an active bar to the index in z of the quantity that
+        its driver prescribes. The driver k, counted from 1, has the index k. Entry 0 of z is the constant 1 = exp(0 i), the
+        direction of the ground.
 
         Raises:
             ValueError: a driver prescribes a quantity that another driver or the joints already determine.
@@ -198,7 +200,10 @@ class Points:
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Return the row (N,) whose product with z is exp(i theta) of a link: from an input, or from two points."""
+        """Return the row (N,) whose product with z = [1, inputs, points] is exp(i theta) of a link.
+
+        exp(i theta) follows from an input, or from two points.
+        """
         root, phase = self.frames[link]  # theta of the link is theta of the root plus `phase`
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
@@ -207,7 +212,7 @@ class Points:
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Return the row (N,) whose product with z is the world position of a point of a link.
+        """Return the row (N,) whose product with z = [1, inputs, points] is the world position of a point of a link.
 
         s = x + i y [m] is the place of the point in the frame of the link.
         """
@@ -218,7 +223,7 @@ class Points:
         return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
-        """Return the index in z of the point that lies in the block of a slide."""
+        """Return the index, in z = [1, inputs, points], of the point that lies in the block of a slide."""
         link = slide.block.link
         return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
@@ -229,6 +234,7 @@ class Points:
         known too.
         """
         link: int | None = GROUND
+        # links whose direction is an input, and none of whose points is placed yet
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
             for k in self.entries_of[link]:
@@ -241,9 +247,10 @@ class Points:
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return (link, A, B): the line from A to B, two points of this link, gives the direction of all links that have this root.
+        """Return (link, A, B): the line from A to B, two points of this link, gives the direction of all links with this `root`.
 
-        A and B are entries of z. A is a known point if one of these links has one, and the distance from A to B is the largest.
+        A and B are indices of points in z. A is a point whose place is known, if these links have any; among such pairs the
+        distance from A to B is the largest.
         """
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
@@ -251,7 +258,7 @@ class Points:
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
             """Return the key by which the best pair of points A, B is chosen: the largest key wins.
 
-            Pairs with a known point A win first, then larger distances, then points B that come earlier in z.
+            Pairs whose point A has a known place win first, then larger distances, then points B with a smaller index in z.
             """
             link, A, B = pair
             return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
@@ -259,10 +266,10 @@ class Points:
         return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """Return z, z', z'' as the rows of (3, N), in which the entries of unknown points are zero.
+        """Return z = [1, inputs, points] and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
 
         Args:
-            x: (i,) values of the inputs [rad, m]; x has the length of an active bar, whereas z has its squared length.
+            x: (i,) values of the inputs [rad, m]; for an active bar x has the length, whereas z has the squared length.
             rate, second: (i,) first and second time derivatives of x.
         """
         Z = np.zeros((3, self.N), dtype=complex)
@@ -276,7 +283,7 @@ class Points:
                     Z[:, 1 + k] = x[k], rate[k], second[k]
                 case LengthDriver():
                     Z[:, 1 + k] = x[k] ** 2, 2 * x[k] * rate[k], 2 * (rate[k] ** 2 + x[k] * second[k])
-        for entry, row in self.rows.items():  # known points: constant rows times inputs and earlier points
+        for entry, row in self.rows.items():  # a known point is linear in inputs and earlier points
             Z[:, entry] = Z @ row
         return Z
 

@@ -3,8 +3,8 @@
 Let J be the Jacobian of F at the present point x. Each method goes from x to x + h. The step h follows from
 
     Newton-Raphson:       J h = -F; the full step is taken
-    Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, condition of Armijo)
-    Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu after Nielsen is smaller if the linear model predicts |F| well, else larger
+    Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, Armijo's condition)
+    Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu falls if the linear model predicts |F| well, else it grows (Nielsen's rule)
 
 There may be more equations than unknowns if the equations are consistent; J h = -F is then solved in the least-squares sense.
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
@@ -45,7 +45,7 @@ class Root:
 
     Attributes:
         x: (n,) the last iterate.
-        flag: CONVERGED if it is a root.
+        flag: CONVERGED if x is a root, else the reason why the search ended.
         iterations: number of steps that were tried.
         residual: max |F| at x, in the unit of F.
     """
@@ -83,9 +83,9 @@ def full_step(F: Array, J: Array) -> Array | None:
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`.
 
-    Newton-Raphson is the fastest of the methods near a root. Far from a root its full steps may lead anywhere.
+    Newton-Raphson is the fastest of the methods near a root. Far from a root the full steps of this method may lead anywhere.
     """
-    return search_along(residual, x, tolerance, lengths=0)
+    return search_along(residual, x, tolerance, lengths=0)  # 0: no shorter step is tried
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
@@ -96,7 +96,8 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> 
 def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -> Root:
     """Search for a root from x (n,) by Newton's method, with steps h that solve J h = -F.
 
-    The steps h, h/2, h/4, ... are tried until |F|^2 falls enough. The search has stalled if |F|^2 falls enough at none of them.
+    The steps h, h/2, h/4, ... are tried until |F|^2 falls enough. The search has stalled if |F|^2 falls enough with none of these
+    steps.
 
     Args:
         lengths: largest number of these steps that are tried; with 0 every step h is taken in full, even if |F| grows.

@@ -1,8 +1,8 @@
-"""Find the singular positions of a linkage with one degree of freedom, limits of motion and dead centres, to rounding.
+"""Find the limits of motion and the dead centres of a linkage with one degree of freedom, with an error of the order of rounding.
 
-The positions of the linkage form a curve q(s), where s is the length along the curve. Its tangent x satisfies J x = 0. A coordinate
-c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage there. If this coordinate is the crank's angle, the
-position is a limit of its motion; for any other coordinate it is a dead centre.
+The positions of the linkage form a curve q(s), where s is the length along the curve. The tangent x of the curve satisfies J x = 0
+for the Jacobian J of the joints. A coordinate c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage
+there. Such a position is a limit of motion if the coordinate is the crank's angle, and a dead centre if it is any other coordinate.
 
 The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses its direction. If g . x
 changes its sign between two positions, a root finder searches along the tangent for the position between them at which g . x = 0,
@@ -36,7 +36,7 @@ RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singu
 class ChangePoint(ArithmeticError):
     """The curve of positions forks: the Jacobian of the joints loses rank, and the motion can go on in more than one way.
 
-    It is also raised if the search is ended from outside.
+    The exception is also raised if another thread ends the search.
     """
 
 
@@ -122,7 +122,7 @@ class Curve:
     def orientation(self, q: Array, x: Array) -> float:
         """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,); 0 if the matrix is not square.
 
-        The sign changes where the curve crosses another curve of positions.
+        This sign of the determinant changes where the curve crosses another curve of positions.
         """
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
@@ -172,8 +172,8 @@ class Curve:
 def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list[Singular]:
     """Return all positions at which a coordinate that could serve as an input reverses its direction.
 
-    They are in the order in which the curve of positions, followed from q0, meets them. These coordinates are
-    `driving_coordinates`.
+    The coordinates are those of `driving_coordinates`. The positions are in the order in which the curve of positions, followed
+    from q0, passes them.
 
     Args:
         ended: an event that another thread sets to end the search.
@@ -187,7 +187,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     positions: list[Singular] = []
     q = mechanism.q0
     tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
-    first, side = tangent, curve.orientation(q, tangent)
+    first, side = tangent, curve.orientation(q, tangent)  # the orientation changes its sign where the curve forks
     rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():

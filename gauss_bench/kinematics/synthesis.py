@@ -1,10 +1,10 @@
 """Find a four-bar whose coupler takes three given poses, and tell whether it moves through them without being taken apart.
 
-The coupler is the link of the four-bar that carries a body through three poses. In these poses a pin of the coupler has three
-places, and the centre of the circle through them is the fixed pivot of the bar that guides the pin. In kinematic inversion, seen
-from the coupler, a fixed pivot has three places, and the centre of the circle through them is the pin. If the three places of a pin
-lie on a line, a slide along this line guides the pin. Places are complex numbers x + i y [m]. A pose is the place and the angle
-[rad] of the coupler's frame.
+The coupler is the link of the four-bar that carries a body through three poses. In these three poses a pin of the coupler is at
+three places, and the centre of the circle through these places is the fixed pivot of the bar that guides the pin. In kinematic
+inversion, seen from the coupler, a fixed pivot is at three places, and the centre of the circle through these is the pin. If the
+three places of a pin lie on a line, a slide along this line guides the pin. Places are complex numbers x + i y [m]. A pose is the
+place and the angle [rad] of the coupler's frame.
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
@@ -89,7 +89,7 @@ def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
     through the three places.
 
     Raises:
-        NoFourBar: a pin has no pivot; or both pins coincide, or both pivots, or a pin and its pivot.
+        NoFourBar: a pin has no pivot, the two pins coincide, the two pivots coincide, or a pin coincides with its pivot.
     """
     connections = []
     for name, pin in zip(NAMES, pins, strict=True):
@@ -102,13 +102,14 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     """Return the four-bar whose coupler takes three poses, and whose bars turn about two given fixed pivots.
 
     Raises:
-        NoFourBar: a pivot has no pin; or both pins coincide, or both pivots, or a pin and its pivot.
+        NoFourBar: a pivot has no pin, the two pins coincide, the two pivots coincide, or a pin coincides with its pivot.
     """
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin
         seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]  # the pivot in the coupler's frame
-        # here the pivot takes the part of a guided pin; only the circle's centre is used, so that the first argument is arbitrary
+        # `connect` finds the circle through three places, here those of the pivot. Its first argument is arbitrary (0j), because
+        # only the centre of the circle is used
         circle = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
@@ -169,13 +170,14 @@ def join(first: Connection, second: Connection) -> FourBar:
 
 
 def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
-    """Return the motion of the four-bar through the three poses if the connection `driven` is driven.
+    """Check whether the four-bar passes the three poses in their order, on one branch, if the connection `driven` is driven.
 
-    The motion has no fault if the coupler passes the poses in their order on one branch. `name` is the name of the driven
-    connection, "first" or "second", for the text of the result.
+    Return the fault, if any, a sentence for the user, and the travel of the input. `name` is the name of the driven connection,
+    "first" or "second", for the text of the result.
     """
     coupler = abs(driven.pin - other.pin)  # length of the coupler between its pins
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
+    # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
         first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
@@ -198,8 +200,8 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
     """Return the branch on which the four-bar is in a pose: 1 or -1, or 0 at a dead point, which belongs to both branches.
 
-    The branch is the sign of the sine of the angle between the coupler and the bar that is not driven. If a slide takes the place
-    of this bar, the angle is that between the coupler and the normal of the slide.
+    The branch is the sign of the sine of the angle between the coupler and the bar that is not driven. If a slide replaces the bar,
+    the angle is measured between the coupler and the normal of the slide.
 
     Args:
         other: the connection that is not driven, a bar or a slide.
@@ -219,8 +221,9 @@ def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tup
     """Return the ways in which the input can move from the first pose to the second and to the third, as (sense, travels).
 
     The sense is +1 or -1. The two travels are the changes of the input [rad, m] from the first to the second pose, and from the
-    first to the third. A slide has only one travel to each pose, which is returned with both senses. A bar can turn to each pose in
-    both directions, which gives four pairs of travels. `values` are the values of the input at the three poses.
+    first to the third. A slide can reach each pose by only one travel, and this pair of travels is returned once for each sense. A
+    bar can turn to each pose in both directions, which gives four pairs of travels. `values` are the values of the input at the
+    three poses.
     """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
@@ -236,8 +239,8 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
 
     A connection is a bar that turns about a fixed pivot, or a slide along a fixed line. `driven.at(x)` is the place of the driven
     pin at the input x. The loop can be closed if this pin is neither too far from the other connection's pivot (or line) nor too
-    near it. The distance between the pin and this pivot (or line) has its extremes at `start`, at `end`, or at inputs between them
-    at which the pin is nearest or farthest. All these inputs are tried.
+    near it. The distance of the driven pin from the other pivot (or line) has its extremes at `start`, at `end`, or at inputs
+    between them at which the pin is nearest or farthest. All these inputs are tried.
     """
     tried = [start, end]
     if driven.direction is None:  # a bar

@@ -45,7 +45,7 @@ class Pair:
         return self.elements[0].node
 
     def element(self, link: int) -> Element:
-        """Return the element of this pair (its half) that belongs to a link, one of `links`."""
+        """Return the half of this pair that belongs to a link, whose index is one of `links`."""
         return self.elements[self.links.index(link)]
 
 
@@ -75,6 +75,7 @@ class Loop:
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of the joints around the loop; a multiple joint has one name."""
+        # a multiple joint gives several equal names in a row: drop repeats, also that of the last and the first name
         nodes = [passage.leave.node for passage in self.passages]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
@@ -166,7 +167,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
 def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
     """Return the graph of links (nodes) and pairs (edges)."""
     net = nx.MultiGraph()
-    net.add_nodes_from(range(GROUND, links))
+    net.add_nodes_from(range(GROUND, links))  # GROUND is -1: the ground, then all links
     for pair in pairs:
         net.add_edge(*pair.links, key=pair.name, pair=pair)
     return net
@@ -190,7 +191,7 @@ def pin_loose_links(mechanism: Mechanism) -> Mechanism:
 
 
 def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
-    """Return the loop that a pair outside the tree, the chord, closes with the path in the tree between its two links."""
+    """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links."""
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
     top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
@@ -207,8 +208,8 @@ def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Return link -> (root, phase): the angle of the link is the angle of its root plus the constant `phase` [rad].
 
     Slides make the links that they join turn by the same angle. One link of such a group, the root, stands for the angles of all.
-    If the frame belongs to the group, the frame is its root. Otherwise the root is the first link of the group that is not the
-    block of a slide. A link without a slide is its own root.
+    If the ground belongs to such a group, the ground is the root of the group. Otherwise the root is the first link of the group
+    that is not the block of a slide. A link without a slide is its own root.
     """
     blocks = {j.block.link for j in mechanism.slides}
     roots: dict[int, tuple[int, float]] = {}
@@ -227,7 +228,7 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     """Return q, v, a (k, 3 links) of the first `links` links at k times, computed along the tree from the frame.
 
     Args:
-        angles: angles, angular speeds and angular accelerations, (k, all links + 1) each, with the frame last.
+        angles: angles, angular speeds and angular accelerations, (k, all links + 1) each, with the ground in the last column.
         slides: name of a slide or active bar -> (coordinate along the slide or length of the bar, its speed, its acceleration),
             (k,) each.
     """
@@ -239,8 +240,8 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         """Return the vector from the centre of link i to one of its elements, and its first two time derivatives, complex (k,)."""
         zero = np.zeros(len(theta))
         s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (zero, zero, zero)))
-        local = element.at + s  # in the frame of the link
-        e, rate = E[:, i], omega[:, i]
+        local = element.at + s  # in the frame of the link, as a complex number
+        e, rate = E[:, i], omega[:, i]  # for the ground, i = -1 is the last column
         # e local, differentiated twice by the product rule
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 

@@ -1,15 +1,15 @@
-"""Measure every checked statement of the three papers, as printed and as intended, and derive a verdict.
+"""Measure every checked statement of three papers, as printed and as intended, and derive a verdict.
 
 The data file of a paper lists the paper's statements (equations, numbers, claims) in their order, in chapters; each statement is
-called a line. A line has two forms: the statement as it is printed, and the statement as the authors intended it, which is the
-corrected statement. In the data file, a form is either a string or data (a number, a list or a table). A string names a function of
-the chapter's module in `forms`, which computes what the statement says. If the form itself is a string, it is given as a list with
-this string.
+called a line. A line has two versions of the statement, called forms: as it is printed, and as the authors intended it, which is
+the corrected statement. In the data file, each form is either a string or data (a number, a list or a table). Such a string is the
+name of a function, in the chapter's module in `forms`, which computes what the paper's statement says. A form that consists of text
+is given as a list with this text.
 
-A line also names its measure: a function that returns the discrepancy of a form from a reference. The reference is computed without
-either of the two forms, so that the data file cannot decide the verdict. A chapter of the data file may give cases for a measure,
-under the key `over`. The measure is then evaluated for each case, and the worst value is used. The data file also gives the cause
-of each error; lines with the same cause count as one mistake.
+Each line also names its measure: a function that returns the discrepancy of a form of the statement from a reference. The reference
+is computed without either of the two forms, so that the data file cannot decide the verdict. A chapter of the data file may give
+cases for a measure, under the key `over`. With cases, the measure is evaluated for each case, and the worst value is used. The data
+file also gives the cause of each error; lines with the same cause count as one mistake.
 """
 
 import math
@@ -63,7 +63,8 @@ class Line:
         measure: function that maps a form to its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a form that counts as right.
         example: function that maps a form to a number that a reader can check with pencil and paper; None if there is no example.
-        truth: function that computes the true value of this number without either form; None if there is no example.
+        truth: function that computes the true value of the example's number without the printed and the intended form; None if
+            there is no example.
     """
 
     texts: dict[str, str]
@@ -92,10 +93,11 @@ def read(name: str) -> Table:
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
-    """Yield the statements of a paper's data file, in which functions replace the names of forms and measures.
+    """Yield the statements of a paper's data file, with the functions themselves in place of their names in the file.
 
-    The data file has chapters with lines, one for each statement. A line names its measure, its cause of error, its tolerance and
-    its number (what its example computes) by keys of tables that the file or the chapter has.
+    The data file has chapters with lines, one for each statement. `printed` is the function or data of the statement as printed,
+    `intended` as the authors meant it. A line refers to its measure, its cause of error, its tolerance and its number (what its
+    example computes) by keys of tables in the file or the chapter.
     """
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
@@ -129,7 +131,8 @@ def lines_of(paper: Table) -> Iterator[Line]:
 def form_of(module: str, form: Any) -> Any:
     """Return the function that a string in a data file names; return any other value (a number, list or table) unchanged.
 
-    The string is the name of a function in `module`, the chapter's module, or the path of a function in `gauss_bench.papers`.
+    The string `form` is the name of a function in `module`, the chapter's module, or the path of a function in
+    `gauss_bench.papers`.
     """
     if not isinstance(form, str):
         return form
@@ -138,7 +141,7 @@ def form_of(module: str, form: Any) -> Any:
 
 
 def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return the function that maps a form of a statement to its largest discrepancy over the cases of the statement's measure.
+    """Return a function of one form of a statement: its largest discrepancy over all cases for which the statement is tested.
 
     Args:
         module: module of the chapter in `papers`.
@@ -175,9 +178,9 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
     Args:
         verdict: the verdict that the data file claims.
-        printed, intended: discrepancies of the statement as printed and as intended, from the reference.
-        tolerance: largest discrepancy of a form that counts as right. A printed form counts as wrong only if its discrepancy
-            exceeds APART tolerances.
+        printed, intended: differences of the statement as printed and as intended from the reference.
+        tolerance: largest difference of a correct statement. A statement as printed counts as wrong only if its difference exceeds
+            APART times the tolerance.
     """
     # `not x <= tolerance` also is true if x is NaN
     faults = [] if intended <= tolerance else ["what is called right is not"]
@@ -191,15 +194,15 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 def measure_line(line: Line) -> dict[str, Any]:
     """Measure a statement of a paper, and return its row of texts and numbers in the table `audit`.
 
-    Besides the texts of the statement, the row has these columns:
-        verdict: "ok" if the statement is right as printed. If it is not, the verdict of the data file, or "wrong" if the file
+    Besides the texts that quote and explain the statement, the row has these columns:
+        verdict: "ok" if the statement is right as printed; otherwise the verdict that the data file claims, or "wrong" if the file
             claims "ok".
-        printed_off, intended_off: discrepancies of the statement as printed and as intended, from the reference.
-        tolerance: largest discrepancy of a form that counts as right.
+        printed_off, intended_off: differences of the statement as printed and as intended from the reference.
+        tolerance: largest difference of a correct statement.
         stands: whether the measured discrepancies agree with the verdict of the data file.
-        faults: the contradictions between them.
+        faults: the contradictions between the measured discrepancies and the verdict of the data file.
         example_printed, example_intended, example_true: the number of the statement's example as computed by the printed form and
-            by the intended form, and its true value; None if the statement has no example.
+            by the intended form, and its true value; None if the paper's statement has no numerical example.
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)

@@ -3,14 +3,14 @@
 The angle of the rod is th2, with sin th2 = -l1/l2 sin th. The coordinates q(th) of crank, rod and slider are those of
 `crank_slider`. With the derivatives d = dq/dth and e = d2q/dth2 and the crank's speed w, every acceleration that the constraints
 allow is a = d w' + e w^2. The true acceleration is the one among them that is nearest to M^-1 Q in the metric of M (Gauss's
-principle). Some wrong formulas of Yuan and Ge (2016) also satisfy the constraints J a = g, but minimise another distance over the
-same accelerations. With a weight matrix W and a vector R, all of them give
+principle). Some wrong formulas of Yuan and Ge (2016) also satisfy the constraints J a = g, but minimise another distance among
+these accelerations. With a weight matrix W and a vector R, the true formula and the wrong ones give
 
     w' = d . (R - W e w^2) / (d . W d)
 
-    true:                     W = M,      R = Q;          nearest to M^-1 Q in the metric of M
-    (16), Moore-Penrose:      W = I,      R = M^-1 Q;     nearest to M^-1 Q in the Euclidean metric
-    (10), (11) as printed:    W = M^-1,   R = M^-1 Q;     nearest to Q in the metric of M^-1
+    true:                          W = M,      R = Q;          a is nearest to M^-1 Q in the metric of M
+    eq. (16), Moore-Penrose:       W = I,      R = M^-1 Q;     a is nearest to M^-1 Q in the Euclidean metric
+    eqs. (10), (11) as printed:    W = M^-1,   R = M^-1 Q;     a is nearest to Q in the metric of M^-1
 """
 
 import math
@@ -77,8 +77,8 @@ class CrankMotion:
         return q, d, e
 
     def forces(self, x3: Any, x3_rate: Any) -> Seven:
-        """Return the applied forces of eq. (19) at positions [m] and speeds [m/s] of the slider."""
-        m1, m2 = self.mass[1], self.mass[4]
+        """Return the seven applied forces of the paper's eq. (19) at positions x3 [m] and speeds x3_rate [m/s] of the slider."""
+        m1, m2 = self.mass[1], self.mass[4]  # of crank and rod
         push = self.k * (self.rest - x3) - self.c * x3_rate
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
@@ -86,8 +86,8 @@ class CrankMotion:
         """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
 
         The acceleration is w' = d . (R - W e w^2) / (d . W d), where d and e are the first and second derivatives of the
-        coordinates with respect to theta. TRUE has W = M and R = Q, EQ_16 has W = 1 and R = Q/M, EQS_10_11 has W = 1/M and R = Q/M.
-        M is diagonal.
+        coordinates with respect to theta. The weight W and the load R are W = M and R = Q for the formula TRUE, W = 1 and R = Q/M
+        for EQ_16, and W = 1/M and R = Q/M for EQS_10_11. M is diagonal.
         """
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d
@@ -109,7 +109,8 @@ class CrankMotion:
     ) -> "CrankRun":
         """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the function `event` of t and y becomes 0.
 
-        y is the crank's angle and speed. The run stops there only if `event` has the attribute `terminal`, as scipy defines it.
+        y is the crank's angle and speed. The run stops at a zero of `event` only if this function has the attribute `terminal`, as
+        scipy defines it.
 
         Raises:
             ArithmeticError: the integrator fails.

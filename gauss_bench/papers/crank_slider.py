@@ -36,7 +36,7 @@ START = (0.075, 0.0, 0.0, 0.43, 0.0, 0.0, 0.71)
 
 @dataclass(frozen=True, eq=False)
 class ExampleState:
-    """A motion of the linkage file at one instant: q, v, a and the applied force Q, each (7,) in the paper's coordinates."""
+    """The state of the crank-slider at one instant: q, v, a and the applied force Q, each (7,) in the paper's coordinates."""
 
     q: Array
     v: Array
@@ -111,14 +111,18 @@ def jacobian(q: Number) -> Number:
 
 
 def bias(q: Array, v: Array) -> Array:
-    """Return the right-hand side g (6,) of J a = g, eq. (23), with rows 3, 5 and 6 corrected: the paper squares accelerations."""
+    """Return the right-hand side g (6,) of J a = g, eq. (23) of the paper, with angular velocities squared in all rows.
+
+    In rows 3, 5 and 6 the paper prints squares of angular accelerations instead.
+    """
+    # q[2], q[5]: angles of crank and rod
     x1, y1 = L1 * np.cos(q[2]) * v[2] ** 2, L1 * np.sin(q[2]) * v[2] ** 2
     x2, y2 = L2 / 2 * np.cos(q[5]) * v[5] ** 2, L2 / 2 * np.sin(q[5]) * v[5] ** 2
     return np.array([-x1 / 2, -y1 / 2, x1 + x2, y1 + y2, x2, y2])
 
 
 def mass() -> Array:
-    """Return the diagonal of M (7,), eq. (17)."""
+    """Return the diagonal of the mass matrix M (7,), eq. (17) of the paper."""
     return np.array([M1, M1, I1, M2, M2, I2, M3])
 
 

@@ -1,8 +1,8 @@
 """Compare published reference values with the certified reference of the suite, and count how many of their digits are right.
 
-The values are those of Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source: Mazzia and
-Magherini, Test Set for Initial Value Problem Solvers (2008), problem II-12. The authors computed the values by the solver PSIDE
-with both tolerances at 1e-14; later publications copied them.
+The published values are those of Andrews' squeezing mechanism at t = 0.03 s, in the angles of the problem's statement. Source:
+Mazzia and Magherini, Test Set for Initial Value Problem Solvers (2008), problem II-12. The authors computed the values by the
+solver PSIDE with both tolerances at 1e-14; later publications copied these values.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ SQUEEZER = ("squeezer", "squeeze", 0.03)  # linkage, scenario, and time [s] of t
 class PublishedAngle(NamedTuple):
     """An angle of the problem, with its value [rad] and rate [rad/s] as printed.
 
-    It is the angle of the link `link` minus the angle of the link `minus`. If `minus` is None, it is the angle of `link` alone.
+    The angle is that of the link `link` minus that of the link `minus`, or that of `link` alone if `minus` is None.
     """
 
     name: str
@@ -41,10 +41,10 @@ VALUES = (
 
 
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
-    """Return a row for each printed value: the printed and the certified value, their difference, and numbers of right digits.
+    """Return a row for each printed value: printed and certified value, difference, and numbers of printed and of right digits.
 
-    A row also has the error bar and the floor of the certified value. The floor is the change of the certified value if the numbers
-    of the linkage change by rounding, a relative 1e-16. The reference must end at the time of the published values.
+    A row also has the error bar of the certified value, and as `floor` the change of this value if the numbers of the linkage
+    change by rounding, a relative 1e-16. The reference must end at the time of the published values.
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12
@@ -54,7 +54,7 @@ def list_published_values(mechanism: Mechanism, reference: Reference) -> list[di
         for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):  # mark: added to the name of a rate
             state = getattr(reference, level)[-1]  # (n,) positions or rates at the end
             certified = float(angle_at(state, index[angle.link]))
-            if angle.minus:
+            if angle.minus:  # the angle is measured from another link
                 certified -= float(angle_at(state, index[angle.minus]))
             off = abs(float(text) - certified)
             rows.append(

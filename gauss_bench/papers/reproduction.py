@@ -1,8 +1,9 @@
 """Run the example of Yuan & Ge (2016), section 4, again: does the crank-slider "finally stop in an equilibrium"?
 
 Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` finds where the crank can rest and with
-which data it comes to rest, `running` computes the steady turning, and `reproduction.toml` explains each number. The paper's
-figures are computed from a reference. The paper does not give inertias and gravity, which are assumed throughout.
+which data it comes to rest, `running` computes the steady turning, and `reproduction.toml` explains each number. The data of the
+paper's plots (figures 2 to 9) are computed from a reference solution. The paper does not give inertias and gravity, which are
+assumed throughout.
 """
 
 import tomllib
@@ -38,10 +39,12 @@ Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its 
 
 
 def reproduction() -> dict[str, Any]:
-    """Return {"reproduction": rows}; a row has group, key, quantity, value, unit, bracket, verdict and statement.
+    """Compute the example's numbers; return {"reproduction": rows} with one row for each entry of the file `reproduction.toml`.
 
-    `value` is None for a claim or an omission. `bracket` is the uncertainty of the value, None if it is exact to rounding. The
-    verdict of a claim is "refuted", "holds" or "not shown".
+    A row has group, key, quantity, value, unit, bracket, verdict and statement.
+
+    `value` is None for a claim of the paper or data that it omits. `bracket` is the uncertainty of the value, None if the value is
+    exact to rounding. The verdict of a claim is "refuted", "holds" or "not shown".
     """
     motion = motion_of(linkage())
     given: Values = {"torque": (motion.torque, None), "damper": (motion.c, None), "watched": (WATCHED, None)}
@@ -49,7 +52,7 @@ def reproduction() -> dict[str, Any]:
     verdicts = {key: "holds" if holds else "refuted" for key, holds in claims(motion).items()}
     rows = []
     for group, table in tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")).items():
-        for key, words in table.items():
+        for key, words in table.items():  # words: quantity, unit, statement and the like
             value, bracket = values.get(key, (None, None))
             empty = {"unit": "", "verdict": verdicts.get(key, ""), "statement": ""}
             rows.append({"group": group, "key": key, "value": value, "bracket": bracket, **empty, **words})
@@ -63,10 +66,10 @@ def running(motion: CrankMotion) -> Values:
     """
     fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
-    # energy from the torque in a turn, integral of (dx3/dtheta)^2 over a turn, and speed at which torque and damper balance: these
-    # are exact to rounding, and have no uncertainty (None)
+    # taken: energy from the torque in a turn; swept: integral of (dx3/dtheta)^2 over a turn; balance: speed at which torque and
+    # damper balance. They are exact to rounding, so that their uncertainty is None
     exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
-    return values | {key: (value, None) for key, value in exact.items()}
+    return values | {key: (value, None) for key, value in exact.items()}  # also replaces the uncertainty of "taken"
 
 
 def statics(motion: CrankMotion) -> Values:
@@ -89,8 +92,9 @@ def settling(motion: CrankMotion) -> Values:
 
     The keys are:
         settles_above, settles_below: the crank comes to rest under torques [N m] between these two.
-        settles_above_lowest, settles_above_highest: least and largest value of settles_above for the other inertias in CORNERS.
-        damping: with the paper's torque, the crank comes to rest if the damping [N s/m] is larger than this.
+        settles_above_lowest, settles_above_highest: least and largest value of settles_above for other moments of inertia: those of
+            uniform bars times the factors in CORNERS.
+        damping: under the torque that the paper gives, the crank comes to rest if the damping [N s/m] is larger than this.
         rest_at_X: the angle [rad] at which the crank rests under the torque X, one of TORQUES.
 
     Args:
@@ -120,7 +124,7 @@ def with_inertias(motion: CrankMotion, crank: float, rod: float, torque: float) 
 
     `crank` and `rod` are multiples of the inertia of a uniform bar.
     """
-    factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)
+    factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)  # of x, y, angle of the crank, x, y, angle of the rod, x of the slider
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
 
@@ -137,7 +141,10 @@ def find_rest(motion: CrankMotion) -> float:
 
 
 def formulas(motion: CrankMotion) -> Values:
-    """Return the acceleration at the start and the speed after WATCHED seconds by the true and the wrong formulas."""
+    """Return the crank's acceleration at the start and speed after WATCHED seconds, by the true and by the wrong formulas.
+
+    The accelerations [rad/s^2] are exact to rounding; each speed [rad/s] has an uncertainty.
+    """
     values: Values = {}
     for key, formula in FORMULAS.items():
         other = replace(motion, formula=formula)
@@ -147,7 +154,7 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Return a dictionary: claim -> whether it is true. The last claim is one of this report; the others are the paper's.
+    """Return a dictionary: claim -> whether it is true. The paper makes all claims but `any_inertia`, which this suite adds.
 
     The keys are:
         stops: the mechanism comes to rest in the end.

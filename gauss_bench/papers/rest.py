@@ -1,7 +1,7 @@
-"""Find where the crank-slider can rest, whether it comes to rest from its start, and the bounds between resting and turning.
+"""Find where the crank-slider can rest, whether it comes to rest from its start, and which parameters separate rest from turning.
 
 F(theta) = d . Q(q, 0) is the static torque of weight and spring on the crank, with d = dq/dtheta. Under an applied torque tau, the
-crank is in equilibrium where F + tau = 0. The equilibrium is stable where dF/dtheta < 0.
+crank is in equilibrium where F + tau = 0; this equilibrium is stable if dF/dtheta < 0.
 
 The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank that
 starts at rest and completes a turn is back at its starting angle with some speed. In every later turn the crank is faster at each
@@ -56,7 +56,7 @@ def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
 
 
 def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
-    """Return the angles at which the crank can rest under the motion's torque, in order; empty if no angle balances it."""
+    """Return the equilibria of the crank under the torque `motion.torque`, with ascending angles; empty if there are none."""
     theta = np.linspace(-np.pi, np.pi, GRID + 1)
     F = motion.static_torque(theta)
     places = []
@@ -73,8 +73,8 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     first, and so runs on for ever.
 
     Raises:
-        ArithmeticError: the crank neither turns back nor completes the first turn within LONGEST [s]. This happens only if the
-            parameters lie exactly on the boundary between a crank that comes to rest and one that runs on.
+        ArithmeticError: the crank neither turns back nor completes the first turn within LONGEST [s]. Then the parameters lie,
+            within rounding, on the boundary between a crank that comes to rest and one that runs on.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:
@@ -95,7 +95,7 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
     """Return the threshold of a parameter between motions that come to rest and those that run on, and its uncertainty.
 
     The bisection ends with two values of the parameter, one with which the crank comes to rest and one with which it runs on. The
-    uncertainty is half the distance of these two values, plus the change of the threshold if the motion is integrated with a
+    uncertainty is half the distance between the two values, plus the change of the threshold if the motion is integrated with a
     smaller tolerance.
 
     Args:

@@ -89,7 +89,7 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
         steady_after: time from rest [s] until a turn starts with the speed of a steady turn, within the relative difference STEADY.
 
     Raises:
-        ArithmeticError: the crank does not complete a turn, or its turns do not become alike.
+        ArithmeticError: the crank does not complete a turn, or its motion does not become periodic.
     """
     first_time, first_speed = first_turn(motion, rtol)
     direction = float(np.sign(first_speed))

@@ -1,7 +1,8 @@
 """Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
 In weighted coordinates b = M^(1/2) a, a pseudo-inverse satisfies the constraint J M^(-1/2) b = gamma, and the projection on the
-null space adds the free acceleration. One singular value decomposition gives both, without singular values of rounding size:
+null space adds the free acceleration. One singular value decomposition, without singular values of rounding size, gives both parts
+of b (index 1: the other singular values; 2: the null space):
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 

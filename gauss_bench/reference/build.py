@@ -139,7 +139,8 @@ def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Arra
 
 def minimal_motion(mechanism: Mechanism, times: Array, integrate: Integrator = _adaptive) -> Levels:
     """Return q, v, a (k, n) at the times, integrated in the crank angle from the mechanism's start at times[0]."""
-    # an object begins a closure at the last closed position, and integration and sampling are at different positions
+    # two objects, because each searches a closed position from the last one that it found, and integration and sampling visit
+    # different positions
     integrated, sampled = MinimalCoordinate(mechanism), MinimalCoordinate(mechanism)
     k = sampled.crank
 
@@ -173,9 +174,10 @@ class TrueStates:
 def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
     """Draw random states on the constraints, with their reference accelerations.
 
-    If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in +-`speed` [rad/s]. If the
-    linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk: each
-    position is a small random step away from the one before. The components of v along the free motions are uniform in +-3.
+    If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in -`speed`..`speed` [rad/s]. If
+    the linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk:
+    each position is a small random step away from the one before. The components of v along a basis of the velocities that the
+    constraints allow are random, uniform in -3..3.
     """
     rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
 
@@ -186,7 +188,7 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
     if minimal and mechanism.driver is not None:
         driven = build_driven(mechanism, random_times())
         return TrueStates(driven.t, driven.q, driven.v, driven.a)
-    Evaluator(mechanism).check_loads()
+    Evaluator(mechanism).check_loads()  # with joint friction, redundant constraints would leave the accelerations undetermined
     if minimal:
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))

@@ -1,9 +1,8 @@
 """A certificate: the samples of a motion, the error bar of each, and the linkage and scenario for which they hold.
 
-A certificate is made by two independent computations (pipelines) in extended precision. The stored doubles are the correctly
-rounded values of the one with the higher precision. For every time a certificate also has the largest difference of the two
-pipelines up to
-this time, and the floor: the error below which engines in double precision cannot be distinguished. Files are compressed npz
+A certificate is made by two independent computations in extended precision. The stored doubles are the correctly rounded values of
+the computation with the higher precision. For every time a certificate also has the largest difference of the two computed motions
+up to this time, and the floor: the error below which engines in double precision cannot be distinguished. Files are compressed npz
 archives with the digest of their linkage, so that no other linkage uses them.
 """
 
@@ -29,7 +28,7 @@ CERTIFICATES = "certificates"  # name of the folder of certificates, beside a li
 
 
 class CertificateError(BadInput, ValueError):
-    """A file that is no certificate, or a certificate of another linkage."""
+    """The file is not a certificate of a motion, or it certifies the motion of another linkage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +39,7 @@ class Certificate:
         name, scenario, digest: name, scenario and digest of the linkage for which the certificate is valid.
         t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
         multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
-        error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two pipelines up to each time.
+        error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time.
         floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
         digits: number of certified decimal digits of positions and velocities up to the last sample.
         duration: duration [s] of the motion that was to be certified.
@@ -130,7 +129,8 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
     """Return the certified motion up to `t_end` [s] as a reference.
 
-    Its error bars are the difference of the two pipelines that made the certificate, plus the rounding of the stored doubles.
+    The error bars of this reference are the differences of the two computations that made the certificate, plus the rounding of the
+    stored doubles.
     """
     k = int(np.searchsorted(certificate.t, t_end * (1 + 1e-12), side="right"))
     levels = {x: getattr(certificate, x)[:k] for x in ("q", "v", "a")}

@@ -1,10 +1,10 @@
-"""Certification of a motion by two pipelines that share neither integrator nor equations.
+"""Certification of a motion by two independent computations that share neither integrator nor equations.
 
-A pipeline is a complete computation of the motion from the linkage file. Pipeline A, a Taylor series in 128-bit numbers, gives the
-certified values. Pipeline B, collocation in long double, gives the error bars, which are the differences between the motions of
-both pipelines. The step of pipeline B is halved until the error of B itself is negligible. If the motion has a closed form, the
-closed form gives the values, and both pipelines are compared with it. The certificate ends where the pipelines agree to fewer
-digits than are to be certified, or where a pipeline stops.
+Each computation (pipeline) begins with the linkage file. The first one, a Taylor series in 128-bit numbers, gives the values of the
+certified motion. The second one, collocation in long double, gives the error bars, which are the differences between the two
+computed motions. The step of the collocation is halved until its own error is negligible. If the motion has a closed form, the
+closed form gives the values, and both computed motions are compared with it. The certificate ends where the two motions agree to
+fewer digits than are to be certified, or where one of them stops.
 """
 
 import io
@@ -60,7 +60,7 @@ class Split(NamedTuple):
 def certify(
     linkage: str | Path, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, report: Report | None = None
 ) -> Certificate:
-    """Certify a linkage in one scenario, from 0 to its duration or to `until` [s].
+    """Compute the certified motion of a linkage in one scenario, from 0 to the scenario's duration or to `until` [s].
 
     Args:
         linkage: path of a file, or name of a built-in linkage.
@@ -81,7 +81,7 @@ def certify(
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
     report = report or _ignore
-    # `first` and `second` are the motions of the two pipelines, and `truth` is the one whose values are certified
+    # `first` and `second` are the two computed motions, and `truth` is the motion whose values are certified
     first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
@@ -152,7 +152,7 @@ def split(values: NDArray[Any]) -> Split:
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """Return (k,) the largest difference at each of k common times, exact to far below double precision."""
+    """Return (k,) the largest difference of two arrays at each of k common times, computed with twice the digits of a double."""
     k = min(len(one), len(other))
     a, b = split(one[:k]), split(other[:k])
     return np.asarray(np.abs((a.high - b.high) + (a.low - b.low)).max(axis=-1, initial=0.0))
@@ -173,8 +173,7 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 def relative(motion: Motion, level: str, bars: Array) -> Array:
     """Return error bars (k,) of the positions "q", velocities "v" or accelerations "a" of a motion, relative to their size.
 
-    Each error bar is divided by the largest magnitude of this quantity up to the same time, or by 1 if this magnitude is smaller
-    than 1.
+    Each error bar is divided by the largest magnitude of the array `level` up to the same time, or by 1 if 1 is larger.
     """
     largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
@@ -193,7 +192,7 @@ def _collocate(
     Steps are halved until the disagreement with `truth` is rounding, or no longer falls to a quarter.
 
     Args:
-        first: motion of the other pipeline, by Taylor series, whose end sets the first step.
+        first: motion computed by Taylor series, whose last time sets the first step.
         truth: the certified motion, with which the collocation is compared.
         report: called with the name of a stage and the time [s] that it has reached.
     """
@@ -229,11 +228,11 @@ class _Part(NamedTuple):
 
 
 def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> _Part:
-    """Return the first part of a motion, in which the pipelines agree to the required number of digits.
+    """Return the first part of a motion, in which the two computed motions agree to the required number of digits.
 
     Args:
         truth: the motion whose values are certified; bars: "q", "v" or "a" -> error bars (k,).
-        pipelines: the motions of both pipelines.
+        pipelines: the two computed motions.
         digits: number of digits that must be certified.
     """
     errors = state_errors(truth, bars)
@@ -258,7 +257,7 @@ def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, s
 
     Args:
         truth: the certified motion; exact: the motion in closed form, or None if there is none.
-        first, second: motions of the two pipelines, by Taylor series and by collocation.
+        first, second: motions computed by Taylor series and by collocation.
         step: step of the collocation [s].
     """
     pipelines = []

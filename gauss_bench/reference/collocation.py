@@ -6,8 +6,8 @@ polynomials l_j of these nodes:
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 
-The integrals of l_j are the matrix of the method. They follow from (2 k + 1) int P_k = P_k+1 - P_k-1. The values of l_j at x > 1
-continue the polynomial of one step into the next step.
+The integrals of l_j are the matrix of the method. The integrals of P_k follow from (2 k + 1) int P_k = P_k+1 - P_k-1. The values of
+l_j at x > 1 continue the polynomial of one step into the next step.
 
 `gauss_legendre` is the second integrator of the double-precision reference. It evaluates all stages of a step in one batch and
 finds them by fixed-point iteration. The first guess is the collocation polynomial of the previous step, continued into the present
@@ -65,13 +65,13 @@ def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
     """Return the coefficients of Gauss-Legendre collocation with `stages` stages, as numbers of the numpy type `dtype`."""
     x = legendre_roots(stages, dtype)
     P = legendre_values(x, stages + 1)
-    degrees = 2 * np.arange(stages, dtype=dtype) + 1
-    b = 1 / (degrees @ P[:-1] ** 2)
+    odd = 2 * np.arange(stages, dtype=dtype) + 1  # 2 k + 1
+    b = 1 / (odd @ P[:-1] ** 2)
     below = np.concatenate([-np.ones_like(P[:1]), P[:-2]])  # P_-1 = -1 makes x + 1 the integral of P_0 from -1
     # A_ij is the integral of the Lagrange polynomial l_j from the beginning to the node i, half of that on -1..1:
     # b_j / 2 sum_k (2 k + 1) P_k(x_j) int P_k, with (2 k + 1) int P_k = P_k+1 - P_k-1
     A = (P[1:] - below).T @ P[:-1] * (b / 2)
-    return Tableau(c=(1 + x) / 2, b=b, A=A, AA=A @ A, bA=b @ A, expansion=degrees[:, None] * P[:-1] * b)
+    return Tableau(c=(1 + x) / 2, b=b, A=A, AA=A @ A, bA=b @ A, expansion=odd[:, None] * P[:-1] * b)
 
 
 def legendre_values(x: Array, count: int) -> Array:
@@ -97,7 +97,7 @@ def gauss_legendre(
 ) -> tuple[Array, Array]:
     """Integrate q'' = acceleration(t, q, v) by Gauss-Legendre collocation; return q, v (k, n) at the times, in the type of q0.
 
-    From one time to the next the steps are equal, and not longer than `step` [s].
+    Between two neighbouring times the steps are equal, and not longer than `step` [s].
 
     Raises:
         NoConvergence: the iteration of a step stops improving while its changes are still larger than rounding errors.

@@ -91,10 +91,11 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
 
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     k = (mpmath.mpf(count + 1) / 2 + count) * gravity / ((mpmath.mpf(count + 1) / 3 + count) * length)
-    speed = mpmath.mpf(str(generate.SPEED)) / length
+    speed = mpmath.mpf(str(generate.SPEED)) / length  # angular velocity of the uprights [rad/s]
 
     def coordinates(time: Any) -> Numbers:
-        """Return the coordinates of count + 1 uprights at the angle theta from the x axis, and of count horizontal bars on them."""
+        """Return the coordinates of `count` + 1 uprights at a time [s], and of `count` horizontal bars on them."""
+        # theta: angle of the uprights from the x axis
         theta = mpmath.pi / 2 - _pendulum_angle(k, time, speed)
         top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
@@ -142,13 +143,14 @@ def _projectile(name: str, t: list[Any]) -> States:
 def _sleigh(name: str, t: list[Any]) -> States:
     """Return the motion of Chaplygin's sleigh, a body on a knife edge, which moves along its edge only.
 
-    The sleigh has the mass m and the inertia I, and its knife edge is the distance `lead` behind its centre of mass. Its motion has
-    two velocities: v of the edge along the sleigh, and the angular velocity w. With b^2 = (I + m lead^2) / m and the constant
-    V^2 = v^2 + b^2 w^2, they are
+    The sleigh has the mass m and the inertia I, and its knife edge lies at the distance `lead` behind its centre of mass. The
+    motion of the sleigh has two velocities: v of the edge along the sleigh, and the angular velocity w. With
+    b^2 = (I + m lead^2) / m and the constant V^2 = v^2 + b^2 w^2, they are
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
-    The constant c follows from the start. The angle is known in closed form, and the position of the edge by numerical integration.
+    The constant c follows from the start. The angle of the sleigh is known in closed form; the position of its edge is the
+    numerical integral of the edge's velocity.
     Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath

@@ -1,4 +1,4 @@
-"""The second of the two computations that make a certificate: collocation of order 20 in long double, in absolute coordinates.
+"""The second of two computations that certify a reference motion: collocation of order 20 in long double, in absolute coordinates.
 
 The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. The accelerations determine
 the positions q_i = q + c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i at the nodes. At every node the unknowns must
@@ -7,15 +7,15 @@ satisfy the equations of motion and the constraints:
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
 The unknowns are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double. P_i is the inverse
-of the matrix [M J^T; J 0] in double precision. It is computed at the position of the node that the polynomial of the previous step
-predicts. Each correction is a step of two iterations at once: the iterative refinement of the linear system, and the fixed-point
-iteration of the nodes. The corrections converge as fast as the slower of the two, which is usually the fixed-point iteration: it
-reduces the error by a factor of about h times the largest rate of the motion. After every step the state is projected onto the
-constraints, so that nothing drifts.
+of the matrix [M J^T; J 0] in double precision, at the position q_i that the polynomial of the previous step predicts. Each
+correction is a step of two iterations at once: the iterative refinement of the linear system, and the fixed-point iteration of the
+states at the nodes. The corrections converge as fast as the slower of these two iterations. That is usually the fixed-point
+iteration, which reduces the error by a factor of about h times the largest rate of the motion. After every step the state is
+projected onto the constraints, so that nothing drifts.
 
 The steps between two samples are equal. They are halved until the ten nodes resolve the accelerations, that is, until the Legendre
-coefficients of the accelerations in a step decrease to RESOLVED. The error of Gauss quadrature is then about the square of this
-size. A step ends wherever a derivative of a motion law jumps.
+coefficients of the accelerations in a step decrease to RESOLVED. The error of Gauss quadrature is about the square of the relative
+size of the last coefficients. A step ends wherever a derivative of a motion law jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -140,7 +140,7 @@ def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: St
 
 
 def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Step:
-    """Take a step of length h from the time t and the end of the step `state`; return the new step.
+    """Take a step of length h from the time t, which begins where the previous step `state` ends; return the new step.
 
     Raises:
         NoConvergence: the accelerations at the nodes are not found, or the nodes do not resolve the accelerations.
@@ -159,11 +159,11 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
     """Return the accelerations (s, n) at the nodes of the step that begins at t and has the length h.
 
     The first guess of the multipliers is zero. If constraint rows are redundant, the result then has the smallest norm among all
-    possible multipliers. This costs one more correction than a better guess.
+    possible multipliers. Zero costs one more correction than a better guess.
 
     Raises:
         NoConvergence: the corrections do not shrink to the size of rounding errors.
-        Unsolved: the position at a node is singular.
+        Unsolved: the position at a node of the collocation is singular.
     """
     n = len(state.q)
     # drift: positions at the nodes without acceleration; A, AA: coefficients by which velocities and positions follow from a

@@ -1,8 +1,8 @@
 """A linkage in long double: its start, and at any state its accelerations, multipliers and the nearest state on the constraints.
 
-All numbers are converted from the decimal texts of the file to long double without a detour by double. The assembly in double
-precision is only the first guess. `refinement.py` solves all systems, with an inverse in double precision at the same position or
-near it.
+All numbers are converted directly from the decimal texts of the file to long double, without rounding to double. The assembly in
+double precision is only the first guess. `refinement.py` solves all systems, with an inverse in double precision at the same
+position or near it.
 """
 
 from dataclasses import dataclass, replace
@@ -57,7 +57,8 @@ class Linkage:
     def inverse(self, t: Any, J: Array) -> SaddleInverse:
         """Return the inverse, in double precision, of the matrix [M J^T; J 0] of the equations of motion.
 
-        The rows J (..., m, n) are those at the times t [s].
+        J (..., m, n) are the constraint Jacobians at one or several times t [s]; messages and `nearest` have the first of these
+        times.
 
         Raises:
             Unsolved: the position is singular.
@@ -123,7 +124,7 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     guess = assemble_doubles(document, scenario)
     mechanism = build_mechanism(document, scenario, "", "", LONG)
     if mechanism.has_friction:
-        raise ArithmeticError("dry friction in joints: the second pipeline has no equations for it")
+        raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
     free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
     close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
     held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
@@ -135,7 +136,8 @@ def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Arra
     # positions: close the loops by chord iteration from the assembly in double precision
     q = guess.q0.astype(LONG)
     q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
-    # velocities: the linear system A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
+    # velocities: the linear system A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates. It is solved
+    # by iteration, because the pseudo-inverse has only double precision
     A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
     b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
     v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))

@@ -1,8 +1,8 @@
 """The equation of motion of a linkage with one degree of freedom, written in a single coordinate, the crank angle.
 
 The crank angle theta is the independent variable of the geometry, instead of time: an imagined driver prescribes that the angle of
-the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. Its derivatives
-d = dq/dtheta and e = d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
+the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. The derivatives
+d = dq/dtheta and e = d2q/dtheta2 of q follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
 w = theta', the velocities are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
 
     w' = d . (Q - M e w^2) / (d . M d)
@@ -13,8 +13,8 @@ closed. With u the unit vector of the crank's coordinate, and tau the torque of 
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-R depends linearly, up to a constant, on the generalised friction W N(lambda), and so does lambda. The columns of W are the
-directions of friction, and N(lambda) are the loads of the joints. All functions compute k angles at once.
+R contains the generalised friction forces W N(lambda) as a summand, so that lambda is an affine function of them. The columns of W
+are the directions of friction, and N(lambda) are the loads of the joints. Most methods take arrays of k crank angles.
 Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
 """
 
@@ -67,6 +67,7 @@ class MinimalCoordinate:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")
         self.mechanism = mechanism
         self.crank = 3 * link + 2
+        # the imagined driver, which replaces the linkage's drivers: its value is the independent variable itself
         driver = AngleDriver("crank", constant(0.0, 1.0), link)
         self.constraints = Constraints(replace(mechanism, drivers=(driver,), knife_edges=()))
         self.applied = AppliedForces(mechanism)
@@ -158,22 +159,24 @@ class MinimalCoordinate:
         return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
 
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
-        """Return the generalised friction W N(lambda) (k, n).
+        """Return the generalised friction forces W N(lambda) (k, n).
 
         The columns of W (k, n, joints) are the generalised forces of friction for a unit load in each joint, and N(lambda) are the
-        loads of the joints. `consistent` finds the multipliers lambda that agree with the friction that they cause.
+        loads of the joints. Friction changes lambda, and lambda changes friction; `consistent` finds the multipliers lambda that
+        satisfy both relations.
 
         Args:
-            q, v: states (k, n); d: dq/dtheta (k, n), derivative of the positions by the crank angle.
-            force: (k, n) all other forces, Q - M e w^2, where e w^2 is the acceleration at a constant crank speed w.
+            q, v: states (k, n); d: dq/dtheta (k, n), with theta the crank angle.
+            force: (k, n) Q - M e w^2, with Q all applied forces but friction; e w^2 is the acceleration at a constant crank speed
+                w.
         """
         W = self.friction.directions(q, v)
         columns = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint
         inertia = d * self.mass / (d * d * self.mass).sum(-1, keepdims=True)  # M d / (d . M d)
-        residual = columns - inertia[..., None] * (d[:, None, :] @ columns)  # Q - M a for each column, balanced by constraints
+        balanced = columns - inertia[..., None] * (d[:, None, :] @ columns)  # Q - M a for each column, balanced by constraints
         J = self.constraints(q[:, self.crank], q, v).J
-        # J^T lambda = residual; the last multiplier is that of the crank's row, which is zero
-        solution = np.linalg.solve(np.swapaxes(J, -1, -2), residual)[:, :-1]
+        # J^T lambda = balanced; the last multiplier is that of the crank's row, which is zero
+        solution = np.linalg.solve(np.swapaxes(J, -1, -2), balanced)[:, :-1]
         multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 

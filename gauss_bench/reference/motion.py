@@ -1,6 +1,6 @@
 """Data that both computations of a certificate share: a first guess in double precision, and the type of their results, `Motion`.
 
-These two computations, or pipelines, integrate the same motion in extended precision by different equations and methods.
+These two computations integrate the same motion in extended precision by different equations and methods.
 """
 
 from collections.abc import Callable
@@ -20,11 +20,11 @@ Progress = Callable[[float], None]  # takes the time reached [s]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Samples of a motion in extended precision, in the absolute coordinates and row order of the mechanism.
+    """Samples of a motion in extended precision, in absolute coordinates, with constraint rows in the order of the mechanism.
 
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
-        q, v, a: (k, n) positions, velocities and accelerations, in the number type of the pipeline.
+        q, v, a: (k, n) positions, velocities and accelerations, in the number type of the computation.
         multipliers: (k, m) multipliers lambda of M a + J^T lambda = Q, with rows in the order of the mechanism; None if redundant
             constraint rows leave the multipliers undetermined.
         drift: largest residuals |phi| and |phi'| of the constraints over the samples, in double precision [m, rad and per second].

@@ -2,12 +2,12 @@
 
 Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual of an approximate
 solution in extended precision. Each correction x += P r finds about a dozen further digits: it multiplies the error by |1 - P A|,
-which is about the rounding of double precision times the condition number of A. This continues until only rounding remains in the
-residual. The same chord iteration solves f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
+which is about the rounding of double precision times the condition number of A. The corrections end when only rounding remains in
+the residual. The same chord iteration solves f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
 
 The equations of motion are [M J^T; J 0][a; lambda] = [Q; gamma]. The inverse P of their matrix is written by the singular value
-decomposition of the constraint Jacobian in weighted coordinates, J M^(-1/2) = U S V^T. Only as many singular values are used as the
-rank of the linkage tells, so that constraint rows may be redundant:
+decomposition of the constraint Jacobian in weighted coordinates, J M^(-1/2) = U S V^T. Only the r largest singular values are used,
+with r the rank of this Jacobian, so that constraint rows may be redundant:
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 
@@ -38,10 +38,11 @@ class SaddleInverse:
     """The inverse of the matrix [M J^T; J 0] of the equations of motion in double precision, at one state or several.
 
     Attributes:
-        inverse: (..., n + m, n + m) the inverse, a pseudo-inverse if constraint rows are redundant.
+        inverse: (..., n + m, n + m) inverse of [M J^T; J 0]; a pseudo-inverse if constraint rows are redundant.
         lift: (..., n, m) the matrix that turns an error of the constraints into its smallest correction of positions or velocities,
             in the mass metric.
-        smallest: smallest singular value of J M^(-1/2) within its rank, relative to the largest; it is zero at a singular position.
+        smallest: the r-th singular value of J M^(-1/2) relative to the largest, with r the rank at regular positions; zero at
+            singular ones.
     """
 
     inverse: Array
@@ -81,7 +82,7 @@ def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> 
 def correct(inverse: Array, residual: Array) -> Array:
     """Return the product of an approximate inverse matrix (..., k, k) and a residual (..., k), in double precision.
 
-    The residual may have more digits; double precision suffices for a correction, which is small.
+    The residual may have more digits than a double. They are not needed, because the correction is small.
     """
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
@@ -102,6 +103,7 @@ def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array,
         step = correct(inverse, residual(x))
         x = x - step
         size = float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(x).astype(float).max(initial=0.0)))
+        # converged to eps; or small, and no longer halved, so that rounding errors prevail
         if size <= eps or (size < np.sqrt(eps) and size > before / 2):
             return x
         before = size

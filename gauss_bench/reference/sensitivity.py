@@ -1,8 +1,8 @@
 """The floor of double precision: the change of a motion if every parameter of its linkage changes by a relative 1e-16.
 
-A decimal number such as 0.37 has no exact representation in double precision. An engine that rounds such a parameter computes the
-motion of a slightly different linkage. Errors below the distance between the motions of such linkages therefore tell nothing about
-an engine. This distance is the floor.
+A decimal number such as 0.37 has no exact representation in double precision. An engine that rounds its parameters to double
+precision computes the motion of a slightly different linkage. Errors below the distance between this motion and that of the exact
+parameters therefore tell nothing about an engine. This distance is the floor.
 
 To find the floor, all numbers of the document are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed
 again. The change of the motion, divided by delta / 1e-16, is the floor. The perturbation delta is far above the rounding of both
@@ -30,11 +30,11 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return "q", "v" or "a" -> (k,) the floor of this quantity.
+    """Return "q", "v" or "a" -> (k,) the floor of positions, velocities or accelerations at k times.
 
-    The floor at a time is the largest change of the quantity up to this time that rounding of the linkage's parameters causes. It
-    is computed from DRAWS motions whose parameters are changed at random by a relative DELTA or less, and multiplied by
-    ROUNDING / DELTA. The floor is NaN at times that none of the changed motions reaches.
+    The floor at a time is the largest change of the quantity up to this time that rounding of the linkage's parameters causes. The
+    changes are computed from DRAWS motions whose parameters are changed at random by a relative DELTA or less, and are multiplied
+    by ROUNDING / DELTA. The floor is NaN at times that none of the changed motions reaches.
     """
     rng = np.random.default_rng(SEED)
     # double precision suffices, because DELTA is much larger than its rounding

@@ -28,7 +28,10 @@ def reference_key(mechanism: Mechanism, t_end: float) -> str:
 
 
 def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
-    """Return the reference from 0 to t_end [s], from a certificate with a sample at t_end, or else from the cache in `folder`."""
+    """Return the reference from 0 to t_end [s], from a certificate with a sample at t_end, or else from the cache in `folder`.
+
+    A reference that is in neither is built, and written to the cache.
+    """
     certified = find_certified(mechanism, t_end)
     if certified:
         return certified
@@ -45,10 +48,10 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
 
 def _write_reference(reference: Reference, path: Path) -> None:
     """Write a reference with its digest."""
-    # np.savez would append .npz to a path, and keeps the name of an open file
+    # given a path, np.savez would append .npz to its name; given an open file, it does not
     with path.open("wb") as file:
-        levels = {name: getattr(reference, name) for name in FIELDS}
-        np.savez_compressed(file, digest=_digest(reference), method=reference.method, **levels)
+        arrays = {name: getattr(reference, name) for name in FIELDS}
+        np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
 
 
 def read_reference(path: Path) -> Reference | None:

@@ -51,7 +51,7 @@ class Verification:
 
 
 def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
-    """Verify a certificate of the mechanism.
+    """Integrate parts of a certified motion again, evaluate its equations, and return the largest errors of both checks.
 
     Raises:
         ArithmeticError: a window cannot be integrated.
@@ -66,8 +66,8 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
 def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
     """Integrate the motion again over short time intervals (windows), each of which begins at a sample of the certificate.
 
-    Return the number of windows, and the largest difference from the certified state at the end of a window. The difference is
-    relative to the largest position or velocity of the certified motion.
+    Return the number of windows, and the largest difference from the certified state at the end of a window. This difference is
+    divided by the largest position or velocity in the certificate, or by 1 if that is larger.
     """
     t = certificate.t
     starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))  # indices of samples

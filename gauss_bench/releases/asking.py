@@ -1,6 +1,6 @@
 """Run all computations of the comparison with one release of an engine's library, in a worker of the release's environment.
 
-A computation is called a question, and its result an answer of the release.
+A computation that a release performs is called a question, and its result an answer. A single result is called a figure.
 """
 
 import re
@@ -78,7 +78,7 @@ class Answers:
 
 
 def ask_release(library: Library, release: Release, budget: float, told: Callable[[str], None]) -> Answers:
-    """Run all questions with an installed release, and return its answers, or the reason why the release cannot be used.
+    """Run all computations with an installed release, and return its results, or the reason why the release cannot be used.
 
     Args:
         library: the library of the release.
@@ -87,16 +87,16 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
         told: function that is called with each sentence of progress.
     """
     begin = time.monotonic()
-    plain = Answers(release.version, how=release.how)
+    answers = Answers(release.version, how=release.how)
     offered = offer(release.name)
     keep(release.name).stop()  # the process that described the engine is no longer needed
     if not offered.usable:
-        return replace(plain, status=str(offered.status), message=offered.reason)
+        return replace(answers, status=str(offered.status), message=offered.reason)
     with Worker() as worker:
         try:
             versions = worker.under(interpreter_of(release.name)).call(describe_python, (), LIMIT)
         except WorkerFailure as failure:
-            return replace(plain, status=str(failure.status), message=str(failure))
+            return replace(answers, status=str(failure.status), message=str(failure))
         figures = [*ask_defaults(library, worker), *map(shorten, ask_closures(library, worker))]
         cases, left_out = list_cases(offered), 0
         for number, case in enumerate(cases):
@@ -106,8 +106,8 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
             if number % 10 == 0:
                 told(f"{library.engine} {release.version}: case {number + 1} of {len(cases)}")
             figures += map(shorten, ask_case(release.name, offered, case, worker))
-    plain = replace(plain, library=offered.version, **versions, figures=tuple(figures), left_out=left_out)
-    return distrust(plain)
+    answers = replace(answers, library=offered.version, **versions, figures=tuple(figures), left_out=left_out)
+    return distrust(answers)
 
 
 def shorten(figure: Figure) -> Figure:
@@ -117,17 +117,17 @@ def shorten(figure: Figure) -> Figure:
 
 
 def distrust(answers: Answers) -> Answers:
-    """Return the answers of a release, without the figures (the results) if they cannot be trusted.
+    """Return the answers of a release, without the figures (the results) if the figures cannot be trusted.
 
-    They cannot be trusted if nothing was computed, or if in every case the check fails with which the engine's adapter compares the
-    library's model with the linkage. The check fails, for example, if numpy reads the library's arrays wrongly.
+    Figures cannot be trusted if nothing was computed, or if the engine's adapter, which compares the library's model with the
+    linkage, rejects the model in every case. This happens, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
-    adapted = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
-    trusted = any(x.status == Status.OK for x in adapted) or not adapted
+    through_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
+    trusted = any(x.status == Status.OK for x in through_adapter) or not through_adapter
     if trusted and any(x.status == Status.OK for x in computed):
         return answers
-    failed = adapted if adapted else computed
+    failed = through_adapter if through_adapter else computed
     reasons = dict.fromkeys(x.message for x in failed if x.message)
     message = f"every case fails: {next(iter(reasons), 'none was asked')}"
     return replace(answers, figures=(), status=str(Status.ERROR), message=message)
@@ -171,10 +171,10 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
-    """Yield two results as figures: the accelerations at states in motion, and those at states at rest.
+    """Yield two results (`Figure`): the accelerations at states in motion, and those at states at rest.
 
     Args:
-        case, setting: names of linkage and setting, for the figures' keys.
+        case, setting: names of the linkage and the setting, for the keys of the results.
         answer: (2 STATES (1 + SHIFTS), n) accelerations in the order of `States`: STATES in motion, STATES at rest, and then both
             groups again for each of the SHIFTS changed starts.
         true: (2 STATES, n) true accelerations, in motion and at rest.
@@ -188,14 +188,14 @@ def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> I
 
 
 def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
-    """Yield the results of a run as figures: its motion, the gaps of loops at its end, and its number of steps.
+    """Yield the results of a run (`Figure`): its motion, the gaps of loops at its end, and its number of steps.
 
     Args:
         case: the linkage and the setting.
-        place: names of linkage and setting, for the figures' keys.
+        place: names of the linkage and the setting, for the keys of the results.
         run: the run from the unchanged start.
         shifted: the same run from slightly changed starts.
-        adaptive: whether the integrator chooses its steps; only then the number of steps is a result.
+        adaptive: whether the integrator chooses its steps; only then the number of steps is reported.
     """
     assert run.trajectory is not None
     mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
@@ -214,7 +214,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield the default values of the library's options as figures, whose `text` is the value."""
+    """Yield one result (`Figure`) for each option of the library, whose `text` is the default value of the option."""
     answer = call_engine_function(worker, f"{library.adapter_package}.{CASES}:defaults")
     if isinstance(answer, str):
         yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
@@ -224,10 +224,10 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Compute accelerations of the library's probes, and yield them as figures.
+    """Compute accelerations of probes, which are small models with one kind of loop closure; yield them as results (`Figure`).
 
-    A probe is a small model with one kind of loop closure. A figure has the accelerations and their error. If the library gives no
-    accelerations for a probe, the figure has the reason instead.
+    Each result has the accelerations and their error. If the library gives no accelerations for a probe, the result has the reason
+    instead.
     """
     module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
     listed = call_engine_function(worker, f"{module}:list_probes")
@@ -247,7 +247,7 @@ def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
-    """Call a function of an engine's folder in the worker process, and return its result.
+    """Call a function of a module in an engine's folder, in the worker process, and return its result.
 
     If the call fails, a text with the reason is returned. The functions that are called here never return a text as their result,
     so that a returned text is always the reason of a failure.
@@ -264,7 +264,7 @@ def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
 
 
 def as_data(answers: Answers) -> dict[str, Any]:
-    """Return answers as dictionaries, lists, numbers and texts, which the journal stores as JSON."""
+    """Return answers as dictionaries, lists, numbers and texts, which a file of results (`Journal`) stores as JSON."""
     figures = [
         {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
         | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}

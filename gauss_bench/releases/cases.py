@@ -42,12 +42,12 @@ SAMPLES = 0.25 * np.arange(5)  # [s] times at which runs are compared
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """The states at which a release computes accelerations; their number is k = 2 STATES (1 + SHIFTS).
+    """The k = 2 STATES (1 + SHIFTS) states of a linkage at which each release of a library computes accelerations.
 
     Attributes:
         t: (k,) times of the states, which are all zero.
-        q, v: (k, n) positions and velocities. First come STATES states in motion, then STATES states at rest. Then both groups
-            follow again for each of the SHIFTS changed starts, with slightly changed numbers.
+        q, v: (k, n) positions and velocities. First come STATES states in motion, then STATES states at rest. Then come SHIFTS
+            copies of these 2 STATES states, with slightly changed numbers.
         a: (2 STATES, n) true accelerations at the unchanged states.
     """
 
@@ -80,9 +80,10 @@ class Case:
 
 def list_cases(offer: Offer) -> list[Case]:
     """Return the cases of an engine: every variant and setting on the linkage FIRST, and every setting on the other linkages."""
-    named = {name: (x.integrator, x.stabilization) for name, x in offer.variants.items()}
+    # name of a setting or variant -> integrator and stabilization
+    variants = {name: (x.integrator, x.stabilization) for name, x in offer.variants.items()}
     plain = dict.fromkeys(offer.settings, (offer.integrators[0], "none"))
-    cases = [Case(FIRST, "", name, *chosen) for name, chosen in (plain | named).items()]
+    cases = [Case(FIRST, "", name, *chosen) for name, chosen in (plain | variants).items()]  # "": the first scenario
     for text in FURTHER:
         linkage, scenario = linkage_of(text)
         cases += [Case(linkage, scenario, name, *chosen) for name, chosen in plain.items()]
@@ -104,7 +105,7 @@ def find_mechanism(linkage: str, scenario: str) -> Mechanism:
 
 @cache
 def states_of(linkage: str, scenario: str) -> States:
-    """Return the states of a linkage at which accelerations are asked for: random ones in motion, and the same at rest."""
+    """Return the states of a linkage at which accelerations are computed: random states, and the same positions at rest."""
     mechanism = find_mechanism(linkage, scenario)
     drawn = random_states(mechanism, STATES, speed=SPEED)
     q, v = np.concatenate([drawn.q, drawn.q]), np.concatenate([drawn.v, np.zeros_like(drawn.v)])
@@ -116,13 +117,13 @@ def states_of(linkage: str, scenario: str) -> States:
 def with_shifts(q: Array, v: Array, a: Array) -> States:
     """Return states with their true accelerations, followed by SHIFTS copies of the states that are slightly changed at random.
 
-    The numbers of a copy are changed by about `questions.SHIFT` times the largest number, which is the size of rounding errors.
-    From the results at the copies follows how much the results of a release change by rounding. The returned `q` and `v` have
+    The numbers of a copy are changed by about `questions.SHIFT` times the largest number; this change has the size of rounding
+    errors. Accelerations at the copies show how much the results of a release change by rounding. The returned `q` and `v` have
     (1 + SHIFTS) k rows, and the returned `a` has k rows.
 
     Args:
         q, v: (k, n) unchanged states.
-        a: (k, n) true accelerations at the unchanged states; the copies need none.
+        a: (k, n) true accelerations at the unchanged states; none are needed for the copies.
     """
     rng = np.random.default_rng(0)
     many_q, many_v = [q], [v]

@@ -67,10 +67,11 @@ class Change:
     Attributes:
         quantity, case, setting: what was computed, on which linkage, and with which setting.
         is_real: whether the change is larger than rounding explains.
-        difference, rounding: relative difference of both results, and relative rounding error; NaN for texts and failures.
-        error_before, error_after: error of each release's result against the reference.
-        was, now: value of an option's default in each release; or, if one release gave no result, the reason of its failure and the
-            text "works" for the other.
+        difference, rounding: relative difference between the two releases' results, and relative rounding error; both are NaN for
+            texts and failures.
+        error_before, error_after: error of the result of the earlier and of the later release against the reference.
+        was, now: default value of an option in the earlier and in the later release; or, if only one release gave a result, "works"
+            for this release and the reason of the failure for the other one.
     """
 
     quantity: str
@@ -139,7 +140,7 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
 
 
 def _lacking(key: Key) -> Figure:
-    """Return a figure without an answer, in place of a default value that a release does not have."""
+    """Return a result with the status "skip", which stands for the default value of an option that a release does not have."""
     return Figure(*key, status="skip", message="not there")
 
 

@@ -1,8 +1,9 @@
 """Time the steps of all releases of an engine's library in interleaved blocks, each release in processes of its own environment.
 
-A run of N steps takes the time: overhead + N * (time per step). Runs with two numbers of steps give both unknowns. Ratios have the
-time of the newest release as denominator. The newest release is timed twice in each comparison, in separate processes. The ratio of
-its two times should be 1. The noise is the distance from 1 to the farther end of the range in which this ratio is expected.
+The time of a run of N steps is overhead + N * (time per step). Runs with two numbers of steps give the overhead and the time per
+step. Ratios have the time of the newest release as denominator. The newest release is timed twice in each comparison, in separate
+processes. The ratio of these two times should be 1. The noise is the distance from 1 to the farther end of the range in which this
+ratio is expected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -73,8 +74,8 @@ class Cost:
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
     """Time all releases, and return two lists of costs.
 
-    The first has the cost of every release relative to the newest release. The second has the cost of a release relative to the
-    release before it, for those that differ by more than the noise.
+    The first list has the cost of every release relative to the newest release. The second list has the cost of a release relative
+    to the release before it, for releases whose times differ by more than the noise.
 
     Args:
         library: library of the releases.
@@ -146,10 +147,10 @@ def split(short: Array, long: Array) -> Times:
 
 
 def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> list[Cost]:
-    """Return the cost of every version, relative to the newest release.
+    """Return the cost of every release of a library, relative to the newest release.
 
     Args:
-        versions: all versions in order, the newest last, and then NULL, which stands for the second timing of the newest release.
+        versions: versions of all releases, the newest last, and then NULL for the second timing of the newest release.
         measured: version or NULL -> times (processes,) [s].
         failed: version or NULL -> reason why it could not be timed.
     """
@@ -198,9 +199,9 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
-    """Return the median over the processes of times / others, and the lower and upper end of its range.
+    """Return the median over the processes of times / others, and the lower and upper end of the expected range of the median.
 
-    The range is where the median ratio is expected if the whole measurement is repeated (`foreseen`). All three numbers are NaN if
+    The median is expected in this range if the whole measurement is repeated (`foreseen`). The median and both ends are NaN if
     there are fewer than two processes, or if a time is not positive.
 
     Args:
@@ -225,7 +226,7 @@ def null_width(null: Array, newest: Array) -> float:
 
 
 def judge_ratio(low: float, high: float, width: float) -> str:
-    """Return "slower" or "faster" if every ratio in a range is farther from 1 than LEAST and than the noise, else "same".
+    """Return "slower" or "faster" if every ratio in a range differs from 1 by more than LEAST and the noise, else "same".
 
     Args:
         low, high: lower and upper end of the range of the ratio.

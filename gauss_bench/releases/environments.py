@@ -1,9 +1,9 @@
 """Python environments, one for each release of an engine's library.
 
-Each release has its environment in a folder `ENGINE-VERSION` of the user's data, where the environment stays for later calls. pip
-first downloads the library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash
-are installed by their version alone. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user who
-installs the release today.
+Each environment is a subfolder `ENGINE-VERSION` of the user's data folder, and stays there for later calls. pip first downloads the
+library's wheel. If `releases.toml` lists a hash for the file, the hash must agree; files without a listed hash are installed by
+their version alone. pip chooses the versions of numpy >= 2 and of further requirements, as it does for a user who installs the
+release today.
 """
 
 import contextlib
@@ -61,12 +61,12 @@ class Release:
 
     @property
     def name(self) -> str:
-        """The name under which the release is an engine during a comparison, such as "mujoco-3.6.0"."""
+        """The name of the engine that a comparison makes of this release, such as "mujoco-3.6.0"."""
         return name_of(self.engine, self.version)
 
 
 def name_of(engine: str, version: str) -> str:
-    """Return the name under which a release of an engine's library is itself an engine, such as "mujoco-3.6.0"."""
+    """Return the name of the engine that a comparison makes of a release of an engine's library, such as "mujoco-3.6.0"."""
     return f"{engine}-{version}"
 
 
@@ -108,7 +108,7 @@ def _install(library: Library, version: str, place: Path) -> None:
     failure = f"{library.package} {version} cannot be installed"
 
     def fill(folder: Path) -> None:
-        """Download the release's wheel, check its hash, install it with numpy and further requirements, and note the check."""
+        """Download the release's wheel, check its hash, install it with numpy and further requirements; write down the check."""
         with tempfile.TemporaryDirectory() as downloads:
             wanted = f"{library.package}=={version}"
             fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]

@@ -14,7 +14,7 @@ NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # a release that is no candidat
 
 
 class ReleaseFault(BadInput, ValueError):
-    """A request for releases that cannot be compared."""
+    """Raised for a request to compare releases of an engine's library that cannot be compared."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Library:
         adapter_package: the Python package, a folder, that holds the adapter: PACKAGE in `class_name`.
         package: name under which pip installs the library.
         releases: releases that are compared by default, the oldest first.
-        raced: linkage, settings and integrator of every race.
+        raced: linkage, settings and integrator of every timed comparison.
         besides: release -> requirements that its own metadata do not name.
         sha256: name of a file -> hash of the file.
     """

@@ -1,8 +1,9 @@
 """Probes: small models that are built with a library's own functions, and the states at which accelerations are computed.
 
-Each probe has one kind of loop closure. `release_cases.py` in the engine's folder builds a probe's model. It returns accelerations
-(k, n) in absolute coordinates (x, y and angle of each body) at states (k, n) in these coordinates. The true accelerations a are
-those of a linkage in the folder `linkages`, or of an open chain with one additional constraint equation, a row of
+Each probe has one kind of loop closure. The module `release_cases.py` in the engine's folder builds the small model, and returns
+accelerations (k, n) in absolute coordinates (x, y and angle of each body) at states (k, n) in these coordinates. The true
+accelerations a are those of a linkage in the folder `linkages`, or of an open chain with one additional constraint equation, which
+is a row of
 
     M a + J^T lambda = Q,    J a = gamma.
 """

@@ -86,7 +86,7 @@ def setting_words(row: Row, *columns: str) -> str:
     """Return the texts of a row in the given columns, joined by spaces; "default" and "none" are left out.
 
     Args:
-        columns: names of the columns; by default settings, integrator and stabilization.
+        columns: names of the columns to print; by default settings, integrator and stabilization.
     """
     return " ".join(row[column] for column in columns or METHOD[1:] if row[column] not in ("", "default", "none"))
 
@@ -98,7 +98,7 @@ def describe_case(row: Row) -> str:
 
 
 def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
-    """Return one row for each linkage, engine and settings with an acceleration error, which is the same for all their cases."""
+    """Return one row for each linkage, engine and settings, with the acceleration error that all cases of the three share."""
     groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
     return [_merge(group) for group in groups.values()]
 

@@ -86,7 +86,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Finding:
-    """Sentences computed from rows, with a title.
+    """Sentences, with a title, that are computed from the rows of a run's tables.
 
     Attributes:
         text: all sentences.
@@ -164,7 +164,7 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Compress rows for a page: consecutive rows that differ in numbers alone share one entry.
 
     Returns:
-        A list of entries. Each is a dictionary with the key "same", the values that all rows of the entry share, and the key
+        A list of entries. Each entry is a dictionary with the key "same", the values that all rows of the entry share, and the key
         "columns", which maps the name of a column to its numbers, one for each row.
     """
     entries: list[dict[str, Any]] = []
@@ -243,7 +243,7 @@ def missing_reason(row: Row, key: str) -> str:
 
 
 def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value; its text is NOTHING if the value is missing.
+    """Return the cell that shows a value of a row; the text of the cell is NOTHING if the value is missing.
 
     Args:
         kind: how the value is printed: one of TEXT_KINDS, "figure" (text in a column of numbers), "met" (yes or no: whether a
@@ -295,7 +295,7 @@ def status_cell(row: Row) -> Cell:
 
 
 def remark_cell(row: Row) -> Cell:
-    """Return the cell with a row's message, after its status if the row failed or was skipped."""
+    """Return the cell with a row's message; the status stands before the message if the row failed or was skipped."""
     status, message = row.get("status") or "ok", row.get("message", "")
     if status == "ok":
         return text_cell(message)
@@ -304,7 +304,7 @@ def remark_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return `layouts.toml`: name of a table -> its title and columns, and perhaps its introduction, note and folding."""
+    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction, note, and whether it is folded."""
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
 
@@ -323,12 +323,13 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
     """Return the table of rows with the layout `name` of `layouts.toml`.
 
     Args:
-        title, note: replace those of the layout.
+        title, note: replace those of the layout if they are not empty.
         more: values of the {names} in the layout's title and heads; `folded` replaces the layout's.
     """
     layout = layouts()[name]
     folded = more.pop("folded", layout.get("folded", False))
     columns = [(head.format(**more), *cell) for head, *cell in layout["columns"]]
+    # the layout's note is a text, or a key of the texts in `notes`
     note = note or layouts()["notes"].get(layout.get("note"), layout.get("note", ""))
     return make_table(title or layout["title"].format(**more), columns, rows, folded, note)
 

@@ -30,7 +30,7 @@ EXPLAINED = (
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the engine's name, for Pinocchio with the kind of its loop over the steps: compiled, or called from Python."""
+    """Return the engine's name; for Pinocchio, add whether its loop over the steps is compiled, or called from Python."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
@@ -60,12 +60,12 @@ def mark_own(run: Run, loop: str) -> str:
 
 @dataclass(frozen=True)
 class Answers:
-    """What it costs each engine to meet an accuracy on one linkage; keys are names that `loop_of` returns.
+    """What it costs each engine to meet an accuracy on one linkage; keys of the dictionaries are names of engines by `loop_of`.
 
     Attributes:
-        leaders: name -> its cheapest setting that meets the accuracy.
-        multiples: name -> time of its cheapest setting, divided by the smallest time of all names.
-        ladders: name -> its rows of the table `search_ladder`, which are runs at several steps or tolerances.
+        leaders: name -> cheapest setting of the engine that meets the accuracy.
+        multiples: name -> time of this cheapest setting, divided by the smallest time of all engines.
+        ladders: name -> the engine's rows of the table `search_ladder`, which are runs at several steps or tolerances.
     """
 
     leaders: dict[str, Setting]
@@ -93,9 +93,9 @@ class Answers:
 def first_table(run: Run) -> Table | None:
     """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
 
-    A row has the name `loop` of an engine (`loop_of`), and its error, time and multiple on the linkages SHOWN. It also has the
-    number of linkages on which the engine reaches the accuracy, and the range of its multiples on all linkages. A multiple is the
-    engine's time divided by that of the fastest engine on the same linkage.
+    A row has the name of an engine by `loop_of`, and for each linkage in SHOWN the engine's error, time and multiple, which is its
+    time divided by that of the fastest engine on the linkage. A row also has the number of linkages on which the engine reaches the
+    accuracy, and the range of the engine's multiples on all linkages.
     """
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")

@@ -1,4 +1,4 @@
-"""Find the modules of a package, so that a new section is a new file and needs no registration."""
+"""Find the modules of a package, so that a new section of the report needs only a new file."""
 
 from importlib import import_module
 from pkgutil import iter_modules

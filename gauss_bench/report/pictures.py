@@ -1,7 +1,7 @@
 """The two pictures of README as SVG files: one linkage that moves in two engines, and the error of all engines against their time.
 
-Both are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
-`python -m gauss_bench.report.pictures REPORTS README.md` writes them and README's first table; `make publish` calls it.
+Both pictures are made from stored rows alone, follow the dark mode of the reader, and are reproducible byte for byte.
+`python -m gauss_bench.report.pictures REPORTS README.md` writes both and README's first table; `make publish` calls it.
 """
 
 import math
@@ -54,7 +54,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 def motion_picture(run: Run) -> str:
     """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times.
 
-    Readers who switched animations off, and printers, see still parts instead of the film.
+    Readers who switched animations off, and printers, see a still drawing of the links instead of the animation.
     """
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
@@ -111,12 +111,12 @@ def spread_times(times: Array, crank: Array) -> Array:
 def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Array) -> Array:
     """Return the states (k, n) of a run at times t (k,) [s], with the openings of its joints magnified WIDER times.
 
-    The stored difference of the run from the reference has two parts. With the part `run.ahead` alone all loops stay closed, as
-    when the crank is merely ahead of the reference; the part `run.gap` opens the loops. Only `gap` is magnified here.
+    The stored difference of the run from the reference is the sum `run.ahead + run.gap`. Adding `run.ahead` to the reference keeps
+    all loops closed, as when the crank is merely ahead of the reference; `run.gap` opens the loops. Only `gap` is magnified here.
 
     Args:
         turn: the closed states of the linkage as a function of its crank angle.
-        times, reference: (l,) times of the stored poses [s], and reference states (l, n) at them.
+        times, reference: (l,) times of the stored poses [s], and reference states (l, n) at these times.
     """
     ahead, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))  # (l, n) each
     crank = PchipInterpolator(times, crank_angles(turn.mechanism, reference + ahead))(t)
@@ -134,6 +134,7 @@ def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: A
         reference, times: states (l, n) of the reference, and their times (l,) [s].
     """
     shown = times <= UNTIL
+    # states of the reference, and the same with the difference `run.gap` that opens the joints of the run
     closed, opened = reference[shown], (reference + run.gap.reshape(len(reference), -1))[shown]
     gaps = []
     for joint in mechanism.joints:
@@ -181,16 +182,16 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return a dictionary: name by `first_table.loop_of`, such as "pinocchio, compiled" -> its best settings on LINKAGE.
+    """Return a dictionary: engine's name by `loop_of`, such as "pinocchio, compiled" -> its Pareto-optimal settings on LINKAGE.
 
-    They are the Pareto front: no other setting with this name is better in both time and position error. Names are sorted by the
-    least time of their settings with an error of at most FIRST [m].
+    No other setting of the engine is better than one of these in both time and position error. Settings with an error above
+    COARSEST [m] are left out. Engines are sorted by the least time of their settings with an error of at most FIRST [m].
     """
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
     def sort_key(loop: str) -> tuple[float, str]:
-        """Return the sort key of a name: its least time with an error of at most FIRST (infinity without one), then the name."""
+        """Return the sort key of an engine: its least time with an error of at most FIRST (infinity if none), then its name."""
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 

@@ -1,8 +1,8 @@
 """Find from the rows of a run whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-The answer is a `gauss_bench.reach.Reach`. The answer follows from the trials of the searches, which are runs at several steps or
-tolerances in the table `search_ladder`. Runs of older versions of this suite did not store trials; then the answer follows from the
-races (timed comparisons of the best settings), which are in the table `search_winners`.
+This answer, a `gauss_bench.reach.Reach`, follows from the trials of the searches, which are runs at several steps or tolerances in
+the table `search_ladder`. Runs of older versions of this suite did not store trials; then the answer follows from the races (timed
+comparisons of the best settings), which are in the table `search_winners`.
 """
 
 import math

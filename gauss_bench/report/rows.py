@@ -137,7 +137,7 @@ def group_by(items: Iterable[Item], *keys: str | Callable[[Item], Any]) -> dict[
 
 
 def search_span(run: Run) -> str:
-    """Return the length of the longest searched run in words, such as "over 1 s"."""
+    """Return the duration of the longest run in the searches in words, such as "over 1 s"."""
     ends = [row["until"] for row in with_number(run.table("search_ladder"), "until")]
     return f"over {max(ends):g} s" if ends else "over the whole run"
 

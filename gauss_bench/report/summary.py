@@ -68,9 +68,9 @@ def describe_run(run: Run) -> list[Block]:
 def shorten(finding: Finding) -> str:
     """Return a finding's title with its bold sentences.
 
-    A finding without bold sentences is shortened to its first sentence, the second one if the first is short, and all sentences
-    with the word DEFEAT: sentences in which the suite's own engines lose must not be left out. A text that is still longer than
-    LONGEST is cut at a semicolon.
+    A finding without bold sentences is shortened to its first sentence (its first two if the first is short) and all sentences with
+    the word DEFEAT: sentences in which the suite's own engines lose must not be left out. A text that is still longer than LONGEST
+    characters is truncated at a semicolon.
     """
     sentences = SENTENCE.split(finding.text)
     chosen = [x for x in sentences if BOLD in x]
@@ -92,10 +92,9 @@ def summarise_linkage(run: Run, name: str) -> Section:
 
 
 def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error, as a row with the columns of the layout `least`.
+    """Return the valid case with the least error, and the least acceleration error of all cases, as a row of the layout `least`.
 
-    The column `by` has the integrator and stabilisation of this case. If no case is valid, it has the statuses of all cases
-    instead.
+    The column `by` has the integrator and stabilisation of the valid case. If no case is valid, `by` has the statuses of all cases.
 
     Args:
         rows: cases of one engine and setting.
@@ -142,7 +141,7 @@ def multiple_cell(run: Run, row: Row | None, multiple: float | None) -> Cell:
     Without a row the cell is a dash.
 
     Args:
-        row: row of `search_winners` of the engine and linkage; None if the table has no such row.
+        row: row of the table `search_winners` for the engine and linkage; None if the table has no row for them.
         multiple: the engine's time divided by that of the fastest engine; None if the engine has no time.
     """
     if row is None:

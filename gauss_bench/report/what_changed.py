@@ -52,7 +52,7 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return a sentence for each quantity that changed, each reason for a new or missing answer, and each kind of default."""
+    """Return a sentence for each changed quantity, each change of an answer, and the changed, the new and the gone defaults."""
     figures: dict[str, list[Row]] = {}
     answers: dict[tuple[str, str], list[Row]] = {}
     defaults: dict[str, list[Row]] = {}
@@ -126,7 +126,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers that are equal, or differ by rounding alone, between a release and the release before it."""
+    """Return a sentence on the numbers of the release `after` that equal those of the release before it, at least to rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"

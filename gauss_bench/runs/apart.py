@@ -98,8 +98,8 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
     If `again` is true and the engine is `resizable` (its models accept another step and tolerance), this process keeps the model
-    for the next request; it keeps one model at a time. A kept model is used for a request that differs from the request for which
-    it was built only in step, tolerance or samples. Otherwise a new model is built and replaces the kept one.
+    for the next request; it keeps one model at a time. The kept model is used for a request that differs from the request for which
+    it was built only in step, tolerance or samples. If a request differs in more, a new model is built and replaces the kept model.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
@@ -132,7 +132,10 @@ _kept = _Kept()
 
 
 def plain_run(run: Run) -> dict[str, Any]:
-    """Return a run as plain data, which `outcome_of` reads."""
+    """Return a run as a dict of texts, numbers and arrays, which `outcome_of` reads.
+
+    The trajectory of a failed run is the part that it reached before the failure.
+    """
     trajectory = run.trajectory or run.reached
     fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
@@ -185,7 +188,7 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
     """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
 
-    Adapters in this package are asked for that name in this process, plug-ins in the worker process.
+    Adapters in this package are asked for the name of the missing code in this process, plug-ins in the worker process.
 
     Raises:
         WorkerFailure: a plug-in gave no answer.

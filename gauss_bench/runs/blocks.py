@@ -1,8 +1,8 @@
-"""Blocks of work to be timed: some milliseconds of steps, runs or calls. A race times the blocks of all engines alternately.
+"""Timing blocks: pieces of work to be timed, some milliseconds of steps, runs or calls. A race times all engines' blocks in turn.
 
-A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
-the race asks that process to time one block at a time. The other environment may contain no package except numpy, so that this file
-imports no other.
+A timing block is timed inside the process that does the work. All blocks of engines in another environment are in one process
+there, and the race asks that process to time one block at a time. An engine's environment may contain no package except numpy, so
+that this file imports no other.
 """
 
 import gc
@@ -32,7 +32,7 @@ LONGEST = 600.0  # [s] limit of one block in another environment
 
 @dataclass
 class Block:
-    """The work of one entry of a race (a timed quantity of an engine).
+    """The work that is timed for one quantity of an engine, which is one entry of a race (a timed comparison).
 
     To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `again` times each. The result is
     the mean time of one repetition of the work.
@@ -59,7 +59,7 @@ class Block:
         for _ in range(self.again):
             self.ready()
             whole += measure_seconds(self.go)
-        return whole / (self.count * self.again)
+        return whole / (self.count * self.again)  # each call of `go` repeats the work `count` times
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
@@ -90,6 +90,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """
     most, count = max(1, round(MOTION / step)), 1  # the number of steps grows until they last long enough
     while True:
+        # the model is prepared for two sample times, the start and the end of `count` steps
         block = Block(entry, partial(model.prepare, step * np.arange(2.0) * count, native=native), model.run, count)
         block.ready()
         elapsed = measure_seconds(block.go)
@@ -123,12 +124,17 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a timing block as `running` does, but for the first part of the run only, which takes about `lead` seconds to compute.
+    """Return a timing block of the first part of a run, as long as takes about `lead` seconds of processor time.
 
-    The length of the timed part of the run is estimated from the time that the first steps take.
+    The length of the timed part is estimated from the time that the first steps of the run take. The block's time is extrapolated
+    to the whole run.
 
     Args:
-        until: end of the whole run [s]; steps: number of its equal steps; lead: processor time of one run of the first part [s].
+        entry: key under which the block is timed.
+        choice: the engine's setting, to which the model is set before each run.
+        until: end of the whole run [s].
+        steps: number of equal steps of the whole run.
+        lead: processor time of the first part [s].
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
@@ -153,7 +159,7 @@ class TimedCall:
 
 
 def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Prepare a call of a library's function at a state q, v (n,), and return it with its timing block and its result.
+    """Prepare a call of a library's function at a state q, v (n,); return its timing block, its result and the time of preparation.
 
     Args:
         prepare: function that, given a mechanism and a state, returns the call to be timed.
@@ -227,7 +233,7 @@ class BlockElsewhere(Block):
     failure: RunFailure | None = None
 
     def seconds(self) -> float:
-        """Return the time of one repetition [s], measured in the engine's process; NaN after a failure, which `failure` keeps."""
+        """Return the time of one repetition of the work [s], measured in the engine's process; NaN after a failure (`failure`)."""
         if self.failure is None:
             try:
                 return self.timed()
@@ -239,8 +245,9 @@ class BlockElsewhere(Block):
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
     """Return a timing block of an engine that has an environment of its own.
 
-    The block returned here stands for a block in a process of the engine's environment, where the work is done and timed. That
-    process serves all races of this process. There the model is built, and `work`, given the model, returns the block.
+    The block returned here stands for a block in a process of the engine's environment, where the work is done and timed. In that
+    process the model is built, and `work`, given the model, returns the block. The same process of the environment serves all races
+    that the calling process runs.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
@@ -254,6 +261,7 @@ def _block_there(ask_there: Callable[..., Any], number: int, count: float, again
 
     `number` is the index of the block in that process; `count` and `again` are the attributes of that block.
     """
+    # `dict`, as a function that does nothing, for `ready` and `go`: the work is done in the other process
     return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
 
 
@@ -261,13 +269,13 @@ def _asking_there(engine: str) -> Callable[..., Any]:
     """Return a function that calls a given function with arguments in the process of an engine's environment.
 
     The returned function raises RunFailure if the engine's process gives no answer. Each environment has one such process, which
-    serves all races of this process.
+    serves all races that the calling process runs.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
 
     def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return function(*arguments), called in the process of the environment."""
+        """Return function(*arguments), called in the worker process of the engine's environment; it may take LONGEST seconds."""
         try:
             return worker.call(function, arguments, LONGEST)
         except WorkerFailure as failure:
@@ -282,7 +290,7 @@ Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabil
 def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
     """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
 
-    A kept model can be used again only if the engine is `resizable`, that is, if its models accept another step and tolerance. In
+    A stored model can be used again only if the engine is `resizable`, that is, if its models accept another step and tolerance. In
     this case all choices that differ only in step or tolerance use the same model. If the engine is not resizable, a new model is
     built at every call.
     """
@@ -297,19 +305,20 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a timing block in this process, an engine's, on request of the process of a race.
+    """Make a timing block in an engine's process, which the process that runs the race has asked to call this function.
 
-    Return the index of the block in `_blocks`, its `count` (repetitions in one call) and its `again` (number of calls).
+    `work`, given the model, returns the block. Return the index of the block in `_blocks`, its `count` (repetitions in one call)
+    and its `again` (number of calls).
     """
     _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
-    """Make the timing block of a library's call in this process, an engine's, on request of the process of a race.
+    """Make the timing block of a library's call in an engine's process, which the process that runs the race has asked to do so.
 
-    Return the index of the block in `_blocks`, its `count` and its `again`, as `make_there` does; then the acceleration (n,) that
-    the call computes, and the elapsed time that its preparation took [s].
+    Return the block's index in `_blocks`, its `count` (repetitions of the work in one call), its `again` (number of calls), the
+    acceleration (n,) that the library's call computes, and the elapsed time that the preparation of this call took [s].
     """
     timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(timed.block)

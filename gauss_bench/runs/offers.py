@@ -110,7 +110,7 @@ class Offer:
         return chosen
 
     def choose_tolerance(self, choice: Choice, tolerance: float | None) -> Choice:
-        """Return a choice with a relative tolerance, or the choice itself if the tolerance is None.
+        """Return a copy of `choice` (an engine's setting) with a relative tolerance, or `choice` itself if the tolerance is None.
 
         Raises:
             ChoiceError: the tolerance is not positive, or the integrator takes equal steps.
@@ -118,6 +118,7 @@ class Offer:
         if tolerance is None:
             return choice
         check_positive("the tolerance", tolerance, "")
+        # an engine that is not usable has not said which of its integrators choose their steps: its run reports the reason
         if self.usable and choice.integrator not in self.adaptive:
             adaptive = [x for x in self.integrators if x in self.adaptive]
             others = f"those that do are {', '.join(adaptive)}" if adaptive else "none of its integrators does"
@@ -144,12 +145,13 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words which Python code, besides the engine's library, runs during the measured time of an engine's run.
+    """Say which Python code, besides the engine's library, runs while an engine's run is timed.
 
     Adapters of this package are asked for this text in this process, plug-ins in a worker. The result is NOT_TOLD if the engine
     does not report such a text.
     """
     environment = environment_of(name)
+    # the condition: the engine's adapter is part of this package, so that no worker is needed to call it
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
         return in_python_there(name, mechanism, choice)
     if not has_method(name, "in_python"):
@@ -203,8 +205,8 @@ def offer(name: str) -> Offer:
 def offers(wanted: list[str] | None = None) -> list[Offer]:
     """Return the descriptions of the engines with these names, or of all engines.
 
-    Each engine is asked once, and its description is kept. Adapters of this package (SAFE) describe themselves in this process, all
-    other engines in a worker.
+    Each engine is asked for its description once, and the answer is kept. Adapters of this package (SAFE) describe themselves in
+    this process, all other engines in a worker.
 
     Raises:
         KeyError: there is no such engine.
@@ -251,7 +253,7 @@ def _describe(name: str) -> dict[str, Any]:
 def _read_offer(name: str, answer: object) -> Offer:
     """Return the engine's description from the answer of a worker.
 
-    If the answer is no valid description, return the description of an engine that cannot be used, with the reason.
+    If the worker's answer is not a valid description, return the description of an engine that cannot be used, with the reason.
     """
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
@@ -341,7 +343,7 @@ def _variant(name: str, said: Any) -> Variant:
 def _options(engine: Any) -> dict[str, tuple[str, ...]]:
     """Return option -> texts that are allowed as values, for each option that can be set by itself.
 
-    These are the options that the engine declares as `knobs` or, if it declares none, those that it lists in `options`.
+    These options are the engine's `knobs` or, if the engine declares no knobs, the names that it lists in `options`.
     """
     knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
     return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())
@@ -353,7 +355,7 @@ def _explain_knob(knob: object) -> tuple[str, str]:
 
 
 def _causes(declared: Mapping[str, object]) -> dict[str, str]:
-    """Return name of settings or variant -> cause, for those that the engine declares to be inexact."""
+    """Return name -> cause of inexactness, for the settings and variants that an engine declares inexact."""
     return {str(k): in_a_sentence(x) for k, x in dict(declared).items()}
 
 
@@ -401,7 +403,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     Raises:
         ChoiceError: the duration is not a positive time, or too long.
     """
-    if until is not None and until > (most := MOST_SAMPLES * 1e-3):
+    if until is not None and until > (most := MOST_SAMPLES * 1e-3):  # samples are a millisecond apart
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
     end = next(x for x in (until, suite, own) if x is not None)
     check_positive("the end of a run", end)
@@ -409,7 +411,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
 
 
 def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
-    """Check the size of a run until `t_end` in equal steps, with samples about `spacing` apart [s].
+    """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are about `spacing` apart [s].
 
     Raises:
         ChoiceError: the run is too large; the message holds the number of steps or samples.
@@ -445,7 +447,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
     """Return the distinct steps [s], from large to small.
 
     Raises:
-        ChoiceError: a step is not positive, or longer than the run.
+        ChoiceError: a step is not positive, longer than the run, or so small that the run has more steps than are allowed.
     """
     for step in steps:
         check_positive("the step", step)
@@ -456,7 +458,7 @@ def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:
 
 
 def check_budget(seconds: float | None, usual: float) -> float:
-    """Return the seconds that one case may take: those of the user, or the usual ones.
+    """Return the longest time [s] that one case may take: the user's or, if the user gives none, the `usual` one.
 
     Raises:
         ChoiceError: the user's budget is no positive time.

@@ -1,6 +1,7 @@
 """Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every command runs engines by this module.
 
-The engine's part (`perform`) is separate from the checks of its result (`receive`), because they may run in different processes.
+The part of a run in which the engine's code is called (`perform`) is separate from the checks of the samples that it returns
+(`receive`), because the two parts may run in different processes.
 
 Samples lie at multiples of the step. If a sample is wanted at a time that is no multiple of the step, such as the end of the run,
 one shorter step ends there, and the note of the run reports the shorter step.
@@ -56,7 +57,7 @@ class Sampling:
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
     """Return sample times from 0 to t_end, about `spacing` [s] apart, and each time in `meet` that is a multiple of the step.
 
-    The end of the run is always a sample time. If the end is no multiple of the step, the last step is shorter.
+    The end time `t_end` is always a sample time. If the end time is no multiple of the step, the last step is shorter.
     """
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
@@ -66,7 +67,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
     """Return sample times about `spacing` [s] apart, and every time in `at`.
 
     A time in `at` that is no multiple of the step is reached by a shorter step. The multiples of the step just before and after
-    this time are sample times too, so that only the two steps between these multiples are shorter.
+    such a time are sample times too, so that only the two steps between these multiples are shorter.
     """
     last = max(at)
     neighbours = []  # multiples of the step on both sides of a time that whole steps miss
@@ -129,8 +130,8 @@ class Outcome:
 
     Attributes:
         status, message: OK and an empty text, or the kind of failure and a sentence.
-        returned: the samples that the engine returned, or its samples before a failure. They are not checked yet, so that this may
-            be an object of any type.
+        returned: the samples that the engine returned, or its samples before a failure. The engine's samples are not checked yet,
+            so that this attribute may be an object of any type.
         answer: the result of the function `ask`, which was called with the model before the run.
         build_time, seconds: processor time of building the model and of running it [s]; NaN if the outcome ended before.
     """
@@ -166,7 +167,7 @@ class Run:
 
     @property
     def step_time(self) -> float | None:
-        """Processor time per step [s], samples included; None if the engine does not count its steps."""
+        """Processor time per step [s], with the time to store samples; None if the engine does not count its steps."""
         reached = self.trajectory or self.reached
         return None if reached is not None and reached.steps is None else self.seconds / max(1, self.sampling.count)
 
@@ -197,7 +198,7 @@ def perform(
     """Build a model, call `ask` with it, prepare and run it, and read its samples; a failure becomes an Outcome with the reason.
 
     This is the part of `one_run` that runs in the engine's process; afterwards `receive` checks the result, possibly in another
-    process. Warnings of numpy are silenced, because the judge reports a motion that diverges.
+    process. Warnings of numpy are silenced, because a motion that diverges is reported by the later check of its samples.
 
     Args:
         wanted: the sample times; ask: is called with the model before the run.
@@ -220,7 +221,7 @@ def perform(
         if seconds < shortest:
             model.prepare(wanted.times)
             seconds = measure_seconds(model.run)
-        running = None
+        running = None  # the run is complete: if `read` fails, it is not called again
         return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
         status, message, reached = _failing(failure.status), in_a_sentence(failure), failure.reached

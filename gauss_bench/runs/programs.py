@@ -1,6 +1,7 @@
 """Ask engines for the programs that they write (`program` in `engines/base.py`), in the engine's process, and check the programs.
 
-The process of an engine imports this file, and its environment may have numpy alone. Therefore this file imports no other package.
+The process of an engine imports this file. This file imports no other package than numpy, because an engine's environment may
+contain only numpy.
 """
 
 import subprocess

@@ -1,7 +1,8 @@
 """Functions that are called with an engine's model, in the engine's process, before the model runs (`Request.ask`).
 
-Such a function asks the model for something, such as accelerations at given states. It is sent by name to the engine's process,
-whose environment may contain no package except numpy. Therefore this file imports no other package.
+Such a function asks the model for something, such as accelerations at given states. The engine's process is sent only the
+function's name and imports this file. The environment of that process may contain no package except numpy, so that this file
+imports no other package.
 """
 
 import platform
@@ -75,7 +76,7 @@ class ForceQuestion:
     def compare(self, answer: object) -> tuple[float, float]:
         """Return the largest error of the joint forces that an engine has reported, and the largest correct joint force [N, N m].
 
-        Both are NaN if the engine reports no joint forces.
+        The error and the largest force are NaN if the engine reports no joint forces.
         """
         shape = (len(self.states.t), len(self.mechanism.joints), 3)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:

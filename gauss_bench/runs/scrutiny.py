@@ -41,11 +41,11 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 
 
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
-    """Return the largest spacing of samples [s] with which work and rates of a run can be integrated.
+    """Return the largest spacing of samples [s] at which a run's power and rates can still be integrated over time accurately.
 
     A run has at least LEAST samples, and at least A_PERIOD samples in each period of the fastest sinusoidal force, of the fastest
-    rise and fall of a force given by a table, and of the fastest mode (of vibration or decay) at the start. If this makes the
-    spacing smaller than SAMPLING, the run has nevertheless at most MOST samples.
+    rise and fall of a force given by a table, and of the fastest mode (of vibration or decay) at the start. A spacing below
+    SAMPLING is not made so small that the run has more than MOST samples.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -87,7 +87,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
 
 
 def at_samples(finer: Run, times: Array) -> Run:
-    """Return the finer repetition of a run, but only its samples at the sample times (k,) [s] of the run itself."""
+    """Return the finer repetition of a run, but only its samples at the sample times (k,) [s] of the original run."""
     x = finer.trajectory
     return finer if x is None else replace(finer, trajectory=x[metrics.common_times(x.t, times)[0]])
 
@@ -95,8 +95,9 @@ def at_samples(finer: Run, times: Array) -> Run:
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
     """Return a tighter relative tolerance for a repetition of a run: the tolerance of the run, divided by TIGHTER.
 
-    If the quotient is below SMALLEST_TOLERANCE, where rounding exceeds the error, the tolerance is multiplied by TIGHTER instead:
-    the repetition is then coarser. The tolerance may be given by the choice or by one of the engine's options.
+    If the divided tolerance is below SMALLEST_TOLERANCE, where rounding exceeds the error of integration, the tolerance is
+    multiplied by TIGHTER instead, so that the repetition has a looser tolerance. The tolerance may be given by the choice or by one
+    of the engine's options.
     """
     tolerance = choice.tolerance
     if tolerance is None:
@@ -114,10 +115,10 @@ def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a repetition equals the run in all bits, and the linkage moves.
+    """Tell whether a run and its repetition have the same q and v, bit for bit as far as both go, and the linkage moves.
 
     A repetition with another tolerance or step equals the run if the engine ignores the tolerance or the step. If the linkage does
-    not move, equal results do not show this.
+    not move, equal results do not show that the engine ignores anything.
     """
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
@@ -150,7 +151,7 @@ def warn_of_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> str
 
 
 def steps_a_forcing(mechanism: Mechanism, choice: Choice, adaptive: bool) -> float | None:
-    """Return the number of fixed steps in the shortest period of a force; None without such a force, or without fixed steps."""
+    """Return the number of fixed steps in the shortest period of a force; None if no force is periodic or steps are not fixed."""
     period = mechanism.forcing_period
     return None if period is None or adaptive else period / choice.step
 
@@ -218,15 +219,15 @@ def as_truth(trajectory: Trajectory) -> Reference:
 
 
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
-    """Return the energy (k,) [J] by which a run exceeds the work done, as far as its samples show this; else None.
+    """Return the energy (k,) [J] that a run gains beyond the work done on it, as far as its samples can show this.
 
     If samples are further apart than the time constant of the fastest damping, they do not show how much energy the damping
-    dissipates, and losses of energy between such samples are left out. The result is None if the judge accepts the energy of the
-    run, or if nothing is damped.
+    dissipates, and losses of energy between such samples are left out. The result is None if the run passes the judge's check of
+    energy, or if no motion of the linkage decays by damping.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
-    modes = modes_along(mechanism, trajectory)
+    modes = modes_along(mechanism, trajectory)  # eigenvalues: a negative real part is the rate of a decay
     fastest = max((float(-x.real.min(initial=0.0)) for x in modes), default=0.0)
     return metrics.without_loss(trajectory.t, evidence.energy, 1.0 / fastest) if fastest > 0 else None
 
@@ -265,7 +266,8 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Return the median relative difference between the accelerations of two formulations at states of a run; None if one fails.
 
-    One formulation solves for the free directions, the other for the multipliers, so that their rounding errors differ.
+    Gauss's formulation solves for independent accelerations, Lagrange's also for the multipliers of the constraints, so that their
+    rounding errors differ.
     """
     chosen = spread_evenly(len(trajectory.t), JUDGED)
     states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]

@@ -24,8 +24,8 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
     """Time an engine in this new process until it has taken its first step, and return {"seconds": processor time [s]}.
 
-    If the engine fails, the result has the columns of the failure instead (`time_with_compilers`). The measured time includes the
-    import of the engine's library. Generated code is used if an earlier start has stored it.
+    If the engine fails, the result has the status and the message of the failure instead of the seconds. The measured time includes
+    the import of the engine's library. Generated code is used if an earlier start has stored it.
     """
     return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
@@ -33,7 +33,7 @@ def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, 
 def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
     """Time an engine's first model and first step if no generated code is stored yet, and return {"seconds": processor time [s]}.
 
-    If the engine fails, the result has the columns of the failure instead (`time_with_compilers`). The measured time does not
+    If the engine fails, the result has the status and the message of the failure instead of the seconds. The measured time does not
     include the import of the engine's library.
     """
     adapter = get(engine)

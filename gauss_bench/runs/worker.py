@@ -1,4 +1,4 @@
-"""A worker process for code that may crash or hang: it calls functions and returns their results, or the reason of a failure.
+"""A worker process for code that may crash or hang: it calls functions and returns their results, or the reason for a failure.
 
 Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer of a worker is JSON,
 in which each array is replaced by its type and shape, followed by the bytes of the arrays. The arrays that the parent decodes from
@@ -11,10 +11,10 @@ begin. The parent refuses an answer with another token, and an answer that is la
 task that exceeds its limit; if the parent is gone, the task is stopped by an alarm signal that no library can block. The time
 during which a task waits for a processor does not count towards the limit, so that engines do not fail because the machine is busy.
 
-The processes that a task starts end with its worker. These processes are found by a mark, an environment variable that they inherit
-from the worker. On Linux they are also found as descendants of the worker, which becomes the parent of orphaned processes. A
-process that has removed the mark from its environment survives if the worker crashes or is killed before it can look for its
-descendants. No process may use more memory than its `Interpreter` allows, by default MEMORY.
+When a worker ends, all processes that its tasks have started are ended. The processes to be ended are found by a mark, an
+environment variable that they inherit from the worker. On Linux the processes are also found as descendants of the worker, which
+becomes the parent of orphaned processes. A process that has removed the mark from its environment survives if the worker crashes or
+is killed before it can look for its descendants. No process may use more memory than its `Interpreter` allows, by default MEMORY.
 
 A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
 """
@@ -65,7 +65,7 @@ KINDS = {"f": np.dtype("<f8"), "i": np.dtype("<i8"), "b": np.dtype("|b1")}  # ki
 
 
 class NoAnswer(ValueError):
-    """Raised for bytes that are no answer, and for an object that cannot be sent in an answer."""
+    """Raised if received bytes are not a valid answer, or if an object cannot be sent in an answer."""
 
 
 class WorkerFailure(Failure):
@@ -86,7 +86,7 @@ class Interpreter:
 
     @property
     def command(self) -> list[str]:
-        """The command that starts a worker; under another interpreter the worker sees only this package of this environment."""
+        """The command that starts a worker; under another interpreter, it can import only gauss_bench from this environment."""
         if self.python == sys.executable:
             return [self.python, "-m", "gauss_bench.runs.worker"]
         return [self.python, "-I", str(Path(__file__).with_name("elsewhere.py"))]
@@ -155,7 +155,7 @@ class Worker:
             os.killpg(process.pid, signal.SIGKILL)
         process.kill()
         process.wait()
-        _end_all(self.mark)
+        _end_all(self.mark)  # processes that are no longer descendants have inherited the mark in their environment
         for pipe in filter(None, (process.stdin, process.stdout)):
             with contextlib.suppress(BrokenPipeError):
                 pipe.close()
@@ -203,7 +203,7 @@ class Worker:
             code = self._exit_code(process)
             printed = self._last_words()
             self.stop()
-            if code == os.EX_CONFIG:
+            if code == os.EX_CONFIG:  # `elsewhere.py` found that the interpreter cannot run a worker, and printed why
                 raise WorkerFailure(Status.SKIP, printed.removeprefix(": ")) from error
             how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise WorkerFailure(Status.CRASHED, f"the process died with {how}{printed}") from error
@@ -243,14 +243,14 @@ def keep(engine: str) -> Worker:
 
 
 def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
-    """Send a task to the worker; the worker may unpickle the task, because the task comes from the worker's parent process."""
+    """Send a task after its `token`, with which the answer must begin; the worker trusts its parent and unpickles the task."""
     content = pickle.dumps(item)
     pipe.write(HEADER.pack(token, len(content)) + content)
     pipe.flush()
 
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
-    """Return the answer to the task with a token, as `unpack_answer` does.
+    """Return the answer to the task that was sent with `token`; objects in the answer are as `unpack_answer` makes them.
 
     Raises:
         TimeoutError: the limit is exceeded.
@@ -298,7 +298,7 @@ def read_waits(pid: int) -> dict[int, float]:
 
 
 class _Clock:
-    """The remaining time of a task, which begins when the object is made.
+    """The remaining time of a task; the task's time starts to run when this object is made.
 
     The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
     elapsed time counts towards `longest` [s].
@@ -319,7 +319,7 @@ class _Clock:
         return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
-        """Return the time [s] that the task has left before it exceeds `limit` or `longest`."""
+        """Return the time [s] left to the task: before its time without waits exceeds `limit`, or its elapsed time `longest`."""
         passed = time.monotonic() - self.start
         # the system counts waits by another clock: they may seem to be negative, or longer than the elapsed time
         waited = min(max(0.0, self._waiting_time()), passed)
@@ -327,11 +327,11 @@ class _Clock:
 
 
 def _end_all(mark: str) -> None:
-    """Kill every process whose environment has the mark of a worker, or the mark of a worker that this worker has started.
+    """Kill every process that has inherited the mark of a worker, directly or through a worker that this worker has started.
 
-    A mark is an environment variable, random for each worker, which its child processes inherit.
-
-    To kill the process group would not be enough: it does not include processes in sessions of their own.
+    A mark is the value of an environment variable, random for each worker, which child processes inherit. The mark of a worker
+    within a worker begins with the mark of the outer one. To kill the process group would not be enough, because processes in
+    sessions of their own do not belong to the group.
     """
     sign = f"{MARK}={mark}".encode()
     _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
@@ -379,7 +379,8 @@ def _descendants(root: int) -> list[int]:
 def _has(pid: int, sign: bytes) -> bool:
     """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" that identifies a worker.
 
-    If a worker was started within this worker, its mark is accepted too: it is this worker's mark, a slash and more.
+    The mark of a worker that was started within the identified worker is accepted too: it is the identified worker's mark, followed
+    by a slash and more.
     """
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
@@ -460,7 +461,7 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(f"its text should have {length} bytes")
 
     def restore(table: dict[str, Any]) -> Any:
-        """Return the array that a JSON object describes, read from the bytes that are left; return any other object unchanged."""
+        """Return the array that a JSON object describes, read from the bytes after the JSON; return other objects unchanged."""
         nonlocal left
         if table.keys() != {ARRAY}:
             return table

@@ -1,7 +1,7 @@
 """Keep unsaved drawings in the user's cache folder, so that the end of a browser or server loses nothing.
 
-Each file of unsaved work in that folder belongs to one process of the studio and one document. After the process has ended, the
-studio offers the unsaved work when a user opens the document again.
+Each file of unsaved work belongs to one process of the studio and one document. After the process has ended, the studio offers the
+unsaved work when a user opens the document again.
 """
 
 import hashlib
@@ -144,7 +144,7 @@ def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path
     """Yield the path of a temporary file with a text, for functions that read files; the file is deleted afterwards.
 
     Args:
-        name: stem of the file's name; any other value than a valid name is replaced by "drawing".
+        name: stem of the file's name; a value that is no valid name is replaced by "drawing".
         suffix: ending of the file's name.
 
     Raises:

@@ -54,9 +54,10 @@ def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Dra
 def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, Any]:
     """Drag the linkage towards the pointer, and return the reply to the page.
 
-    The reply has the poses of the links, the processor time `ms` [ms], and a note. The note is given only if the dragged pin can
-    move in fewer directions than at the beginning of the drag, as at a limit of its motion. For example, the pin of a crank cannot
-    reach a pointer away from its circle, but there is no note, because the pin can still move along the circle.
+    The reply has the `poses` of the links, whether the dragged pin has `reached` the pointer, their distance `apart` [m], the
+    processor time `ms` [ms], and a `note`. The note is given only at a limit of the motion, where the pin can move in fewer
+    directions than at the beginning of the drag. There is no note if the pointer is away from the circle of a crank's pin, because
+    the pin can still move along the circle.
     """
     target, began = place(message.get("at")), time.thread_time()
     moved = drag.to(np.array([target.real, target.imag]), STEPS)
@@ -82,7 +83,7 @@ def inputs(reading: Reading) -> list[str]:
     """Return the names of the input links.
 
     They are the links that are driven in the first scenario with a driven link. If no scenario drives a link, the input is the
-    crank. If there is no crank, it is the first link that is pinned to the ground.
+    crank. If there is no crank either, the input is the first link that is pinned to the ground.
     """
     document = reading.document
     for scenario in document.get("scenarios", {}).values():

@@ -1,4 +1,4 @@
-"""Simulate a drawing that is released from rest, or search for the cheapest setting of an engine with a required accuracy.
+"""Simulate a drawing that is released from rest, or search for the cheapest engine setting that reaches an accuracy.
 
 The studio first writes a scenario "released" into the file, which has no drivers and starts at rest where the linkage is drawn. One
 or more engines then simulate this scenario.

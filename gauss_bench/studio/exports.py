@@ -29,7 +29,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
     """Return the reply with a file of the kind that a message gives: the file's `name`, and its `text` or its bytes in `base64`.
 
     Raises:
-        Refused: there is no such kind, or the drawing cannot be exported as this kind; the message gives the reason.
+        Refused: the kind of file is unknown, or the drawing cannot be exported as this kind; the message gives the reason.
     """
     kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
     match kind:

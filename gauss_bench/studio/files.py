@@ -162,7 +162,7 @@ def import_file(text: str) -> tuple[str, list[str]]:
 
 
 def fragment(text: str) -> str:
-    """Return a text in compressed form, in characters that an address may contain."""
+    """Return a text in compressed form, in characters that a URL may contain."""
     packed = zlib.compress(text.encode("utf-8"), 9)
     return base64.urlsafe_b64encode(packed).decode("ascii").rstrip("=")
 

@@ -1,7 +1,7 @@
 """The process of a long job, which sends its results to the studio as lines of JSON on standard output.
 
-The request arrives as a line of JSON on standard input. The studio keeps this stream open as long as the studio runs. When the
-stream is closed, this process kills itself and all processes that it has started.
+The request arrives as a line of JSON on standard input. The studio keeps this input stream open as long as the studio runs. When
+the input stream is closed, this process kills itself and all processes that it has started.
 """
 
 import contextlib
@@ -97,7 +97,7 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
 
 def recommend(request: Mapping[str, Any], send: Send) -> None:
-    """Search for the cheapest setting of every engine that meets an accuracy; send each answer as it is found, and all at the end.
+    """For each engine, search for the cheapest setting that reaches an accuracy; send each answer when found, and all at the end.
 
     Args:
         request: the message that `dynamics.recommend` makes, with the `path` of the file.
@@ -110,7 +110,7 @@ def recommend(request: Mapping[str, Any], send: Send) -> None:
     from gauss_bench.api.recommend import setting_of
 
     def as_shown(x: Answer) -> dict[str, Any]:
-        """Return an answer as the page shows it: with its setting in words, and with only the first of its error values."""
+        """Return the answer for one engine as the page shows it: the setting in words, and only the first of the errors."""
         setting = setting_of(x) if x.step is not None or x.tolerance is not None else ""
         return asdict(x) | {"setting": setting, "error": next(iter(x.errors.values()), None)}
 

@@ -107,5 +107,5 @@ class Jobs:
         for job in [*self.running]:
             self.stop(job)
         for follower in followers:
-            if follower.ident is not None:
+            if follower.ident is not None:  # None: the thread that follows a job has not been started, and cannot be joined
                 follower.join(GRACE)

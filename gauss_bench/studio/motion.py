@@ -125,7 +125,7 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
     """Return the part of the reply that gives forces along a driven motion.
 
-    They are the force or torque of the first driver, and the forces and moments in pins and slides.
+    The reply has the force or torque of the first driver, and the forces and moments in pins and slides.
     """
     if not len(x.t):
         return {"torque": None, "pins": []}

@@ -258,7 +258,7 @@ def leave_out(document: Document, fault: Fault) -> None:
                 link[lacking] = MASS if lacking == "mass" else INERTIA
                 return
         case ["format"]:
-            document["format"] = SECOND
+            document["format"] = SECOND  # the second edition of the file format
             return
         case ["name"]:
             document["name"] = "drawing"
@@ -281,7 +281,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
     """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
 
     A link that the sketch does not place gets the angle 0. If the sketch has the place of one of its points, the link is placed
-    there. Otherwise its frame is placed at the origin of the world.
+    there. If the sketch has no such place, the link's frame is placed at the origin of the world.
     """
     unplaced: list[str] = []
     document = copy.deepcopy(document)

@@ -120,7 +120,7 @@ def make_edit(session: Session, message: Message) -> Reply:
 
 
 def behind(session: Session, message: Message) -> Reply:
-    """Return id and URL of the picture behind the grid; a scene has only the id."""
+    """Return the id and the URL, with all data, of the picture behind the grid; the reply `scene` has only the id."""
     picture = session.picture
     return {"picture": picture and picture.id, "url": picture and picture.url}
 
@@ -132,7 +132,7 @@ def drag_begin(session: Session, message: Message) -> Reply:
 
 
 def drag(session: Session, message: Message) -> Reply:
-    """Drag towards the pointer, and return the poses of the links; if the message has `centres`, also the instant centres."""
+    """Drag the pin or point towards the pointer; return the poses of the links and, if `centres` is true, the instant centres."""
     if session.drag is None:
         raise Refused("nothing is being dragged")
     moved = dragging.drag_linkage(session.drag, session.reading, message)
@@ -169,7 +169,7 @@ def branch(session: Session, message: Message) -> None:
 def read_locked(session: Session) -> tuple[str, Reading]:
     """Return the text of the drawing, and the reading of this same text.
 
-    This is for requests that are answered while other requests may change the drawing.
+    Requests in APART use this function: they are answered while other requests may change the drawing.
     """
     with session.lock:
         return session.text, session.reading
@@ -254,6 +254,7 @@ def answer(session: Session, message: Message) -> Reply:
         check_message(message)
         if not isinstance(verb, str) or verb not in VERBS:
             raise Refused(f"there is no verb {str(verb)[:40]!r}", field="do")
+        # verbs in APART take the lock themselves where they need it; a verb without a result is answered by the scene
         with contextlib.nullcontext() if verb in APART else session.lock:
             result = VERBS[verb](session, message)
             reply = {"ok": True} | ({"scene": session.scene()} if result is None else result)

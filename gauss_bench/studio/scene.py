@@ -129,8 +129,8 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
                 "members": members,
                 "joint": id if members and (id in joints or len(members) > 1) else None,
                 "ground": any(x.startswith("ground.") for x in members),
-                "locked": f"pins.{id}" in locked,
-                "stiff": f"joints.{id}" in locked,
+                "locked": f"pins.{id}" in locked,  # the pin keeps its place
+                "stiff": f"joints.{id}" in locked,  # its links keep their relative angle
             }
         )
     return shown

@@ -74,7 +74,7 @@ class Rate:
         self.times: deque[float] = deque()
 
     def allows(self, now: float | None = None) -> bool:
-        """Count a message at the time `now` [s] and return True, or return False if there are too many in the window."""
+        """Count a message at the time `now` [s] and return True, or return False after too many within WINDOW seconds."""
         now = time.monotonic() if now is None else now
         while self.times and self.times[0] <= now - WINDOW:
             self.times.popleft()

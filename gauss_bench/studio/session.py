@@ -56,7 +56,7 @@ class Session:
         return str(self.path or self.folder / "a new drawing")
 
     def _begin(self, text: str, saved: str) -> None:
-        """Set the state to a text without history; `saved` is the text that exists elsewhere, as in the attribute `saved`."""
+        """Replace the state by a text, and clear the history; `saved` is the new value of the attribute `saved`."""
         self.text, self.saved = text, saved
         self.undone: list[tuple[str, frozenset[str]]] = []
         self.done: list[tuple[str, frozenset[str]]] = []
@@ -84,7 +84,7 @@ class Session:
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
-        """Record that a text, now the present text, has been saved to a file."""
+        """Record that `text` has been saved to the file `path`: it becomes the present text, and its unsaved work is forgotten."""
         forget(self.autosave.file)
         self.text, self.saved, self.path = text, text, path
         self.autosave = Autosave(self._document_name())
@@ -145,14 +145,14 @@ class Session:
             self._change()
 
     def lay(self, picture: Picture | None) -> None:
-        """Set or remove the picture behind the grid, which is no step of the history."""
+        """Set or remove the picture behind the grid; the history for undo and redo does not record this."""
         self.picture = picture
         self._change()
 
     def _change(self) -> None:
-        """Complete a change of the document: count it, end a drag in progress, and keep unsaved work in its file.
+        """Complete a change of the document: count it, end a drag in progress, and write unsaved work to the autosave file.
 
-        If there is no unsaved work, the file is deleted.
+        If there is no unsaved work, the autosave file is deleted.
         """
         self.revision += 1
         self.drag = None
@@ -174,7 +174,10 @@ class Session:
         return state | scene(self.reading, self.locks)
 
     def close(self) -> bool:
-        """End the session, and return whether there are unsaved changes, which stay in their file and will be offered again."""
+        """End the session, and return whether there are unsaved changes.
+
+        These stay in the autosave file, and are offered when the document is opened again.
+        """
         self.jobs.stop_all()
         self.ended.set()
         # wait for a running search: a thread in native code while the interpreter ends would abort the process

@@ -1,6 +1,6 @@
 """Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for.
 
-A suite is a TOML file that lists measurements. Each of its tables is called a part of the suite, for example a table `accuracy`.
+A suite is a TOML file that lists measurements. Each table of the file, for example `accuracy`, is called a part of the suite.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ def read_suite(name: str) -> Suite:
     """Return a suite, joined with the suites that it builds on; `name` is that of a built-in suite, or the path of a .toml file.
 
     Raises:
-        SuiteError: there is no such suite, it is no TOML, it does not fit the schema, or it builds on itself.
+        SuiteError: the suite does not exist, is not valid TOML, does not fit the schema, or builds on itself.
     """
     return _read(name, ())
 
@@ -76,14 +76,14 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite that has the parts of all suites, without repetitions, and the title of the last suite."""
+    """Return one suite with the entries of all suites in each of SECTIONS, without repetitions, and the title of the last suite."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []
         for suite in suites:
             distinct += [x for x in getattr(suite, name) if x not in distinct]
         content[name] = tuple(distinct)
-    return suites[-1].model_copy(update=content | {"parts": ()})
+    return suites[-1].model_copy(update=content | {"parts": ()})  # no further suites to read: `content` has their entries
 
 
 def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
@@ -108,7 +108,7 @@ def linkages_of(suite: Suite) -> tuple[str, ...]:
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     """Return the suite with only these engines in its parts `accuracy`, `cost`, `search` and `field`.
 
-    Of these parts, those in which no engine remains are left out. The other parts of the suite are unchanged.
+    Parts of these four kinds that have none of the engines are left out. Parts of other kinds are unchanged.
     """
 
     def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -123,8 +123,8 @@ def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
     A part of the suite with `any_linkage` is run for all given linkages, in the given scenarios. A part without `any_linkage` keeps
-    those of its linkages that are given, each in the scenario that the part names. Parts that list no linkages are left out, except
-    `left_out` and those parts whose results are computed from the times of other parts.
+    those of its linkages that are given, each in the scenario that the part names. Parts of a suite without linkages are left out,
+    except `left_out` and the parts whose results are computed from times of other parts.
     """
     content: dict[str, tuple[Any, ...]] = {}
     for name in SECTIONS:

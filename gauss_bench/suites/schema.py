@@ -131,7 +131,7 @@ class Steps(Section):
 
 
 class Claim(OnLinkages):
-    """The claim that equations with n - m unknowns are cheaper than with n + m, for n coordinates and m constraints.
+    """The claim that equations with n - m unknowns are cheaper than equations with n + m, for n coordinates and m constraints.
 
     Attributes:
         compiled: names of two engines, which solve equations with n - m and with n + m unknowns.
@@ -240,7 +240,7 @@ class Search(OnLinkages):
 
 
 class SameQuestions(OnLinkages):
-    """The same measurements of every engine: whether a run repeats bit by bit, joint forces, start-up time, and installed size.
+    """Measurements that are alike for every engine: whether a run repeats bit for bit, joint forces, start-up time, installed size.
 
     Attributes:
         engines: names of engines; empty for all engines, including those that can be installed and are not.

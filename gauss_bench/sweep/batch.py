@@ -1,7 +1,7 @@
 """Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other.
 
-Every sample gives a row. If its numbers make no valid linkage, its start does not close, or its engine fails, the row's message has
-the reason.
+Every sample gives a row. If the numbers of a sample make no valid linkage, the start cannot be assembled, or the engine fails, the
+row's message has the reason.
 """
 
 import json
@@ -113,7 +113,7 @@ def family(case: SweepCase) -> Family:
 
 @lru_cache(maxsize=4)
 def kernel(case: SweepCase, engine: str) -> Kernel:
-    """Return the kernel that all samples share.
+    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine.
 
     Raises:
         MissingExtra: there is no compiler.
@@ -137,8 +137,8 @@ def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts
     """Return the rows of the sweep's table for k samples that an engine simulates.
 
     Args:
-        numbers: (k,) indices of these samples among all samples of the sweep.
-        values: (k, d) values of the d varied numbers in these samples.
+        numbers: (k,) indices of the k samples among all samples of the sweep.
+        values: (k, d) values of the d varied numbers in the k samples.
         parts: number of equal parts into which each step of the engine's setting is divided.
     """
     run = _run_batch if in_batches(engine) else _run_one_by_one
@@ -180,7 +180,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     for k in np.flatnonzero(~is_finite).tolist():  # a motion ends with the last sample before the first that is not finite
         until = steps.t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
         rows["status"][closed[k]] = str(Status.NAN)
-        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: no partition of the kernel is regular there"
+        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: the kernel finds no regular coordinates there"
     if not is_finite.any():
         return rows
     # groups of about TOGETHER motions: indices in q and v, which have the closed samples alone
@@ -188,12 +188,13 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
         forces = _multipliers(code, steps.t, q[group], v[group], p[group])
         numbers, samples = {name: x[group] for name, x in columns.items()}, closed[group]
         q_group, v_group = (np.ascontiguousarray(x[group].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
-        by_name, evidence = figures(linkages.nominal, numbers, steps.t, q_group, v_group, forces)
+        by_name, evidences = figures(linkages.nominal, numbers, steps.t, q_group, v_group, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
-        for k, sample, found in zip(group, samples, evidence, strict=True):
+        for k, sample, evidence in zip(group, samples, evidences, strict=True):  # evidence: what `_judge` needs of a motion
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
-            rows["status"][sample], rows["message"][sample] = _judge(found, partial(linkages.mechanism_of, values[sample]), motion)
+            load = partial(linkages.mechanism_of, values[sample])
+            rows["status"][sample], rows["message"][sample] = _judge(evidence, load, motion)
     return rows
 
 
@@ -208,8 +209,9 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
     """
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
-        # the samples may not resolve the energy that damping takes between them. `without_loss` removes every loss of energy here:
-        # find out which losses the samples resolve only if the judge then has fewer objections
+        # the sample times may be too far apart to resolve the energy that damping takes between them. First ask cheaply whether
+        # losses matter: `without_loss` here removes every loss of energy. Only if the judge then has fewer objections, find out
+        # which losses the sample times resolve
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
             evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
@@ -234,7 +236,7 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     """Return status, message and figures of k samples, which are simulated one after the other.
 
-    The arguments are those of `_run_batch`.
+    The arguments, values (k, d) of the varied numbers and `parts` of a step, are those of `_run_batch`.
     """
     rows = _empty_rows(case, len(values))
     for k, sample in enumerate(values):
@@ -245,7 +247,7 @@ def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> 
 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
-    """Return status and message of one sample, and name of a figure -> array (1,) with the value of the figure.
+    """Simulate one sample; return its status, its message, and name of a figure (a number of a row) -> array (1,) with its value.
 
     There are no figures if the sample has no motion.
 
@@ -261,6 +263,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
     steps = grid(choice.step, case.until)
     finer = replace(choice, step=steps.h / parts)
     request = Request(case.source, case.scenario, engine, finer, sampling_at(finer.step, steps.t))
+    # each thread keeps a worker of its own for further samples of this engine
     run = run_of(request, mechanism, case.limit, keep(f"{engine} of thread {threading.get_ident()}"))
     if run.trajectory is None:
         return str(run.status), run.message, {}
@@ -269,6 +272,7 @@ def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: in
         multipliers = metrics.reactions(Evaluator(mechanism), x)
     except (ArithmeticError, np.linalg.LinAlgError):
         multipliers = np.full((len(steps.t), mechanism.m), np.nan)
+    # {}: no number of the mechanism is an array over many motions; [:, None]: a batch of one motion
     by_name, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], multipliers[:, None])
     evidence = replace(evidence, rates=metrics.rate_gaps(x), duration=float(x.t[-1] - x.t[0]))
     status, sentence = _judge(evidence, lambda: mechanism, x)

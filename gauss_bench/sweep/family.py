@@ -1,14 +1,14 @@
-"""Linkages of one structure with different numbers: the inputs of a kernel, and the start of each sample.
+"""Linkages of one structure with different numbers: find the inputs of their kernel, and the start of each sample.
 
-A kernel is a compiled program for one linkage. It has the linkage's numbers as constants, except for the open numbers, which are
-inputs of the kernel. A sample is one choice of values for the varied numbers, the numbers of the file that the sweep varies. The
-varied numbers determine the values of the open numbers.
+A kernel is a compiled program for one linkage. Most numbers of the linkage are constants of the kernel; those that remain open are
+its inputs. A sample is one choice of values for the varied numbers, the numbers of the file that the sweep varies. The varied
+numbers determine the values of the kernel's inputs.
 
-Many linkages are evaluated at once: in one mechanism each open number becomes an array (batch,) (`with_parameters`), and the
-formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
+Many linkages are evaluated at once: in one mechanism each input of the kernel becomes an array (batch,) (`with_parameters`), and
+the formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
 
 The start of a sample is its initial state q, v. It is found by continuation from the assembled initial state of the linkage in the
-file. The open numbers, and the coordinates that the scenario's start and drivers prescribe at t = 0, change in small steps from
+file. The kernel's inputs, and the coordinates that the scenario's start and drivers prescribe at t = 0, change in small steps from
 their values in the file to those of the sample, and Newton's method closes the joints after each step. A sample whose joints do not
 close in this way is read and assembled on its own; if that fails too, the sample's message has the reason.
 """
@@ -39,17 +39,17 @@ from gauss_bench.terms import Array
 STRIDE = 0.02  # largest change of a dimension between two closures, relative to the linkage's size
 NEWTON = 12  # largest number of iterations of a closure, of which three or four are needed
 WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
-OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys of the file with numbers that a kernel can leave open
+OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys with numbers that can be inputs of a kernel
 BAD = (BuildError, ValidationError)  # errors of a table whose numbers are not valid
-Columns = Mapping[str, Array]  # name of an open number in the kernel -> its values (k,)
+Columns = Mapping[str, Array]  # name of an input of the kernel -> its values (k,)
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Initial states of k samples, and their inputs of the kernel.
+    """Initial states of k samples, and the values of the kernel's inputs in these samples.
 
     Attributes:
-        columns: name of an open number (an input of the kernel) -> its values (k,).
+        columns: name of an input of the kernel -> its values (k,).
         q, v: (k, n) initial states; NaN for a sample that cannot be assembled.
         reasons: index of a sample that cannot be assembled -> the reason.
     """
@@ -92,7 +92,7 @@ class Family:
         The path of a number in a linkage file has the form links.NAME.KEY..., joints.NAME.KEY, forces.NAME.KEY,
         scenarios.NAME.KEY..., ground.KEY..., or gravity.AXIS.
         """
-        numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}  # force -> keys that can be open
+        numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}  # force -> keys that can be inputs
         for path in self.paths:
             head, *rest = path.split(".")
             is_open = head in OPEN
@@ -124,7 +124,7 @@ class Family:
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
-        """Key of the file, such as "links" -> pydantic type that checks its value, for keys whose tables contain varied numbers."""
+        """Top-level key of the file, such as "links" -> pydantic type that checks its value; only keys with varied numbers."""
         return {head: TypeAdapter(LinkageTable.model_fields[head].rebuild_annotation()) for head, *_ in self.heads}
 
     @cached_property
@@ -139,10 +139,11 @@ class Family:
 
     @cached_property
     def open_numbers(self) -> tuple[str, ...]:
-        """The names in kernels of the numbers that depend on at least one of the varied numbers: the inputs of the kernel.
+        """The names of the kernel's inputs: all numbers of the mechanism that depend on at least one of the varied numbers.
 
-        They are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3. There are
-        two trials for each because a single changed value may be invalid, or leave a dependent number equal by chance.
+        These numbers are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3.
+        There are two trials for each varied number because a single changed value may be invalid, or leave a dependent number equal
+        by chance.
         """
         changed = set[str]()
         for head, places in self.heads.items():
@@ -158,7 +159,7 @@ class Family:
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
         """Return name in kernels -> value, for all numbers that follow from one table of a document.
 
-        A vector gives two numbers, with the endings ".x" and ".y" of their names.
+        A vector counts as two numbers, whose names end in ".x" and ".y".
 
         Args:
             head: keys of the table, such as ("links", "rod").
@@ -182,17 +183,17 @@ class Family:
                 found |= {f"points.{name}.{key}": xy for key, xy in link.points.items()}
             case "joints":
                 found = {f"joints.{name}.offset": table[name]["offset"]}
-            case "forces" if any(f.name == name for f in self.nominal.forces):
+            case "forces" if any(f.name == name for f in self.nominal.forces):  # not for a force that this scenario lacks
                 force: Any = self._resolver.build_force(name, table[name])
                 found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
         vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return the values of the open numbers and the initial states of k samples.
+        """Return the values of the kernel's inputs and the initial states of k samples.
 
-        `values` (k, d) has the values of the d varied numbers. The joints of all samples are closed in one call. A sample whose
-        joints do not close in this call is read and assembled by itself.
+        `values` (k, d) has the values of the d varied numbers. The joints of all samples are closed together. A sample whose joints
+        do not close in this way is read and assembled individually.
         """
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
@@ -209,11 +210,11 @@ class Family:
         return Starts(columns, q, v, reasons)
 
     def _read_samples(self, values: Array) -> tuple[dict[str, Array], Array, NDArray[np.bool_]]:
-        """Return the numbers of k samples: columns of open numbers, goals (k, 2, h), and a mask (k,) of the faulty samples.
+        """Return the numbers of k samples: columns of kernel inputs, goals (k, 2, h), and a mask (k,) of the faulty samples.
 
-        The columns are a dictionary, name of an open number -> its values (k,). The goals are, for each sample, the values and the
-        rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`). A sample is faulty if the values (k, d) of its
-        varied numbers make no valid linkage; the columns then have the numbers of the file for this sample.
+        The columns are a dictionary, name of an input of the kernel -> its values (k,). The goals are, for each sample, the values
+        and the rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`). A sample is faulty if the values (k, d)
+        of its varied numbers make no valid linkage; the columns then have the numbers of the file for this sample.
         """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
@@ -245,19 +246,19 @@ class Family:
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
         """Return states q, v (k, n) that satisfy the constraints and have the prescribed values and rates of coordinates.
 
-        They are found by continuation from the numbers of the file to the numbers of each sample, in a number of strides. Samples
-        for which Newton's method fails get NaN.
+        The states are found by continuation from the numbers of the file to the numbers of each sample, in a number of strides.
+        Samples for which Newton's method fails get NaN.
 
         Args:
-            columns: name of an open number -> its values (k,).
+            columns: name of an input of the kernel -> its values (k,).
             goals: (k, 2, h) values and rates of the h coordinates that the samples' initial states must have.
         """
         k, mechanism = len(goals), self.nominal
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
             return q, v
-        # first, old: open numbers and goals of the file, at which the continuation begins; columns, goals: those of the samples, at
-        # which it ends
+        # first, old: kernel inputs and goals of the file, at which the continuation begins; columns, goals: those of the samples,
+        # at which it ends
         first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
         # the number of strides is such that dimensions and held coordinates change little between two closures
         lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
@@ -267,8 +268,9 @@ class Family:
         def constraints_at(part: float) -> Callable[[Array], tuple[Array, Array]]:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
-            The open numbers and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
-            samples (`part` = 1). For `part` = 1 they are exactly those of the samples, because the interpolation would round.
+            The kernel's inputs and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
+            samples (`part` = 1). For `part` = 1 the values of the samples are taken themselves, because the interpolation would
+            round.
             """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)

@@ -86,7 +86,8 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
     """Return three arrays on the energy [J] of each motion: the gain (k, batch), its error bar (batch,), and a scale (batch,).
 
     The gain is the energy gained beyond the work of drivers and forces at k times. The error bar is that of the computed work. Gain
-    and scale are defined as in `metrics.energy_error` and `metrics.energy_scale`.
+    and scale are defined as in `metrics.energy_error` and `metrics.energy_scale`. `x` is the state of a batch of motions at k times
+    t (k,); `multipliers` (k, batch, rows) are those of joints, then drivers.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)
@@ -99,6 +100,7 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
         stored, supplied = equations.energies(x, load)
         potential, power = potential + stored, power + supplied
     joint_rows = len(held_by_joints(mechanism))
+    # the force of a driver is minus its multiplier; + 0 * t: a rate that is a constant becomes an array
     for k, driver in enumerate(mechanism.drivers, joint_rows):
         power = power - multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
     whole = kinetic + potential

@@ -4,8 +4,8 @@
     samples/part-00000.parquet, ...:   the rows of each batch and engine, in the order of the sweep's plan
     summary.json, summary.svg:         the summary and its picture, written at the end
 
-A part is written under another name, synced, and renamed, so that it is either complete or absent. A batch whose part cannot be
-read is run again. A sweep writes no other files.
+A part is written under another name, synced, and renamed, so that it is either complete or absent. If the part file of a batch
+cannot be read, the batch is run again. A sweep writes no other files.
 """
 
 import fcntl
@@ -39,7 +39,7 @@ class Folder:
     """
 
     def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
-        """Take the folder at a path; `columns` is name of a column of numbers -> its unit."""
+        """Set up the folder of a sweep, which `with` makes and locks; `columns` maps columns of numbers to their units."""
         # through JSON and back, so that the stamp compares equal to one that is read from a file: tuples become lists
         self.path, self.stamp = path, json.loads(json.dumps(stamp))
         fields = [pa.field("sample", pa.int64(), nullable=False)]

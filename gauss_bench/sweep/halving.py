@@ -25,8 +25,8 @@ HALF = "half the step"
 def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
     """Repeat some samples of the status ok, and return how much their figures change; None if no sample is ok.
 
-    The repeated samples are spaced evenly over the rows of the engine. The keys of the result are explained at `Halved`. The limits
-    for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
+    The samples that are repeated are spaced evenly over those of the status ok. The keys of the result are explained at `Halved`.
+    The limits for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
 
     Args:
         case, engine: the sweep, and one of its engines.

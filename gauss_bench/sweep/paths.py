@@ -39,7 +39,7 @@ def number_at(document: Document, path: str) -> float:
     """Return the number at a path.
 
     Raises:
-        SweepError: there is no number at this path.
+        SweepError: the document has no number at this path.
     """
     if is_length(path):
         return _bar(document, path).length
@@ -57,7 +57,7 @@ def numbers_of(document: Document) -> list[str]:
 
 
 def _numbers(item: Any, path: str) -> Iterator[str]:
-    """Yield the paths of all numbers in a table or list at some path; other items have none."""
+    """Yield the paths of all numbers in `item`, the table or list at `path`; nothing if `item` is neither."""
     pairs: Any = ()
     if isinstance(item, dict):
         pairs = item.items()
@@ -135,7 +135,7 @@ class Bar:
 
 
 def _bar(document: Document, path: str) -> Bar:
-    """Return the bar whose length is at a path.
+    """Return the bar whose length has a path links.NAME.length.
 
     Raises:
         SweepError: there is no such link, or it has no bars.

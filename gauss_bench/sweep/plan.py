@@ -7,10 +7,10 @@
 Several grids are crossed: every combination of their values is one point. Random values come from one seed. If there are both grids
 and random values, the samples cycle through the points of the crossed grids.
 
-In a Sobol plan (`--sampling sobol`) numbers have random values only, and no grids. Its samples are two scrambled Sobol sequences A
-and B of n points each, where n is a power of two, and for each of the d varied numbers (columns) a copy of A in which the column of
-this number is replaced by that of B: (d + 2) n samples in all. Sobol's first-order and total indices are computed from this design
-of Saltelli.
+In a Sobol plan (`--sampling sobol`) numbers have random values only, and no grids. The samples are two scrambled Sobol sequences A
+and B of n points each, where n is a power of two. In addition, for each of the d varied numbers there is a copy of A with the
+column of this number taken from B. The plan has (d + 2) n samples in all. Sobol's first-order and total indices are computed from
+this design of Saltelli.
 Source: Saltelli et al., Variance based sensitivity analysis of model output (2010), table 2.
 """
 
@@ -145,7 +145,7 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
 
 
 def _random(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) -> Plan:
-    """Return the plan whose samples have values of the crossed grids and random values of the varied numbers."""
+    """Return the plan whose samples cycle through the points of the crossed grids, and have random values of other numbers."""
     grids = [x for x in dimensions if x.kind == "grid"]
     size = math.prod(x.count for x in grids)
     if len(grids) == len(dimensions):

@@ -48,7 +48,7 @@ class Backend:
 
     Attributes:
         backend: "local" for threads or processes of this machine, or "dask".
-        scheduler: address of Dask's scheduler; None starts one on this machine.
+        scheduler: address of Dask's scheduler; if it is None, a scheduler is started on this machine.
         jobs: number of threads or processes.
     """
 
@@ -210,6 +210,7 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
     """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
+    # the default of the step depends on the integrator that `choose` selects: STEP only holds its place until then
     choice = offered.choose(how.settings, integrator, how.stabilization, STEP if how.step is None else how.step)
     if not offered.usable:
         raise SweepError(f"--engine {engine}: {offered.reason}")
@@ -302,7 +303,7 @@ def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, R
 def _end_with(parent: int) -> None:
     """Let this process end when the process that started it, with the id `parent`, ends.
 
-    Without this, joblib's processes would outlive a killed parent by minutes.
+    Without this watch, joblib's processes would survive a killed parent for minutes.
     """
 
     def watch() -> None:

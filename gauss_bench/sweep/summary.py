@@ -1,8 +1,8 @@
 """Summarise a sweep: counts by status, quantiles of every figure (number in a row, see `figures.py`), and sensitivities.
 
 The sensitivities of a Sobol plan are Sobol's indices: the share of a figure's variance that a varied number explains alone (first),
-and together with all other varied numbers (total). For a plan of grids and random values the sensitivities are Spearman's rank
-correlations between varied numbers and figures.
+and together with all other varied numbers (total). If the plan has grids or random values, the sensitivities are Spearman's rank
+correlations between the varied numbers and the figures.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ class SobolIndices(TypedDict):
     """Sobol's indices of a varied number: its share of the variance of a figure, a number computed from each motion.
 
     Attributes:
-        first: share that the number explains alone.
-        total: share that the number explains together with all other varied numbers.
+        first: share of the variance that the number explains alone.
+        total: share of the variance that the number explains alone and together with other varied numbers.
     """
 
     first: float
@@ -101,7 +101,7 @@ def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 
 
 def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """Summarise the rows of one engine."""
+    """Return counts of statuses, reasons of failures, and statistics and sensitivities of each figure, for one engine's rows."""
     counts = {str(k): int(x) for k, x in rows["status"].value_counts().sort_index().items()}
     good = rows["status"].isin(USED).to_numpy()
     summaries = {}
@@ -165,7 +165,7 @@ def text(summary: dict[str, Any]) -> str:
 
 
 def _dependence(x: dict[str, Any]) -> str:
-    """Return the sensitivities of a figure in words, the largest first; Sobol's indices are written as first/total."""
+    """Return a text with the sensitivities of a figure to each varied number, the largest first; Sobol's indices as first/total."""
     if "sobol" in x:
         ordered = sorted(x["sobol"].items(), key=lambda item: -item[1]["total"])
         return ", ".join(f"{path} {value['first']:.2f}/{value['total']:.2f}" for path, value in ordered)

@@ -1,1 +1,1 @@
-"""The verbs of the command line that are not single public functions, and the files that verbs write."""
+"""The subcommands that do more than call one public function, and the files that subcommands write."""

@@ -1,4 +1,4 @@
-"""Verbs that list linkages, engines and schemas, describe a linkage file, and check an engine's adapter."""
+"""Subcommands that list linkages, engines and schemas, describe a linkage file, and check an engine's adapter."""
 
 import json
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ class ListedEngine:
         integrators: names of the integrators; the first is the default.
         stabilizations: names of the stabilizations.
         environment: path and version of the interpreter of an engine in an environment of its own; else empty.
-        status: "ok", or why the engine cannot be used in one word; reason: the same in a sentence, or empty.
+        status: "ok", or in one word why the engine cannot be used; reason: the same in a sentence, or empty.
     """
 
     version: str
@@ -141,7 +141,7 @@ class Description:
 
 
 def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
-    """List all linkages with their scenarios and all engines with their settings, or print the schema of this name."""
+    """List all linkages with their scenarios and all engines with their settings, or print the schema with the given name."""
     if schema is not None:
         return Answer(None, text=json.dumps(find_schema(schema), indent=1))
     documents = {name: document_of(name)[0] for name in built_in()}
@@ -154,7 +154,7 @@ def list_all(schema: str | None = None) -> Answer[Catalogue] | Answer[None]:
 
 
 def check_engine(engine: str, told: Told) -> Answer[Conformance]:
-    """Check whether an engine's adapter follows the rules of `engines/base.py`."""
+    """Check whether an engine's adapter follows the rules of `engines/base.py`; `told` is called with each sentence of progress."""
     checks = conformance(engine, told)
     passed = all(x.passed is not False for x in checks)
     return Answer(Conformance(engine, passed, tuple(checks)), passed)

@@ -1,4 +1,4 @@
-"""The verb `engines`, which lists, installs and removes engines in environments of their own."""
+"""The subcommand `engines`, which lists, installs and removes engines in environments of their own."""
 
 import sys
 from dataclasses import asdict, dataclass
@@ -48,17 +48,23 @@ class Environments:
 
 
 def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Environments]:
-    """List engines in environments of their own, or install or remove one."""
+    """List engines in environments of their own (`action` "list"), or install or remove the engine `name`.
+
+    `yes` installs without asking the user. `told` is called with each sentence of progress.
+
+    Raises:
+        BadInput: the arguments do not fit together, or the engine cannot be installed or removed.
+    """
     if (name is None) != (action == "list"):
         raise BadInput("`engines install` and `engines remove` take the name of an engine, and `engines list` takes none")
     if name is None:
-        remove_leftovers()
+        remove_leftovers()  # of installations that were broken off
         return Answer(_list_environments(""))
     if action == "remove":
         remove(name)
         return Answer(_list_environments(f"{name} is removed"))
-    require_free(name)
-    _describe(name)
+    require_free(name)  # raises InstallationFault if the engine is installed already
+    _print_contents(name)
     if not (yes or _confirm(name)):
         return Answer(_list_environments("nothing is installed"), succeeded=False)
     install(name, lambda installed: offer(installed).reason, told)
@@ -79,7 +85,7 @@ def _list_environments(done: str) -> Environments:
     return Environments(done, str(home()), listed)
 
 
-def _describe(name: str) -> None:
+def _print_contents(name: str) -> None:
     """Print what would be installed: library, licences and sizes."""
     offered = read_offered(name)
     tell(f"{offered.library}, for {offered.pythons}")

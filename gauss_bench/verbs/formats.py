@@ -2,8 +2,8 @@
 
 The code of this module mentions no key of these files or outputs by name. The schema of a file follows from the class that checks
 the file. The schema of a command (a "verb" of the command line) follows from the type that the command's function returns. The
-descriptions of keys are taken from the "Attributes:" in the docstrings of these classes, and the descriptions of table columns from
-`tables.toml`.
+descriptions of keys are taken from "Attributes:" in the docstrings of the classes that check files or hold data, and the
+descriptions of table columns from `tables.toml`.
 """
 
 import inspect
@@ -87,7 +87,7 @@ class FileSchema(GenerateJsonSchema):
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
     """Return the schema of a file.
 
-    `kind` is the class that checks the file. Its docstring, and the docstrings of the classes of nested tables, describe the keys.
+    The docstring of `kind`, the class that checks the file, and those of the classes of nested tables describe the keys.
     """
     schema = kind.model_json_schema(schema_generator=FileSchema)
     # kind.__mro__[1], the direct base of `kind`, is the common base of the classes of all tables in the file
@@ -170,16 +170,17 @@ class Writer:
             shown = [x.name for x in fields(kind) if x.metadata != HIDDEN]
             required = [x.name for x in fields(kind) if x.name in shown and x.metadata != UNLESS_EMPTY]
         meanings = list_meanings(kind)
+        # kind.computed: names of properties that are printed like fields
         for name in kind.computed if issubclass(kind, Result) else ():
             types[name] = get_type_hints(getattr(kind, name).fget)["return"]
             meanings[name] = first_sentence(getattr(kind, name))
             shown, required = [*shown, name], [*required, name]
         keys = {name: self.describe(types[name]) | {"description": meanings[name]} for name in shown}
-        return close(first_sentence(kind), keys, sorted(required, key=shown.index))
+        return object_schema(first_sentence(kind), keys, sorted(required, key=shown.index))
 
 
-def close(meaning: str, keys: Mapping[str, Schema], required: Iterable[str] = ()) -> Schema:
-    """Return the schema of an object with exactly these keys; `meaning` describes the object."""
+def object_schema(meaning: str, keys: Mapping[str, Schema], required: Iterable[str] = ()) -> Schema:
+    """Return the schema of an object that may have no other keys than `keys`; `meaning` describes the object."""
     allowed = {"properties": dict(keys), "required": list(required), "additionalProperties": False}
     return {"type": "object", "description": meaning} | allowed
 
@@ -192,9 +193,10 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
         columns: the table that describes the columns; or name of a table -> table, if the data is a dictionary of tables.
     """
     if not isinstance(columns, Table):
-        return close("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})
+        return object_schema("rows by table", {name: describe_rows(list, table) for name, table in columns.items()})
     units = {c.name: f"; unit: {c.unit}" if c.unit else "" for c in columns.columns}
-    row = close(columns.meaning, {c.name: COLUMNS[c.kind] | {"description": c.meaning + units[c.name]} for c in columns.columns})
+    keys = {c.name: COLUMNS[c.kind] | {"description": c.meaning + units[c.name]} for c in columns.columns}
+    row = object_schema(columns.meaning, keys)
     several = {"type": "array", "description": f"rows, each {columns.meaning}", "items": row}
     return several if list in (kind, get_origin(kind)) else row
 

@@ -42,13 +42,13 @@ def releases(
 ) -> Answer[Rows]:
     """Install several releases of an engine's library, run the same computations with each, and write what changed.
 
-    The changes are those of results and of times from each release to the next. Files are the tables and a page in the folder
+    Results and times of each release are compared with those of the next release. The tables and a page are written into the folder
     `out`.
 
     Args:
         engine: name of the engine.
         first, last: first and last release of a range.
-        only: the releases that are compared; None for the range, or for those that `releases.toml` lists by default.
+        only: the releases that are compared; None for the range from `first` to `last`, or for the list in `releases.toml`.
         new: compare the newest release that is listed in `releases.toml` with all later ones that the index of packages offers.
         out: folder for tables and page.
         budget: time [s] for the computations with one release.
@@ -85,7 +85,7 @@ def releases(
 
 
 def ask_or_recall(library: Library, release: Release, budget: float, journal: Journal, told: Told) -> Answers:
-    """Return what a release of a library computes, from the journal if the same code has stored it, or else by running it."""
+    """Return what a release of a library computes: from the file `journal` if the same code stored it there, else by running it."""
     if not release.python:
         return Answers(release.version, status=str(Status.SKIP), message=release.reason)
     stamp = f"{source_digest(*ASKED)} {release.how} {budget:g}"

@@ -74,8 +74,9 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
     """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes.
 
-    An axis is a family of linkages that becomes harder to simulate with one number. The folder `options.out` gets the table, the
-    chart and the page, and the folder `options.into` gets the table alone. `told` is called with each sentence of progress.
+    An axis is a family of linkages that become harder to simulate as one number, the value, changes. The folder `options.out` gets
+    the table, the chart and the page, and the folder `options.into` gets the table alone. `told` is called with each sentence of
+    progress.
     """
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)

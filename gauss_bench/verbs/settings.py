@@ -46,7 +46,7 @@ class CheckedSettings:
 
 def check_settings(file: Path) -> Answer[CheckedSettings]:
     """Check a file of settings that the authors of an engine contributed; return the settings that it lists."""
-    read = read_settings(file)
+    read = read_settings(file)  # read.most: the largest number of settings that the file may list
     settings = {name: CheckedSetting(x.name, x.integrator, x.stabilization, dict(x.options)) for name, x in read.candidates.items()}
     knobs = {name: x.source for name, x in read.knobs.items()}
     return Answer(CheckedSettings(read.engine, read.authors, read.contact, read.date, read.most, knobs, settings))

@@ -80,7 +80,7 @@ class Accepted:
 
 
 def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
-    """Return the suites with these names as one suite, restricted to the linkages and engines in the options.
+    """Return the named suites as one suite, with only the linkages and engines in the options, and with settings of authors.
 
     Raises:
         SuiteError, LinkageError, KeyError: a suite, linkage or engine cannot be used.
@@ -88,7 +88,7 @@ def choose_suite(options: Namespace, names: Sequence[str]) -> Any:
     suite = join_entries([read_suite(name) for name in names])
     asked = getattr(options, "scenario", None)
     chosen = {x: load(x, asked or scenario_of(suite, x)).scenario for x in options.linkages}
-    offers(options.engines or [])
+    offers(options.engines or [])  # raises KeyError for an unknown engine
     suite = restrict(suite, chosen) if chosen else suite
     suite = of_engines(suite, options.engines) if options.engines else suite
     return with_authors(suite, getattr(options, "authors", []))
@@ -113,7 +113,7 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
     """Run suites, and write their tables and pages.
 
-    All options are checked first, so that an error appears before hours of computing; the results of these checks are not needed.
+    All options are checked first, so that an error appears before hours of computing; what the checks return is not used.
     """
     usable_folder(options.out, LOCAL)
     if options.report:
@@ -122,7 +122,7 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
     suite, limit = choose_suite(options, names), check_budget(options.budget, CASE_LIMIT)
     cases.as_asked(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
     if options.against:
-        accuracy_rows(options.against)
+        accuracy_rows(options.against)  # raises an error if there is no other run to compare with
     if suite.steps and not suite.accuracy:  # a suite about compiled code alone needs the compiler
         require("llvmlite")
     if suite.hours:
@@ -143,10 +143,10 @@ def format_run(tables: Tables, folder: Path) -> str:
     """Return the summary of a run as text: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
-        keys = [c.name for c in TABLES[name].columns[: TABLES[name].keys] if c.kind == "text"]
+        names = [c.name for c in TABLES[name].key if c.kind == "text"]  # text columns that distinguish rows
         judged = [x for x in rows if isinstance(x.get("met"), bool)]  # rows with a target
         targets += len(judged)
-        missed += [" ".join(str(row[key]) for key in keys if row.get(key)) for row in judged if not row["met"]]
+        missed += [" ".join(str(row[key]) for key in names if row.get(key)) for row in judged if not row["met"]]
     counts = sorted(Counter(str(row["status"]) for row in results).items())
     valid = sum(bool(row.get("valid")) for row in results)
     return render("run", counts, valid=valid, targets=targets, missed=missed, folder=str(folder))

@@ -90,8 +90,8 @@ def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
 def with_orders(rows: Rows) -> Rows:
     """Fill in `observed_order` of rows sorted by `in_order`, and return the rows.
 
-    The order follows from the error of the measured coordinate at the last checkpoint that any run of the group reached. Rows of a
-    group differ in their step alone.
+    Rows that differ only in their step form a group. The order follows from the error of the measured coordinate at the last
+    checkpoint (time at which tables quote the error) that any run of the group reached.
     """
     for group in group_by(rows, *(k for k in KEY if k != "step")).values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
@@ -104,5 +104,5 @@ def with_orders(rows: Rows) -> Rows:
 
 
 def _numbers(rows: Rows, column: str) -> Array:
-    """Return a column of k rows as numbers (k,); NaN for a row without a number."""
+    """Return a column of k rows as numbers (k,); NaN for a row that has no number in this column."""
     return np.array([np.nan if row.get(column) is None else row[column] for row in rows], dtype=float)

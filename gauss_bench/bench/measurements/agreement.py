@@ -57,8 +57,8 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
 def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
     """Yield the name of each kind of states, and states q, v (k, n) of that kind, which obey the constraints.
 
-    The first kind are `count` random states. The other kinds are near singular positions: one kind for each distance of the crank
-    in OFFSETS, on both sides of every position, at the crank speed SPEED.
+    The states of the first kind are `count` random states. The states of the other kinds are near singular positions: one kind for
+    each distance of the crank in OFFSETS, on both sides of every singular position, at the crank speed SPEED.
     """
     states = random_states(mechanism, count)
     yield RANDOM, states.q, states.v

@@ -84,7 +84,7 @@ def certify_one(
 
 
 def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
-    """Return the row of a certificate: its guaranteed digits, its error bars at the end of the motion, and how it was computed."""
+    """Return the table row of a certificate: its guaranteed digits, its last finite error bars, and how it was computed."""
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}

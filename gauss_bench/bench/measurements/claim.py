@@ -1,14 +1,15 @@
 """Test the papers' claim that a step costs less if n - m unknowns are solved for instead of n + m, with all else equal.
 
-Gauss's formulation has n - m unknowns, Lagrange's has n + m. Both formulations use the same elimination, the same search for pivots
-and the same code generator. They are timed alternately in one process (a race). Three quantities are timed: a step of one
-trajectory, a step with projection, and a step in a batch of trajectories. Every race is repeated in several processes, because the
-memory addresses of code and data change the ratio by a few per cent and are fixed within a process. The ratio is the median over
-the processes. Its spread is an interval that also contains, with a probability of 99 %, the ratio that a repeated race would give
-(`clock.foreseen`). The verdict is "open" if the spread covers 1.
+Here n is the number of coordinates and m the number of constraints. Gauss's formulation has n - m unknowns, Lagrange's has n + m.
+The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and are timed
+alternately in one process (a race). Three quantities are timed: a step of one trajectory, a step with projection, and a step in a
+batch of trajectories. Every race is repeated in several processes, because the memory addresses of code and data change the ratio
+by a few per cent and are fixed within a process. The reported ratio is the median of the ratios of all processes. The spread of the
+ratio is an interval that also contains, with a probability of 99 %, the ratio that a repeated race would give (`clock.foreseen`).
+The verdict is "open" if the spread covers 1.
 
-The table also counts operations, divisions and the longest chain of dependent operations of one acceleration with its checks of
-pivots.
+For one evaluation of the accelerations, including the checks of pivots, the table also has the number of operations, the number of
+divisions, and the number of operations in the longest dependent chain.
 """
 
 import math
@@ -40,10 +41,10 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, the keys of the two entries of a race that are compared.
+    """Return, for each of QUANTITIES, the keys under which the times of the two compared engines are stored.
 
-    The first key belongs to the engine with n - m unknowns, the second to the engine with n + m unknowns; `part.compiled` names
-    both engines.
+    The first key is that of the engine with n - m unknowns (n coordinates, m constraints), the second that of the engine with
+    n + m; `part.compiled` has the names of both engines.
     """
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
@@ -80,20 +81,21 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     for part in suite.claim:
         # without linkages, so that the task of one linkage does not depend on the others
         asked = part.model_copy(update={"linkages": {}})
-        for number, place in product(range(part.processes), part.linkages.items()):
+        for number, place in product(range(part.processes), part.linkages.items()):  # `place`: linkage and scenario
             task = context.task("claim_races", race_claim, (*place, asked, number), *place, process=number)
             tasks.append(with_race_limit(task))
     return tasks
 
 
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Time both engines on a linkage in one process; return one row for each of QUANTITIES: the time of each, and their ratio.
+    """Time the formulations with n - m and n + m unknowns on a linkage (n coordinates, m constraints) in one process.
 
-    The ratio is the time of the formulation with n + m unknowns, divided by the time of the one with n - m unknowns.
+    The result has one row for each of QUANTITIES: the times of both formulations, and the ratio of the time with n + m unknowns to
+    the time with n - m unknowns.
 
     Args:
         number: index of the process, which is written into the rows.
-        race: `race_survivors`, or `race_here` in tests.
+        race: function that times the entries; `race_survivors` does so in a new process, `race_here` in this one (in tests).
     """
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
     measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))

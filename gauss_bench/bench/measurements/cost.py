@@ -13,9 +13,9 @@ These quantities of each engine are timed, in each combination of settings, inte
 A suite may ask for two further entries of the race, the processor's latency and its rate (`processor.py`). Every other table of
 times on these linkages is computed from the same samples, so that a quantity has one value.
 
-Two further quantities are timed in a new process each. A "cold build" is the first model and its first step, while no generated
-code is stored. A "start" is the import of the engine's library, the first model and its first step; it uses generated code that an
-earlier start has stored.
+Two further quantities are timed, each in a new process. A "cold build" is the time to build the first model and to take its first
+step while no generated code is stored. A "start" is the time to import the engine's library, to build the first model and to take
+its first step, with the generated code that an earlier start has stored.
 """
 
 from collections.abc import Callable, Iterator
@@ -51,10 +51,10 @@ Make = Callable[[], Block]
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return a race for each linkage and process, and the cold builds (first model and step in a new process).
+    """Return the tasks that time all engines, one for each linkage and process, and those of the cold builds in new processes.
 
     Engines that crashed or hung on a linkage are not timed there. The processes that time the same linkage do not run in
-    succession, so that a disturbance of a minute affects few of them.
+    succession, so that a disturbance that lasts a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
@@ -80,16 +80,15 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Time all engines on a linkage in one process, and return two tables.
+    """Time all engines on a linkage in one process; return the tables `samples` (measured times) and `untimed` (reasons).
 
-    The table `samples` has a row with the seconds of every entry (timed quantity of an engine) in every round. The table `untimed`
-    has a row for each entry without times, with the reason. If an engine crashes or hangs, `untimed` has a row for each of the
-    engine's entries.
+    `samples` has a row with the seconds of every entry (timed quantity of an engine) in every round. `untimed` has a row for each
+    entry that has no times, with the reason. If an engine crashes or hangs, `untimed` has a row for each of the engine's entries.
 
     Args:
         part: section of the suite that names the engines to be timed.
         number: index of the process, which is written into the rows.
-        race: `race_survivors`, or `race_here` in tests.
+        race: function that times the engines; `race_survivors` does so in a new process, `race_here` in this one (in tests).
     """
     start = place_of(load(linkage, scenario or None))
     # the loops that measure the processor are entries of an engine named PROCESSOR
@@ -163,8 +162,9 @@ def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Ite
 
 
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
-    """Return the processor time of a quantity of IN_NEW_PROCESS, for an engine with its defaults, or the reason of its failure.
+    """Time a cold build or a start (a quantity of IN_NEW_PROCESS) of an engine with its default setting, in a new process.
 
+    The result is a row of the table `samples` with the processor time or, if the engine fails, a row of `untimed` with the reason.
     `number` is the index of the process, if an engine is timed in several processes.
     """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
@@ -189,22 +189,23 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the cost columns of the table `results`.
 
-    The table `untimed` has a row for each entry without times; rows that several processes repeat are dropped.
+    The table `untimed` has a row for each quantity of an engine that could not be timed; of equal rows from several processes, one
+    is kept.
     """
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
-    with_costs(tables.get("results", []), gather_by_linkage(tables))
+    add_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
-def with_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
-    """Give each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
+def add_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
+    """Add columns to each row of the results: the times of its engine and setting, and their ratios to those of BASELINE.
 
     The step of a row may differ from the step that was timed, because the time of a step does not depend on its length. `races`
     maps mechanism and scenario to the results of their races.
     """
     columns = cache(partial(_columns, races))
     for row in rows:
-        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))
+        row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))  # a result is of no single quantity
 
 
 def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
@@ -221,6 +222,7 @@ def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: s
         if own is None:
             continue
         columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own)
+        # the baseline has no native loop: native steps are compared with its steps called from Python
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))
         if baseline is not None and quantity not in (BUILD, COLD):
             columns |= ratio_columns(own, baseline, f"{quantity}_ratio")

@@ -1,8 +1,8 @@
 """Further questions to every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
 
-Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations, and compares
-forces that an engine reports too. A start is the first use of the engine in a new process: import, model and first step. An engine
-that is not installed has a row with the reason.
+Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations; if the engine
+reports joint forces itself, these are compared with the reference as well. A start is the first use of the engine in a new process:
+import, model and first step. An engine that is not installed has a row with the reason.
 """
 
 from collections.abc import Sequence
@@ -45,10 +45,10 @@ def absent(part: SameQuestions) -> list[str]:
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return a task for each linkage, engine and setting, without stabilisation and with the engine's first integrator.
+    """Return the tasks that run `compare_runs`: one for each linkage, engine and setting.
 
-    The engines in PLAIN differ from other engines only in how they solve the same equations, and are run with their default setting
-    only.
+    The engine's first integrator is used, without stabilisation. The engines in PLAIN differ from other engines only in how they
+    solve the same equations, and are run with their default setting only.
     """
     tasks = []
     for part in suite.field:
@@ -87,7 +87,7 @@ def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str]
         return {"field": [row | {"status": str(failed.status), "message": failed.message}]}
     row["same_bits"], row["difference"] = repeats(first, second)
     row["force_error"] = float(joint_force_errors(Evaluator(mechanism), first, reference).max())
-    row["told_force_error"], _ = forces.compare(runs[0].answer)
+    row["told_force_error"], _ = forces.compare(runs[0].answer)  # of the joint forces that the engine itself reports
     return {"field": [row | {"status": str(Status.OK), "message": ""}]}
 
 
@@ -140,9 +140,9 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def start_columns(samples: Rows, engine: str) -> dict[str, Any]:
-    """Return the columns of an engine's start-up time and its spread, over all processes in which it started.
+    """Return the table columns with an engine's start-up time and its spread, over all processes in which it started.
 
-    There are no columns if no start was timed. `samples` are rows of timed quantities, of all engines.
+    The result is empty if no start of the engine was timed. `samples` are the rows of timed quantities of all engines.
     """
     seconds = [[r["seconds"]] for r in samples if r["quantity"] == START and r["engine"] == engine]
     return dict(spread("start", np.array(seconds))) if seconds else {}

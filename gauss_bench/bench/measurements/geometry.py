@@ -22,7 +22,7 @@ from gauss_bench.terms import Array
 
 POSITIONS = 361  # of a turn
 STARTS = 60  # random starts of a search: a share is known to 6 %, which distinguishes "always", "half" and "seldom"
-FORMS = (  # name of a form of the equations, distances of starts, the form, and the difference of two solutions
+FORMS = (  # name of a form of the equations, distances of starts, function that makes the equations, difference of two solutions
     ("loop variables", (0.5, 1.0, np.pi), loop_form, whole_turns_apart),
     ("point coordinates", (0.1, 0.2, 0.5), point_form, np.subtract),
 )
@@ -75,12 +75,12 @@ def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
     rows = []
     for name, distances, make_equations, difference in FORMS:
         for basin in basins(mechanism, distances, STARTS, form=make_equations, difference=difference):
-            rows.append({"mechanism": mechanism.name, "form": name, **vars(basin)})
+            rows.append({"mechanism": mechanism.name, "form": name, **vars(basin)})  # all attributes of a basin are columns
     return rows
 
 
 def differences(one: Levels, other: Levels) -> dict[str, float]:
-    """Return the largest differences of positions, velocities and accelerations, relative to the largest of each in `other`."""
+    """Return the largest differences of positions, velocities and accelerations, each relative to the largest value in `other`."""
     named = zip(("position", "velocity", "acceleration"), one, other, strict=True)
     return {name: float(np.abs(x - y).max() / np.abs(y).max()) for name, x, y in named}
 
@@ -88,7 +88,7 @@ def differences(one: Levels, other: Levels) -> dict[str, float]:
 def singular(linkage: str) -> list[dict[str, Any]]:
     """Return rows of a linkage's limit positions and dead centres, with crank angles [deg].
 
-    There are no rows if the curve of all positions has a branch point (a change point of the linkage).
+    The result is empty if the linkage has a change point, where two branches of its positions cross.
     """
     mechanism = load(linkage)
     try:

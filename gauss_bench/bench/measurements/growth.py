@@ -1,16 +1,18 @@
 """How the time of one right-hand side grows with the number of loops: this package's kernels compared with engines.
 
-The linkage is the N-four-bar, a chain of N four-bars ("windows"); N is its size. A right-hand side computes the accelerations of a
-state. A contender is a kernel or a call of a library that is timed here. All contenders compute the accelerations at the same
-state, half a second after the start, where the accelerations are known in closed form (reference/exact.py). Of a library, those
-calls are timed that an expert would make, without the conversion of coordinates around them. Some of these calls are defined by the
-suite's adapters (CONTENDERS). The others are offered by engines from outside, which are plug-ins and engines of other environments
-(`library_calls` in `engines/base.py`). A kernel of this package is timed in two ways: in its own loop, where a right-hand side is a
-quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
+The linkage is the N-four-bar, a chain of N four-bars ("windows"); N is the size of the linkage. A right-hand side computes the
+accelerations of a state. A contender is a kernel or a call of a library that is timed here. All contenders compute the
+accelerations at the same state, half a second after the start, where the accelerations are known in closed form
+(reference/exact.py). Of a library, those calls are timed that an expert would make, without the conversion of coordinates around
+them. Some of these calls are defined by the suite's adapters (CONTENDERS). The others are offered by engines from outside, which
+are plug-ins and engines of other environments (`library_calls` in `engines/base.py`). A kernel of this package is timed in two
+ways: in its own loop, where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python
+for one state.
 
-All contenders for one size are timed together in a race, which is repeated in several processes. A time is the median over the
-processes. For each contender, the exponent p of time ~ size^p is fitted to the times at several sizes. The spread of the exponent
-is computed from the exponents of the single processes, and is an interval in which the exponent of a repeated race is expected.
+All contenders for one size N are timed alternately in one process (a race), and the race is repeated in several processes. A
+reported time is the median over the processes. For each contender, the exponent p of time ~ size^p is fitted to the times at
+several sizes. The spread of the growth exponent p is computed from the exponents that the single processes give; the exponent of a
+repeated race is expected to lie in it.
 """
 
 import math
@@ -113,8 +115,8 @@ def race_growth(
     Args:
         size: number of four-bars in the chain.
         number: index of the process, which is written into the rows.
-        outside: library calls of engines from outside that take part: name of the engine and name of the call, each.
-        race: `race_survivors`, or `race_here` in tests.
+        outside: (engine, call) pairs: the plug-ins and engines of other environments that are timed too, and their library calls.
+        race: function that times the contenders; `race_survivors` does so in a new process, `race_here` in this one (in tests).
     """
     entered = contenders(outside)
     measured = gather_rounds(race(entries, (size, outside), rounds, [*entered]))
@@ -133,7 +135,7 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
 
     Args:
         size: number of four-bars in the chain.
-        outside: library calls of engines from outside that take part: name of the engine and name of the call, each.
+        outside: (engine, call) pairs: the plug-ins and engines of other environments that are timed too, and their library calls.
     """
     state, entered = exact_state(size), contenders(outside)
 
@@ -161,7 +163,7 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
 
 
 def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
-    """Compile a kernel, and return its two timing blocks: right-hand sides in its own loop, and single calls from Python.
+    """Compile a kernel, and return its two timing blocks: steps in the kernel's own loop, and single accelerations from Python.
 
     Raises:
         RunFailure: the mechanism has no kernel.
@@ -187,10 +189,10 @@ def make_library_blocks(prepare: Callable[[Mechanism, Array, Array], LibraryCall
 
 
 def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block]:
-    """Return a list of one timing block: a call of its library that a plug-in or an engine of another environment offers.
+    """Return one timing block, in a list, for a library call that a plug-in or an engine of another environment offers.
 
     Raises:
-        RunFailure: the engine cannot model the mechanism, or its accelerations have another shape.
+        RunFailure: the engine cannot model the mechanism, or returns accelerations of the wrong shape.
     """
     made = call_of(engine, call, state.mechanism, state.q, state.v)
     if made.acceleration.shape != state.a.shape:
@@ -201,7 +203,8 @@ def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block
 def with_facts(made: TimedCall, state: ExactState) -> Block:
     """Return the timing block of a library call, with a function `facts` that returns further columns of the call's row.
 
-    These columns are the time that the preparation of the call took [s], and the relative error of its accelerations.
+    The column `generate_seconds` has the time that the preparation of the call took [s], the column `error` the relative error of
+    the accelerations that the call returns.
     """
     facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": state.error(made.acceleration)}
     return replace(made.block, facts=lambda: facts)
@@ -239,8 +242,8 @@ def over_races(races: Rows) -> Rows:
 def exponents(races: Rows, large: int) -> Rows:
     """Return a row for each engine and quantity with the exponent p of time ~ size^p, over sizes of at least `large`.
 
-    There is a row only if at least two of these sizes were timed. The exponent is fitted to the medians of the times over the
-    processes. The spread of the exponent follows from the exponents that are fitted to the times of each process by itself.
+    An engine has a row only if at least two of these sizes were timed. The exponent is fitted to the medians of the times over the
+    processes. The spread of the exponent follows from one exponent for each process, fitted to the times of this process alone.
     """
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []
@@ -249,10 +252,10 @@ def exponents(races: Rows, large: int) -> Rows:
         if len(by_size) == 1:
             continue
         whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
-        single = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]  # of each of these processes
-        # `foreseen` works with logarithms of its values, which thereby are the exponents
-        low, high = (np.log(foreseen(np.exp(single))).tolist()) if len(single) > 1 else (math.nan, math.nan)
-        names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(single)}
+        by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
+        # `foreseen` expects positive values and works on their logarithms: given exp(exponent), it works on the exponents
+        low, high = (np.log(foreseen(np.exp(by_process))).tolist()) if len(by_process) > 1 else (math.nan, math.nan)
+        names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(by_process)}
         of_medians = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": of_medians, "exponent_low": low, "exponent_high": high})
     return summary

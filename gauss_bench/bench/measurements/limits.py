@@ -1,7 +1,7 @@
 """Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio bound / time.
 
 For one trajectory, the bound is the number of cycles of the longest chain through a step, times the length of a cycle. For many
-trajectories, it is the number of operations of a step, divided by the peak rate of the processor.
+trajectories, the bound is the number of operations of a step, divided by the peak rate of the processor.
 
 The chain is the longest sequence of dependent operations from one iteration of the compiled loop to the next, at the latencies that
 the code generator assumes. The length of a cycle and the peak rate are measured alternately with the engines, in the same race. No
@@ -36,9 +36,10 @@ QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flo
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage on which the processor is timed together with the engines.
+    """Return one task for each linkage on which a suite measures the processor's speed together with the engines' times.
 
-    The task finds the longest chain of dependent operations in a compiled step of the linkage, and counts its operations.
+    The task counts the operations of a compiled step, and finds the longest chain of dependent operations in it. It measures no
+    times.
     """
     if not suite.bounds:
         return []
@@ -47,9 +48,10 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def count_operations(linkage: str, scenario: str) -> Tables:
-    """Return one row for each kind of bound (one trajectory, a batch), with the counts of cycles and operations of a compiled step.
+    """Count the cycles of the longest chain of operations in a compiled step, and the floating-point operations of the step.
 
-    `complete` adds times and bounds later. There are no rows if the linkage cannot be compiled.
+    There is one row for each lower bound of the time of a step: for one trajectory, and for a batch of trajectories. `complete`
+    adds times and bounds later. The result has no rows if the linkage cannot be compiled.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
@@ -66,14 +68,15 @@ def count_operations(linkage: str, scenario: str) -> Tables:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the rows of `kernel_bounds` and add the table `kernel_machine`.
 
-    The rows of `kernel_bounds` get the measured times of steps, the bounds, and the share bound / time. The table `kernel_machine`
-    has the processor's latency and rate, over the processes of all races.
+    The rows of `kernel_bounds` get the measured times of steps, the lower bounds of these times, and the share bound / time. The
+    table `kernel_machine` has the processor's latency and rate, from the processes of all races.
     """
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
         for number, counted in enumerate(rows):
             measured = races.get((counted["mechanism"], counted["scenario"]), Measured({}, {}))  # empty without a race
+            # the columns `counted`, and those that compare_with_bound(counted, part.own, measured) returns
             rows[number] = row(counted, compare_with_bound, counted, part.own, measured)
         samples: dict[Hashable, Array] = {}  # of all races
         for key in (LATENCY_KEY, RATE_KEY):
@@ -92,7 +95,7 @@ def compare_with_bound(start: Row, engine: str, measured: Measured) -> Row:
         measured: the results of the races on the linkage.
 
     Raises:
-        Failure: the step or the processor was not measured.
+        Failure: the time of a step, or the speed of the processor, was not measured.
     """
     quantity, machine, count = QUANTITIES[start["quantity"]]
     times = spread("seconds", measured.of(Key(quantity, engine)))

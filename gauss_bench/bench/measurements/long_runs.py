@@ -32,7 +32,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
-    """Return the rows of both formulations for two step sizes, and rows with the largest energy error in each time window."""
+    """Run both formulations with two step sizes; return one row for each run, and rows of the energy errors in its time windows."""
     mechanism = load(linkage, scenario)
     rows, windows = [], []
     for formulation in FORMULATIONS:
@@ -54,7 +54,7 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
     each time window.
 
     Raises:
-        Missing: the mechanism has no kernel, or the run did not reach its end. The row of the run then has the reason.
+        Missing: the mechanism has no kernel, or the run ended too early; the table row of the run gets the reason.
     """
     engine = next(name for name, x in ENGINES.items() if x == formulation)
     wanted = sampling_at(step, np.arange(round(duration / SAMPLING) + 1) * SAMPLING)
@@ -77,9 +77,9 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
-    """Return the row of a run with the targets for drift and order, and whether the run meets both.
+    """Return the row of a run with the target for drift, and whether the run meets the targets for drift and convergence order.
 
-    The order is the convergence order of the energy error. It needs a run at twice the step that reached its end.
+    The order is that of the energy error. It is computed only if the run at twice the step reached the end of its duration.
 
     Args:
         fine: the row of the run.

@@ -22,7 +22,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def example_motion(store: str) -> Tables:
-    """Return the table rows of the example motion in the first of the two papers.
+    """Return the table rows of the example motion of Yuan and Ge (2016).
 
     The reference of the motion is stored in the folder `store`.
     """
@@ -31,9 +31,9 @@ def example_motion(store: str) -> Tables:
 
 
 def list_published() -> Tables:
-    """Return one row for each published value, compared with the value in the certificate of the motion.
+    """Return one row for each published value, compared with the value of the certified reference motion (with guaranteed digits).
 
-    There are no rows if the certificate is missing.
+    The table has no rows if the file of the certified motion is missing.
     """
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)

@@ -35,8 +35,8 @@ FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # of 
 def chain_text(chains: int, links: int, lanes: int) -> str:
     """Return the text of an LLVM module whose function `accelerate` repeats x = x / 2 + 1 for vectors x of `lanes` numbers.
 
-    There are `chains` vectors x, which do not depend on each other. Each iteration of the loop does the operation `links` times for
-    every vector.
+    There are `chains` vectors x, which do not depend on each other. Each iteration of the loop in `accelerate` does this operation
+    `links` times for each of these vectors.
     """
     half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
     numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
@@ -53,8 +53,8 @@ def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
 def _loop(chains: int, lanes: int | None) -> Block:
     """Return the timing block of a loop with chains of multiply-adds.
 
-    In a chain, each multiply-add needs the result of the one before. Chains do not depend on each other. A single chain shows the
-    latency of a multiply-add, many chains show the peak rate.
+    In a chain, each multiply-add needs the result of the one before; different chains of multiply-adds do not depend on each other.
+    A single chain shows the latency of a multiply-add, many chains show the peak rate.
 
     Args:
         chains: number of chains.
@@ -85,11 +85,11 @@ def name_machine() -> Rows:
 
 
 def processor_rows(measured: Measured) -> Rows:
-    """Return one row each for latency, length of a cycle and peak rate, given the measured times of both loops."""
+    """Return one row each for latency, length of a cycle and peak rate, from the measured times of the latency and rate loops."""
     lanes = native_code.best_lanes() if native_code.available() else 0
 
     def value(factor: float) -> Row:
-        """Return the columns of the latency [s] and its spread, both times a factor (1 / CYCLES for the length of a cycle)."""
+        """Return the columns of the latency [s] and its spread, multiplied by a factor (1 / CYCLES gives the length of a cycle)."""
         return spread("value", np.asarray(measured.of(LATENCY_KEY) * factor))
 
     def rate() -> Row:

@@ -3,11 +3,11 @@
 All steps have the same length, and each engine takes them in its own loop over time steps. The times of steps include forces,
 springs, the checks of pivots, and the call from Python, which is a few per cent of the kernel's time.
 
-A right-hand side computes the accelerations of a state. For the rival it is the bare call of its library at a prepared state, with
-and without the cost of a call from Python. The cost of a call is measured with a function of the same library that only subtracts
-two vectors. The measured cost is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side
-is either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the kernel's loop, terms that several
-Runge-Kutta stages have in common are computed once; this is a part of the gain from compiling the whole loop.
+A right-hand side computes the accelerations of a state. For the rival engine, a call of its library at a prepared state is timed
+(the "bare call"), with and without the cost of a call from Python. The cost of a call is measured with a function of the same
+library that only subtracts two vectors. The measured cost is about 0.1 us too small, because the bare call has more arguments. For
+the kernel a right-hand side is either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the kernel's loop,
+terms that several Runge-Kutta stages have in common are computed once; this is a part of the gain from compiling the whole loop.
 """
 
 from itertools import product
@@ -63,7 +63,7 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 
 
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
-    """Return a row for each setting of the rival engine, each way to time our kernel, and each way to time the rival.
+    """Return a row for each setting of the rival engine, each method of timing our kernel, and each method of timing the rival.
 
     The kernel is timed in its own loop or called from Python. Of the rival's time, the cost of the call from Python is subtracted
     or not. Only one pair has a target: the kernel in its own loop, and the rival without the cost of the call.
@@ -88,8 +88,8 @@ def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: s
     Args:
         own: LOOP: the time of a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides; or
             CALLED: the time of one call of the kernel's function from Python.
-        rival: AS_CALLED: the time of one call of the rival's function from Python; or NET: this time less the time of an empty
-            call.
+        rival: AS_CALLED: the time of one call of the rival library's function from Python; or NET: this time less the time of an
+            empty call.
 
     Raises:
         Failure: one of the timed quantities was not measured.

@@ -1,23 +1,23 @@
 """Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
 A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
-its steps. A way is a complete setting: a variant with a size. A trial is a run with its errors. The trials of a variant at finer
-and finer sizes are its ladder.
+its steps. A setting (class `Way`) is a variant with a step size or tolerance. A trial is a run with its errors. In names of
+functions and tables, a "ladder" is the list of the trials of a variant, at finer and finer steps or tolerances.
 
 In the first stage, every variant runs alone in a worker process, at sizes from coarse to fine. The errors of a run are the largest
-error of a position, of an angle and of a joint force during the run. They are taken at 50 sample times at equal distances (or
+error of a position, of an angle and of a joint force during the run. The errors are taken at 50 sample times at equal distances (or
 fewer, if the reference has no samples there). If some of the sample times are no ends of steps, because the steps are long, the
 errors are taken at the others. Nothing is timed in this stage.
 
 In the second stage, settings are timed alternately with each other, in races. A first race times one step of each variant that met
 a requirement. The time of a step multiplied by the number of steps is the estimated cost of a setting. Then the cheap settings are
 timed over whole runs, in several processes. If a run has equal steps and would take longer than `lead`, a time that the suite
-gives, only its first part is timed. The processes of a linkage do not follow each other directly, so that a disturbance of a minute
-affects few of them. The winners are determined from the times of all processes together.
+gives, only its first part is timed. The processes that time the same linkage do not follow each other directly, so that a
+disturbance that lasts a minute affects few of them. The winners are determined from the times of all processes together.
 
-Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget. The authors are
-the owners of these variants. The cheapest setting of the authors is always timed, even if it costs much more than the cheapest one
-of the suite, because a table compares both.
+Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget. In tables, the
+authors are called the owners of the variants that they sent in. The cheapest setting of the authors is always timed, even if it
+costs much more than the cheapest one of the suite, because a table compares both.
 """
 
 import hashlib
@@ -63,8 +63,8 @@ from gauss_bench.trajectory import Failure, Status
 
 SKIPPED = (Kind.NO_MODEL, Kind.UNDETERMINED, Kind.NOT_TRIED)  # answers whose status in tables is "skip"; others are a status
 BRIEF = 2  # integrators that a brief search tries of an engine that names no variants to try first
-Ladders = dict[Way, list[Trial]]  # variant (a way of size 0) -> its trials, from coarse to fine
-Owners = dict[Way, str]  # variant (a way of size 0) that the authors of its engine sent in -> who they are
+Ladders = dict[Way, list[Trial]]  # variant (a `Way` whose size is 0) -> its trials, from coarse to fine
+Owners = dict[Way, str]  # variant (a `Way` whose size is 0) that the authors of its engine sent in -> these authors
 Place = tuple[str, str]  # linkage and scenario, as a suite names them
 
 
@@ -96,8 +96,8 @@ def engines_of(part: Search) -> list[Offer]:
 def space_of(engine: Offer, part: Search) -> list[Variant]:
     """Return the variants of an engine that a section of the suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine lists under `first`. If an engine lists none there, its variants with one of
-    its first BRIEF integrators and without stabilisation are tried.
+    A brief search tries the variants that the engine lists under `first`. If an engine lists no variants there, those with one of
+    its first BRIEF integrators and without stabilisation are tried or, if there are none, all of its variants.
     """
     every = space(engine)
     if not part.brief:
@@ -113,16 +113,16 @@ def candidates(engine: Offer, part: Search) -> list[Variant]:
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
-    """Return the motion on which settings are searched.
+    """Return the motion on which the settings of engines are compared to find the cheapest.
 
-    It ends at the time that the section of the suite gives or at the end of the scenario, whichever is earlier.
+    The motion ends at the time that the section of the suite gives or at the end of the scenario, whichever is earlier.
     """
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage, engine and variant: it runs the variant at finer and finer steps or tolerances."""
+    """Return one task for each linkage, engine and variant; the task runs the variant at finer and finer steps or tolerances."""
     tasks = []
     for part, place in _races(suite):
         # the trials of one variant do not depend on these fields: they are emptied, so that the key of its task does not either
@@ -186,7 +186,7 @@ def _task(context: Context, function: Callable[..., Tables], part: Search, place
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add further tables to `tables`: winners and times, the variants that were searched, and what the engines' options mean."""
+    """Add the tables of the search: cheapest settings and their times, variants that were searched, meaning of engines' options."""
     for part, place in _races(suite):
         ladders, races = (_rows_at(tables, table, place) for table in ("search_ladder", "search_races"))
         found = winners_and_times(*place, part, ladders, races) if races else {}
@@ -273,8 +273,7 @@ def owners_of(rows: Rows) -> Owners:
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
     """Return the settings of an engine that meet a requirement, each with its trial.
 
-    Of each variant that meets the requirement at any step or tolerance, the coarsest step or tolerance is taken with which it meets
-    the requirement.
+    For each variant that meets the requirement at all, the coarsest step or tolerance that meets it is used.
     """
     ways: dict[Way, Trial] = {}
     for variant, trials in ladders.items():
@@ -284,7 +283,7 @@ def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way
 
 
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
-    """Return groups of settings, setting -> trial each; in each group, the cheapest setting is searched.
+    """Return a list of groups of settings, each a dict setting -> trial; the cheapest setting of each group is searched for.
 
     All settings of a group meet the same requirement, and have the same engine, the same owner (the authors who sent them in, if
     any) and the same kind of time loop (option `loop`).
@@ -296,7 +295,7 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     groups: list[dict[Way, Trial]] = []
     for wanted in requirements(part):
         for engine in engines_of(part):
-            by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> ways
+            by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> settings
             for way, trial in passing_ways(ladders, wanted, engine.name).items():
                 by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
             groups += by_loop_and_owner.values()
@@ -313,11 +312,11 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     separately in each group of `rivals`: for each requirement, engine, owner and kind of time loop.
 
     Args:
-        rows: those of `search_ladder` of the linkage.
+        rows: the rows of the table `search_ladder` that belong to the linkage.
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
-    # one step of each variant is timed, at the finest size that meets a requirement. A way of size 0 stands for its variant; the
+    # one step of each variant is timed, at the finest size that meets a requirement. A `Way` of size 0 stands for its variant; the
     # finest size is kept, because later entries of a dict replace earlier ones
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     step_times, lost = race_apart(rough_entries, run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
@@ -340,6 +339,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
         number: index of this process.
     """
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
+    # of each group of settings (setting -> trial), only those that may still be the fastest take part again: setting -> steps
     near = {way: ways[way].steps for ways in rivals(rows, part) for way in near_ways(ways, measured)}
     racers = [Racer(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
     timed, lost = race_apart(race_entries, run, part, racers, part.rounds, list_lost(first), part.lead)
@@ -369,9 +369,9 @@ def race_apart(
 
 
 def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Racer]) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield the variant of each setting to be timed (a way of size 0), and the function that makes a timing block of one step.
+    """Yield the variant of each setting to be timed, and the function that makes a block of work to be timed: one step.
 
-    The time of one step is used to estimate the cost of a run.
+    A variant is given as a `Way` whose size is 0. The time of one step is used to estimate the cost of a run.
     """
     run = Run(linkage, load(linkage, scenario or None), until)
     for x in racers:
@@ -382,10 +382,10 @@ def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Ra
 def race_entries(
     linkage: str, scenario: str, until: float, racers: Sequence[Racer], lead: float
 ) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield each setting to be timed, and the function that makes its timing block.
+    """Yield each setting to be timed, and the function that makes its timing block, the work to be timed.
 
-    The block is a whole run or, if the run takes longer, its first part that takes `lead` [s]. Settings that differ only in step or
-    tolerance may share a model.
+    The block is a whole run or, if a whole run takes longer than `lead` [s], only its first part, which takes about `lead` [s].
+    Settings that differ only in step or tolerance may share a model.
     """
     run, models = Run(linkage, load(linkage, scenario or None), until), Models()
     for x in racers:
@@ -417,12 +417,12 @@ def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailu
 
 
 def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
-    """Return two or three tables of results for a linkage, table -> rows.
+    """Return up to three tables of results for a linkage, table -> rows.
 
     The table `search_winners` has the cheapest setting of each engine for each requirement. If an engine crashed or hung in one of
-    the processes, its row has the reason instead. The table `search_times` has the time of each setting that was timed. The table
-    `search_owned` compares the settings that an engine's authors sent in with those of the suite; it is missing if no authors sent
-    in settings.
+    the processes, its row has the reason instead of a setting. The table `search_times` has the time of each setting that was
+    timed. The table `search_owned` compares the settings that an engine's authors sent in with those of the suite; it is missing
+    if no authors sent in settings. If nothing was timed at all, the result is `search_winners` with the reasons alone.
 
     Args:
         ladder_rows: the rows of the table `search_ladder` that belong to the linkage.
@@ -431,23 +431,23 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
     if not _has_times(races):  # nothing raced: only the rows of races that failed as a whole are kept
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
     run, ladders, owners = motion_of(linkage, scenario, part), read_ladders(ladder_rows), owners_of(ladder_rows)
-    measured, lost = gather_measured(races), list_lost(races)
+    measured, lost = gather_measured(races), list_lost(races)  # lost: engine that crashed or hung -> reason
     start: Row = place_of(run.mechanism)
     searched = [x.name for x in engines_of(part)]
     ended = [x for x in searched if x not in lost]
     winners, owned = [], []
     for wanted in requirements(part):
-        asked = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit}
-        rows = [winner_row(asked, wanted, engine, ladders, measured, part) for engine in ended]
+        requirement = start | {"required": wanted.kind, "accuracy": wanted.limit, "unit": wanted.unit}
+        rows = [winner_row(requirement, wanted, engine, ladders, measured, part) for engine in ended]
         for r in rows:
             if r["status"] == Status.OK:
                 way = way_of(r)
                 r["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
                 r["owner"] = owner_of(way, owners)
         winners += with_ratios(rows, measured, part)
-        winners += [asked | {"engine": engine} | lost[engine] for engine in lost if engine in searched]
+        winners += [requirement | {"engine": engine} | lost[engine] for engine in lost if engine in searched]
         by_authors = [x for x in ended if any(way.engine == x for way in owners)]
-        owned += [row_of_authors(asked, wanted, engine, ladders, measured, part, owners) for engine in by_authors]
+        owned += [row_of_authors(requirement, wanted, engine, ladders, measured, part, owners) for engine in by_authors]
     entered = dict.fromkeys(way for way in (*measured.samples, *measured.failed) if isinstance(way, Way))
     times = [row(start | name_way(way), _time_over_processes, measured, way) for way in entered if way.engine not in lost]
     return {"search_winners": winners, "search_times": times} | ({"search_owned": owned} if owned else {})
@@ -480,12 +480,12 @@ def gather_measured(races: Rows) -> Measured:
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:
-    """Return the way (engine, settings, integrator, stabilisation, size) that a row of `race_here` names in its columns."""
+    """Return the `Way` (engine, settings, integrator, stabilisation, size) that a row of `race_here` names in its columns."""
     return Way(*(r[x] for x in Way._fields))
 
 
 def way_of(r: Mapping[str, Any]) -> Way:
-    """Return the way that a row of a table names; the row has a column `step` and a column `tolerance`, one of which is empty."""
+    """Return the engine's setting that a table row names; either its column `step` or its column `tolerance` is empty."""
     return variant_of(r)._replace(size=r["step"] or r["tolerance"])
 
 
@@ -495,7 +495,7 @@ def variant_of(r: Mapping[str, Any]) -> Way:
 
 
 def name_way(way: Way) -> Row:
-    """Return the columns that identify a way: engine, settings, integrator, stabilisation, and step or tolerance."""
+    """Return the columns that identify a setting: engine, settings, integrator, stabilisation, and step or tolerance."""
     columns = way._asdict()
     size = columns.pop("size")
     return columns | ({"step": None, "tolerance": size} if is_adaptive(way) else {"step": size, "tolerance": None})
@@ -504,7 +504,7 @@ def name_way(way: Way) -> Row:
 def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search) -> Row:
     """Return an engine's row for a requirement: its winner, the cheapest setting that meets the requirement.
 
-    If there is no winner, the row has the reason, and the error of the engine's most accurate setting.
+    If no timed setting meets the requirement, the row has the reason, and the error of the engine's most accurate setting.
 
     Args:
         start: the first columns of the row, which name linkage and requirement.
@@ -531,8 +531,8 @@ def row_of_authors(
 ) -> Row:
     """Return the row that compares the cheapest setting of an engine's authors with the cheapest setting of the suite.
 
-    Both settings meet the same requirement. The names of the columns of the suite's setting begin with `our_`. The ratio is the
-    time of the authors' setting divided by the time of the suite's; the row has it only if both were timed.
+    Both settings meet the same requirement. The names of the columns that describe the suite's setting begin with `our_`. The ratio
+    is the time of the authors' setting divided by the time of the suite's; the row has it only if both were timed.
 
     Args:
         start: the first columns of the row, which name linkage and requirement.
@@ -560,7 +560,7 @@ def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Fa
     """
     answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status: Status | Kind = Status.SKIP if answer.kind in SKIPPED else answer.kind
-    if answer.holds and failed:
+    if answer.holds and failed:  # a setting is accurate enough, but failed when it was timed
         status = failed[0].status
     columns: Row = {"status": str(status), "message": answer.words}
     every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
@@ -574,10 +574,9 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     """Return the rows of all engines for a requirement, with the ratio of each winner's time to that of our own fastest winner.
 
     A winner is the cheapest setting of an engine that meets the requirement. Our own engines are those in `part.own`. The spread of
-    a ratio covers all settings that tie with either of the two winners that are compared, because a repeated race may name another
-    one of those that tie. The column "own" marks the fastest winner of our own engines, the column "ours" all rows of our own
-    engines. If the suite has an aim for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is
-    met.
+    a ratio covers all settings that tie with either of the two winners, because a repeated race may name any of these settings. The
+    column "own" marks the fastest winner of our own engines, the column "ours" all rows of our own engines. If the suite has an aim
+    for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is met.
 
     Args:
         rows: one row for each engine: its winner, or the reason why it has none.
@@ -598,10 +597,10 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """Return the columns of the ratio: the time of an engine's winner, divided by the time of our own fastest winner.
+    """Return the table columns with the time of an engine's fastest accepted setting, divided by that of our own fastest one.
 
-    The spread of the ratio reaches from the lowest to the highest end of the spreads of all ratios between a setting that ties with
-    the engine's winner and a setting that ties with `own`.
+    For each setting x that ties with the engine's winner and each y that ties with `own`, the ratio of x to y has a spread. The
+    spread returned here reaches from the lowest to the highest end of all these spreads.
 
     Args:
         r: the row of the engine's winner; its key `ties` has the settings that tie with the winner.

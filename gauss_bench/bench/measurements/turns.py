@@ -34,10 +34,10 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Return a row for each of METHODS, the two ways to compute the positions: the time per position in a turn of the crank.
+    """Return a row for each of METHODS, the compiled method and the one in numpy: the time per position in a turn of the crank.
 
-    The methods are timed in several processes. If a method crashes or hangs in one of them, its row has the reason instead of
-    times. `race` is `race_survivors`, or `race_here` in tests.
+    The methods are timed in several processes. If a method crashes or hangs in one of these processes, its row has the reason
+    instead of times. `race` is the function that times the methods: `race_survivors`, or `race_here` in tests.
     """
     measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     place = place_of(load(linkage, scenario))
@@ -45,9 +45,10 @@ def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any
 
 
 def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
-    """Return the row of a method: the time per position, the positions per second, and the errors.
+    """Return the table row of a method that computes positions in a turn: time per position, positions per second, and errors.
 
-    The compiled method has a target for the positions per second, which it meets only if its errors are small too.
+    The compiled method (NATIVE) has a target for the positions per second, which it meets only if its errors are small too. The
+    method in numpy is slow and computes only the first PLAIN_SAMPLES positions of a turn.
     """
     key = Key("turn", method)
     start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
@@ -68,7 +69,7 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
-        """Return a timing block that computes whole turns by compiled code; its `facts` are the columns of the errors."""
+        """Return a timing block of compiled code that computes whole turns of the crank; its `facts` are the columns of errors."""
         closure = compile_closure(mechanism)
         block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))

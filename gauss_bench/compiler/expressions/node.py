@@ -90,7 +90,7 @@ class Node:
         return self._at  # type: ignore[return-value]
 
     def _value(self) -> Array:
-        """Compute the values (samples + GENERIC,) at samples and random points from the values `_at` of the operands."""
+        """Compute the node's values (samples + GENERIC,) at samples and random points from the values `_at` of its operands."""
         if self.number is not None:
             return np.full(self.graph.samples + GENERIC, self.number)
         return VALUE[self.op](*(x._at for x in self.args))
@@ -136,7 +136,7 @@ class ExpressionGraph:
         count: number of nodes made so far.
         known: table: (operation, indices of operands) -> node.
         ratios: table: ratios of a node's values at the random points, as text -> the first node with these ratios. All nodes with
-            the same ratios are multiples of it.
+            the same ratios are multiples of this first node.
         trail: (table, key) of every entry of `known` and `ratios`, oldest first, so that `forget` can remove the last ones.
         random: generator of the random points; its seed is arbitrary, and fixed so that programs are reproducible.
     """
@@ -145,9 +145,9 @@ class ExpressionGraph:
         """Make an empty graph; each of its nodes will have values at `samples` sample states of the linkage."""
         self.samples = samples
         self.count = 0
-        self.known: dict[tuple[Any, ...], Node] = {}
+        self.known: dict[tuple[Any, ...], Node] = {}  # operation and operands -> its node
         self.ratios: dict[str, Node] = {}
-        self.trail: list[tuple[dict[Any, Node], Any]] = []
+        self.trail: list[tuple[dict[Any, Node], Any]] = []  # entries that `forget` can undo
         self.random = np.random.default_rng(19800427)
 
     def node(self, x: "Node | float") -> Node:
@@ -193,6 +193,7 @@ class ExpressionGraph:
         if known is None:
             if all(a.number is not None for a in args):
                 return self.constant(float(at[0]))
+            # random numbers of the order of 1 in place of the values at the random points
             values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
             g = _generic(values)
             ready = max(a.ready for a in args) + STEP
@@ -200,7 +201,7 @@ class ExpressionGraph:
         return known
 
     def neg(self, a: Node) -> Node:
-        """Return the node -a: the operand of a if a is a negation itself, or the existing negation of a if there is one."""
+        """Return the node -a; a constant is negated, and for a negation a = -x the node x is returned."""
         if a.number is not None:
             return self.constant(-a.number)
         if a.op == "NEG":
@@ -208,7 +209,7 @@ class ExpressionGraph:
         key = ("NEG", a.index)
         known = self.known.get(key)
         if known is None:
-            x, y, z = a.generic  # values at the three random points
+            x, y, z = a.generic  # values at the three random points; `ready` stays the same, as a minus costs no time
             known = self._keep(Node(self, "NEG", (a,), (-x, -y, -z), None, a.ready), key)
         return known
 
@@ -293,13 +294,14 @@ class ExpressionGraph:
 
         Args:
             op, args: name of the operation, and its operands.
-            at: values (samples + GENERIC,) of the operation at samples and random points, if the caller knows them; None if they
-                are to be computed from the values of the operands.
+            at: values (samples + GENERIC,) of the operation at samples and random points, if the caller knows them; if None, the
+                values are computed from those of the operands.
         """
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
             return old
+        # values of the operation at the random points, by which equal expressions and multiples are found
         g = GENERIC_VALUE[op](*[a.generic for a in args]) if at is None else _generic(at)
         if None not in [a.number for a in args]:
             return self.constant(g[0] if at is None else float(at[0]))
@@ -308,6 +310,7 @@ class ExpressionGraph:
         known = self.recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
             return self._keep(known, key)
+        # time [cycles] at which the result can be used
         ready = _sum_ready(*args) if op in ("ADD", "SUB") else max([a.ready for a in args]) + LATENCY.get(op, STEP)
         return self._new(op, args, g, ratio, ready, key, at)
 
@@ -316,9 +319,9 @@ class ExpressionGraph:
 
         Args:
             g: values of the expression at the random points.
-            summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to a term is
-                zero but for rounding.
-            ratio: `_ratio_key` of g, which multiples of one expression have in common.
+            summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to one of its
+                terms is treated as zero.
+            ratio: `_ratio_key` of g, which is equal for all multiples of one expression.
         """
         x, y, z = g
         if summand is not None:
@@ -348,10 +351,10 @@ class ExpressionGraph:
         Args:
             op, args: operation and operands of the node.
             g: values of the node at the random points.
-            ratio: `_ratio_key` of g, which all multiples of the node have in common.
+            ratio: `_ratio_key` of g, which is equal for all multiples of the node.
             ready: time [cycles] at which the value of the node can be used.
             key: key of the node in `known`: the operation and the indices of the operands.
-            at: values (samples + GENERIC,) of the node at samples and random points; None if they are not computed yet.
+            at: values (samples + GENERIC,) of the node at samples and random points; None if these values are not computed yet.
         """
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
@@ -406,7 +409,8 @@ class ExpressionGraph:
         """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible.
 
         Two terms whose positions in the list differ by at most `distance` are replaced by their sum, if this sum is a constant or a
-        multiple of an existing node. `recognise` finds this from the sum of the values at the random points, without making a node.
+        multiple of an existing node. `recognise` finds this from the sum of the two nodes' values at the random points (`generic`),
+        without making a node.
         """
         left, done = list(terms), []
         while left:
@@ -443,17 +447,17 @@ def factor_out(x: Node) -> tuple[float, Node]:
 
 
 def sum_of(a: Generic, b: Generic) -> Generic:
-    """Return the values of a sum at the random points from those of its terms."""
+    """Return the values of the sum a + b at the random points, from the values of a and of b at these points."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def product_of(a: Generic, b: Generic) -> Generic:
-    """Return the values of a product at the random points from those of its factors."""
+    """Return the values of the product a b at the random points, from the values of a and of b at these points."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 def _difference(a: Generic, b: Generic) -> Generic:
-    """Return the values of a difference at the random points from those of its terms."""
+    """Return the values of the difference a - b at the random points, from the values of a and of b at these points."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
@@ -475,7 +479,7 @@ def _generic(at: Array) -> Generic:
 def _ratio_key(g: Generic) -> str:
     """Return as text the ratios g[1] / g[0] and g[2] / g[0], rounded to ten digits; g has the values at the random points.
 
-    The ratios are equal for all multiples of one expression.
+    An expression and all its multiples have the same ratios.
     """
     first = g[0] or 1e-300
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"

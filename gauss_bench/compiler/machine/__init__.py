@@ -1,1 +1,1 @@
-"""Machine arithmetic, routines with loops that use it, and the native code of these routines."""
+"""Code generation: a graph of machine arithmetic, routines with loops over this graph, and their compilation to native code."""

@@ -43,6 +43,7 @@ def read_code(program: Program, stabilization: str) -> Code:
     if acceleration is None:
         raise ValueError(f"{program.name} was generated without Baumgarte's terms")
     angles = acceleration.angles(1)  # argument 1 has the positions, argument 3 of a correction the positions to be corrected
+    # states are projected in each step, or, if redundant rows are left out, after every `SETTLED` steps
     if stabilization == "projection" or program.dropped:
         position = program.position_correction
         angles |= position.angles(1) | position.angles(3) | program.nearest_velocity.angles(1)

@@ -57,7 +57,7 @@ class Graph:
         self._known: dict[tuple[str, tuple[int, ...], Payload], int] = {}
 
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
-        """Return the value of an operation; equal operations give the same value."""
+        """Return the value (node index) of an operation; equal operations share one node."""
         key = (operation, operands, payload)
         value = self._known.get(key)
         if value is None:
@@ -82,7 +82,7 @@ class Graph:
         return x if self.operation[a] == "const" and isinstance(x, float) else None
 
     def split_sign(self, a: int) -> tuple[int, bool]:
-        """Return a value without its leading minus, and whether it had one; a negative constant has one too."""
+        """Return a value without its leading minus, and whether it had one; a negative constant counts as having one."""
         if self.operation[a] == "neg":
             return self.operands[a][0], True
         x = self.number(a)

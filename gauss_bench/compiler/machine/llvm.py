@@ -1,7 +1,8 @@
 """Routines (`routine.py`) as text of LLVM's intermediate representation.
 
-A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from the data types, the text is the same for
-one lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes the function
+A value is a double, or a vector of W doubles with one trajectory in each lane. Apart from the data types, the LLVM text of a
+routine is the same for one lane and for many. No instruction carries a flag that would allow rounding to change. A routine becomes
+the function
 
     void NAME(arrays, numbers, counts, i64 groups)
 
@@ -55,7 +56,7 @@ BLOCK = 8  # rows and lanes of the largest transposition
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """The text of a module with one function, as `native_code.py` compiles it.
+    """The text of an LLVM module with one function, which `native_code.py` compiles.
 
     Attributes:
         name, signature, operations: those of the routine.
@@ -102,7 +103,7 @@ class Writer(Emitter):
         block: label of the basic block that is being written.
         base: name of an array -> address of the part of the array that belongs to the group of trajectories being computed.
         places: addresses at which `Scatter` stores the numbers of each lane.
-        first: names of the first values of the variables of the next loop, which the base class sets.
+        first: names of the initial values of the next loop's variables; the base class sets this list.
     """
 
     def __init__(self, routine: Routine, lanes: int):
@@ -117,7 +118,7 @@ class Writer(Emitter):
         self._words |= {"zeros": self.splat("0", "i64"), "trues": self.splat("true", "i1")}
 
     def text(self) -> str:
-        """Write the whole module: declarations, and the function with its loop over groups."""
+        """Write the whole module: declarations, and the function with its loop over groups of W trajectories."""
         r = self.routine
         arguments = [f"ptr noalias %{x}" for x in r.arrays]
         arguments += [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in (*r.counts, "groups")]
@@ -132,6 +133,7 @@ class Writer(Emitter):
         sizes = {x: self.let(f"mul i64 %{a.by}, {a.rows}") if a.by else str(a.rows) for x, a in r.arrays.items()}
         self._go_to("group")
         header = self._reserve_line()  # for %at, the number of the group, which depends on the last block below
+        # addresses of the group's part of each array, and of the places at which `Scatter` stores
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
         self.places = [place for s in flatten(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
         self.statements(r.body)
@@ -163,7 +165,7 @@ class Writer(Emitter):
         self.label(label)
 
     def _reserve_line(self) -> int:
-        """Reserve an empty line for phi instructions, and return its index.
+        """Reserve an empty line for the phi instructions of a basic block, and return its index.
 
         The line is filled in later, when the names of the values that a phi instruction selects from are known.
         """
@@ -197,7 +199,7 @@ class Writer(Emitter):
         return self.address(base, row, self.real)
 
     def value(self, x: int) -> str:
-        """Write the instruction of value x of the graph, whose operands have names already; return the name of the result.
+        """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name.
 
         A constant needs no instruction: its text is returned.
         """
@@ -209,13 +211,13 @@ class Writer(Emitter):
         match operation:
             case "const":  # hexadecimal digits lose nothing
                 return self.splat(f"0x{struct.pack('>d', payload).hex().upper()}", "double")
-            case "all":
+            case "all":  # a constant mask
                 return self.splat(str(payload).lower(), "i1")
-            case "whole":
+            case "whole":  # a constant integer
                 return str(payload)
-            case "everywhere":
+            case "everywhere":  # a boolean of the whole group, as a mask
                 return self.broadcast(operands[0], "i1")
-            case "number":
+            case "number":  # an integer as a real number
                 return self.broadcast(self.let(f"sitofp i64 {operands[0]} to double"))
             case "any":
                 return self._any(operands[0])
@@ -332,7 +334,7 @@ class Writer(Emitter):
         """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.
 
         In rounds d = 1, 2, 4, ..., each row k in whose binary index the bit with the value d is 0 is paired with row k + d. The two
-        rows exchange lanes: row k gives those in whose index the bit d is 1, and row k + d gives those in whose index it is 0.
+        rows exchange lanes: row k gives the lanes whose index has the bit d set, and row k + d gives the other lanes.
         """
         size, distance = len(rows), 1
         while distance < size:

@@ -1,8 +1,8 @@
 """Machine code of this host: parse LLVM's text, generate object code, load it, and call it.
 
 This is the only file that imports llvmlite. Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is
-compiled once on a machine. The arithmetic of a routine has already been optimised in the graph of machine arithmetic: LLVM only
-generates code, and runs no pass that could change rounding.
+compiled once on a machine. The arithmetic of a routine has already been regrouped (`rewrite.py`): LLVM only generates code, and
+runs no pass that could change rounding.
 """
 
 import ctypes
@@ -93,7 +93,7 @@ def best_lanes() -> int:
 
 
 def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
-    """Compile a module given as text, or load it from the cache, and return its function."""
+    """Compile an LLVM module given as text, or load its object code from the cache, and return its function."""
     start = time.perf_counter()
     level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
     if os.environ.get(QUICK):
@@ -107,13 +107,14 @@ def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
         code = bytes(_target_machine(level).emit_object(module))
         if cached:
             user_cache.store(f"{key}.o", code)
+    # the function, its variant that takes the address of all arguments, and the object that keeps both in memory
     load = _load_once if cached else _load
     call, packed, owner = load(code, listing.name, listing.packed, listing.signature)
     return NativeCode(call, packed, listing.signature, time.perf_counter() - start, from_cache, owner)
 
 
 def _key(text: str, level: int) -> str:
-    """Return a hash of all that the object code of LLVM's `text` at the optimisation `level` depends on: its name in the cache."""
+    """Return the name of object code in the cache: a hash of the module's text, the optimisation level, LLVM and the processor."""
     import llvmlite
 
     parts = (VERSION, llvmlite.__version__, str(_binding().llvm_version_info), *host(), str(level), text)
@@ -156,7 +157,7 @@ _load_once = lru_cache(KEPT)(_load)
 def in_lanes(x: Array, lanes: int) -> Array:
     """Rearrange states (k, rows) into an array (groups, rows, lanes) with one state per lane.
 
-    The last state is repeated to fill the last group.
+    The last state is repeated to fill the last group of lanes.
     """
     missing = -len(x) % lanes
     full = np.concatenate([x, np.repeat(x[-1:], missing, axis=0)]) if missing else x
@@ -205,8 +206,8 @@ class Single:
     Attributes:
         arrays: flat arrays, in the order of the routine's arguments.
         q, v: views of the two halves of the first array, which is a state: positions and velocities.
-        numbers, counts: views of the real numbers and of the counts in the block of arguments, to be set before a call. Every count
-            is 1 at first; the last count is the number of groups of trajectories, and stays 1.
+        numbers, counts: views of the real numbers and of the counts in the block of arguments, to be set before a call. All counts
+            are 1 at first; the last count is the number of groups of trajectories, and stays 1.
     """
 
     __slots__ = ("_block", "_code", "_packed", "arrays", "counts", "numbers", "q", "v")
@@ -257,8 +258,8 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     """Choose the target of code.
 
     Args:
-        backend: "llvm" or "numpy"; None takes llvm if it is installed, else numpy.
-        lanes: number of trajectories in one SIMD vector; None takes the number of doubles in the widest vector register of this
+        backend: "llvm" or "numpy"; if None, llvm is used if it is installed, else numpy.
+        lanes: number of trajectories in one SIMD vector; if None, the number of doubles in the widest vector register of this
             machine.
         cache: whether object code is kept on disk.
 
@@ -302,7 +303,7 @@ class Loaded:
 
     def lanes(self, count: int) -> int:
         """Return how many of `count` trajectories are computed together, as one group."""
-        if self._plain:
+        if self._plain:  # numpy computes arrays of any length
             return min(count, CHUNK)
         return 1 if count == 1 else self.target.lanes
 
@@ -311,7 +312,7 @@ class Loaded:
 
         Its arguments are those of the routine, followed by the number of groups.
         """
-        if self._plain:
+        if self._plain:  # the Python function computes any number of trajectories
             return self._plain
         with self._lock:
             if lanes not in self.codes:

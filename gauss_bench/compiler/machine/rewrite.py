@@ -1,11 +1,11 @@
 """Rewriting of a graph of machine arithmetic, so that its values are ready earlier.
 
-Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. All
-rewriting is done here and none is left to a compiler, so that a trajectory has bitwise the same results if it is computed alone or
-with seven others in the lanes of a vector.
+Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. No
+compiler rewrites arithmetic, so that a trajectory has bitwise the same results if it is computed alone or with seven others in the
+lanes of a vector. The rules are:
 
-  sums:       two terms are added at a time, those that are ready earliest first, as in Huffman's code
-  products:   factors are multiplied in the same order
+  sums:       the two terms that are ready earliest are added, again and again, as in Huffman's code
+  products:   the two factors that are ready earliest are multiplied, again and again
   a b + c:    one fused operation with one rounding, wherever the product is used in sums only
   a / b:      a (1/b) where b is ready long before a, or where several values are divided by b
 """
@@ -43,7 +43,7 @@ class _Rewriter:
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
-        """Copy the roots of the old graph, and all values that they depend on, into the new graph."""
+        """Copy the roots of the old graph, and all values that they depend on, regrouped, into the new graph."""
         self.old, self.new = old, new
         self.known: dict[int, int] = {}
         needed = [x for x in live(old, roots) if old.operation[x] != "neg"]
@@ -51,6 +51,7 @@ class _Rewriter:
         for x in needed:
             for k in old.operands[x]:
                 users[self._strip(k)[0]].append(x)
+        # values that are merged into their users, and divisors that are used several times (see the class)
         self.parts = {x for x in needed if self._is_part(x, [old.operation[k] for k in users[x]])}
         self.parts -= {self._strip(x)[0] for x in roots}  # roots must keep values of their own
         divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
@@ -64,7 +65,7 @@ class _Rewriter:
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
     def _is_part(self, x: int, users: list[str]) -> bool:
-        """Tell whether a value of the old graph is a part (see the class); `users` are the operations that use it."""
+        """Tell whether a value x of the old graph has no value of its own in the new one; `users` are the operations that use x."""
         operation, summed = self.old.operation[x], all(user in SUMS for user in users)
         if operation in SUMS:
             return len(users) == 1 and summed
@@ -92,8 +93,8 @@ class _Rewriter:
     def _terms(self, x: int) -> list[Summand]:
         """Return the signed terms of the sum x of the old graph, as values of the new graph.
 
-        Terms that are parts (see the class) are expanded: a sum into its terms, a product into the two factors of a fused
-        multiply-add.
+        Terms that have no value of their own in the new graph (parts, see the class) are expanded: a sum into its terms, a product
+        into the two factors of a fused multiply-add.
         """
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
@@ -114,8 +115,8 @@ class _Rewriter:
     def _reduce_to_two(self, x: int) -> Pair:
         """Return two values of the new graph whose product equals the product x of the old graph.
 
-        The factors that are ready first are multiplied first, until two factors are left. The multiplication of these two is left
-        to the caller, who may fuse it with an addition.
+        The factors that are ready first are multiplied first, until two factors are left. The multiplication of these two factors
+        is left to the caller, who may fuse it with an addition.
         """
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
@@ -151,9 +152,10 @@ class _Rewriter:
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
     def _join(self, early: Summand, late: Summand) -> Summand:
-        """Return the sum of two terms as one term; if both are products, `late` is fused with the addition of `early`.
+        """Return the sum of two terms as one term; a product among them is computed by a fused multiply-add.
 
-        A `Summand` is + or - a value, or + or - a product value * factor that is not multiplied yet.
+        `late` is the term that is ready later. If both terms are products, `early` is multiplied first, and `late` is fused with
+        the addition.
         """
         g = self.new
         # if only one of the terms is a product, let it be `late`, which can be fused with the addition

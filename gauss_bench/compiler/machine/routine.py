@@ -47,9 +47,9 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Read leaves from an array: `rows` maps each leaf to its row, counted from the row whose index is the count `start`.
+    """Read leaves from an array: the leaf x is in the row with the index start + rows[x].
 
-    A `start` of None stands for row 0.
+    `start` is an integer value of the graph; None stands for 0.
     """
 
     array: str
@@ -61,7 +61,7 @@ class Load:
 class Store:
     """Write values to consecutive rows of an array, the first value to the row whose index is the count `start`.
 
-    A `start` of None stands for row 0.
+    A `start` of None stands for row 0 of the array.
     """
 
     array: str
@@ -200,7 +200,7 @@ class Emitter:
         self.first: list[str] = []
 
     def value(self, x: int) -> str:
-        """Write the operation of a value whose operands have names already; return the name of its result."""
+        """Write the operation that computes x, whose operands have names already; return the name of the result."""
         raise NotImplementedError
 
     def statement(self, s: Statement) -> None:
@@ -224,15 +224,15 @@ class Emitter:
         for inner in flatten(s.body):
             if isinstance(inner, Compute):
                 self.compute([x for x in inner.values if x not in changing])
-        # a changing value that has a name was computed by an earlier loop: without a name it is computed anew in this loop
+        # a value that changes in this loop may have a name from an earlier loop: its name is removed, so that it is computed anew
         self.names = {x: name for x, name in self.names.items() if x not in changing}
 
     def select_carried(self, loop: Loop) -> dict[int, tuple[int, int]]:
-        """Return the variables of a loop that are needed: leaf -> its value in the first and in the next iteration."""
+        """Return the variables of a loop on which results depend: leaf -> its value in the first and in the next iteration."""
         return {x: pair for x, pair in loop.carried.items() if x in self.needed}
 
     def select_rows(self, load: Load) -> dict[int, int]:
-        """Return the leaves that a statement loads and that are needed: leaf -> its row in the array."""
+        """Return the leaves that a statement loads and on which results depend: leaf -> its row in the array that is read."""
         return {x: row for x, row in load.rows.items() if x in self.needed}
 
     def compute(self, values: Sequence[int]) -> list[str]:
@@ -240,7 +240,7 @@ class Emitter:
         return [self.need(x) for x in values]
 
     def need(self, x: int) -> str:
-        """Return the name of value x; if x has none yet, first write x and all values it depends on that have no name."""
+        """Return the name of value x; if x has no name yet, first write the operations of x and of its operands without names."""
         waiting = [x]
         while x not in self.names:
             missing = [k for k in self.graph.operands[waiting[-1]] if k not in self.names]

@@ -1,9 +1,9 @@
 """The order in which the values of a graph are computed: most urgent first.
 
-A value is the more urgent, the longer the chain of operations that waits for it.
+The longer the chain of operations that waits for a value, the more urgent the value.
 
 List scheduling by height (Hennessy and Patterson, Computer Architecture, appendix H): an out-of-order processor looks a few hundred
-instructions ahead, which is less than a step of a linkage has.
+instructions ahead, and a step of a linkage has more instructions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -48,10 +48,10 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
 
 
 def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: bool = False) -> list[int]:
-    """Return the roots and all values that they depend on, the most urgent first, or in the order of their indices if `plain`.
+    """Return the roots (results) and all values that they depend on, the most urgent first, or if `plain` in the order of indices.
 
     The urgency of a value is its height: the length [cycles] of the longest path of operations that wait for it. A path may
-    continue in later iterations of the loop; one period (the cycles per iteration) is then subtracted for each:
+    continue in later iterations of the loop; for each of them, one period (the cycles per iteration) is subtracted from its length:
 
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period

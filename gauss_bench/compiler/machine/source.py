@@ -79,7 +79,7 @@ class Source(Emitter):
     Attributes:
         variables: name of each variable written so far -> its type in C.
         depth: number of indentations of the next line.
-        first: names of the first values of the variables of the next loop, which the base class sets.
+        first: names of the initial values of the next loop's variables; the base class sets this list.
     """
 
     def __init__(self, routine: Routine, language: Language):
@@ -111,8 +111,8 @@ class Source(Emitter):
     def let(self, x: int, text: str, letter: str = "r") -> str:
         """Write a line that assigns the expression `text` to a variable for value x of the graph; return the variable's name.
 
-        The name is `letter`, followed by the index x. The letter is r for the result of an operation, v for a variable of a loop or
-        branch (a leaf of the graph), n for a copy of a new value that is made before it is assigned.
+        The name of the variable is `letter`, followed by the index x. The letter is r for the result of an operation, v for a
+        variable of a loop or branch (a leaf of the graph), n for a copy of a new value that is made before it is assigned.
         """
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "double"
@@ -180,11 +180,11 @@ class Source(Emitter):
                     self._assign({x: new for x, (new, _) in s.merged.items()})
 
     def _assign(self, values: Mapping[int, int]) -> None:
-        """Write lines that compute new values of variables and assign them; `values`: leaf -> its new value in the graph."""
+        """Write lines that compute and assign new values of variables; `values`: variable (a leaf) -> its new value."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
     def _row(self, start: int | None, row: int) -> str:
-        """Return as text the index of the row that is `row` rows after the row `start`: a count of the graph, or None for 0."""
+        """Return as text the index start + row of an array's row; `start` is an integer value of the graph, or None for 0."""
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
@@ -205,8 +205,9 @@ def in_c(routine: Routine) -> str:
 def in_python(routine: Routine) -> Callable[..., None]:
     """Return a routine as a Python function.
 
-    Its arguments are the routine's arrays, numbers and counts, in this order, followed by the number of groups of trajectories.
-    Arrays have the axes (groups, rows, trajectories of a group); an array that a `Scatter` statement writes has only one axis.
+    The function's arguments are the routine's arrays, numbers and counts, in this order, followed by the number of groups of
+    trajectories. Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement
+    writes has only one axis.
     """
     s = Source(routine, PYTHON)
     s.statements(routine.body)

@@ -7,7 +7,7 @@ of the remainder r. The two lowest bits of k tell which of sin r and cos r is th
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
 P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round 2 x / pi to the integer k, 1.5 * 2^52 is added and
-then subtracted: the lowest bits of the sum hold k. No compiler may simplify this addition and subtraction.
+then subtracted: the lowest bits of the sum hold k. No compiler may remove this addition and subtraction.
 
 From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
@@ -55,7 +55,7 @@ def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
 
 def sincos(g: Graph, x: int) -> Pair:
     """Return sine and cosine of a value, valid for |x| <= LARGEST."""
-    # k in the low bits of x times 2 / pi + 1.5 * 2^52, and then the rest r
+    # adding 1.5 * 2^52 rounds 2 x / pi to the integer k, which is in the low bits of the sum; r = x - k pi/2
     shifted = g.fma(x, g.const(TWO_OVER_PI), g.const(MAGIC))
     k = g.make("bits", shifted)
     minus = g.neg(g.make("sub", shifted, g.const(MAGIC)))
@@ -73,8 +73,8 @@ def sincos(g: Graph, x: int) -> Pair:
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
     """Select the sine or the cosine that belongs to quarter turn number k: `if_odd` where the mask `odd` is true, else `if_even`.
 
-    The sign of the selected value changes if bit 1 of k is set, which is so in the quarter turns 2 and 3 of 4. This bit, shifted by
-    62, is at the place of the sign bit of a double.
+    The sign of the selected value changes if bit 1 of k is set, which is so in the quarter turns 2 and 3 of 4. Shifted left by 62,
+    bit 1 becomes the sign bit of a double.
     """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
@@ -84,7 +84,8 @@ def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
     """Return sine and cosine of x + d from `pair`, the sine and cosine of x; the result is valid for |d| <= reach [rad]."""
     s, c = pair
-    P, Q = short_series(reach)  # P or Q is empty if the reach is so short that its whole term is below rounding
+    # sin d = d + d z P(z), 1 - cos d = z Q(z); P or Q is empty if its term is below rounding for |d| <= reach
+    P, Q = short_series(reach)
     z = g.mul(d, d)
     sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
     if not Q:
@@ -98,10 +99,10 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 
 @cache
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the coefficients of the polynomials P and Q, as few as give sine and cosine exact to rounding for |d| <= reach [rad].
+    """Return the shortest polynomials P and Q that give sine and cosine of a rotation |d| <= reach [rad] exact to rounding.
 
-    P and Q are defined by sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2). An error of P therefore has the factor d^3, and an
-    error of Q the factor d^2. The coefficient of the lowest degree comes first.
+    P and Q are defined by sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2). In sin d, an error of P therefore has the factor d^3,
+    and in cos d, an error of Q the factor d^2. Each polynomial is a tuple of coefficients, the lowest degree first.
 
     Raises:
         ValueError: SERIES_TERMS coefficients are not enough.
@@ -114,11 +115,12 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
     """Interpolate a power series in z = d^2 at Chebyshev nodes of [0, reach^2]; return the coefficients, the lowest degree first.
 
-    The polynomial has as few coefficients as keep its error times `factor` at most TOLERANCE.
+    The polynomial is the shortest one whose error times `factor` is at most TOLERANCE, for |d| <= reach [rad].
     """
     width = reach * reach
     for terms in range(SERIES_TERMS):
-        # error: the next term, whose z^terms counts as the Chebyshev polynomial of size width^terms / 2^(2 terms - 1)
+        # error estimate: the coefficient of the first omitted term, times the size width^terms / 2^(2 terms - 1) of the Chebyshev
+        # polynomial of this degree on [0, width]
         error = abs(float(series[terms])) * width**terms / (2.0 ** (2 * terms - 1) if terms else 1.0)
         if error * factor <= TOLERANCE:
             nodes = [Fraction(width * (1 + cos(pi * (k + 0.5) / terms)) / 2) for k in range(terms)]

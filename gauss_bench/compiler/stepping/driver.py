@@ -1,8 +1,8 @@
 """Continuation of trajectories that a guard has stopped, because a pivot of the program's elimination is too small at a state.
 
 A program is the code generated for one choice of pivots. Another program, with other pivots, continues from this state if one is
-usable. Otherwise a single step is taken by rank decision: dense linear algebra decides at each state which rank the constraint rows
-have.
+usable. If no program is, a single step is taken by dense linear algebra, which decides the rank of the constraint rows at each
+state of the step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,15 +16,15 @@ from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Sto
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
 
-# time [s] -> the open numbers of k trajectories (k, n_p) at this time: all numbers that the code takes as arguments
+# time [s] -> the number arguments (k, n_p) of the code at this time, for k trajectories
 Numbers = Callable[[float], Array]
 
-STRIDE = 1e-4  # size of a step by rank decision under step size control, relative to the duration
+STRIDE = 1e-4  # size of a step by dense linear algebra under step size control, relative to the duration
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
-    """Single integration steps of a mechanism by rank decision: each evaluation determines the rank of the constraint rows.
+    """Single integration steps of a mechanism by dense linear algebra: each evaluation determines the rank of the constraint rows.
 
     The parameters of the mechanism have the values of its linkage file.
     """
@@ -44,7 +44,7 @@ class Tally:
 
     Attributes:
         switches: number of times that a trajectory was continued by another program, with other pivots.
-        fallbacks: number of steps by rank decision (dense linear algebra), because no program was usable.
+        fallbacks: number of steps by dense linear algebra, because no program was usable.
         lost: number of trajectories that could not be continued.
     """
 
@@ -54,27 +54,27 @@ class Tally:
 
 
 class Driver:
-    """Computes trajectories to their end, and changes to another program at a state where a guard fails.
+    """Computes trajectories to their end, and changes to another program at a state where a pivot of the present one is too small.
 
     A trajectory is lost if it cannot be continued; its later states are NaN.
 
     Attributes:
-        by_rank: takes steps by rank decision, for states at which no program is usable.
+        by_rank: takes steps by dense linear algebra at states where no generated program is usable.
         projected: whether samples must lie on the constraints.
-        given: number of open parameters, which a user may change. They are the first of the open numbers, which are all numbers
-            that the code takes as arguments. The remaining open numbers are functions of time, which `by_rank` evaluates by itself.
+        given: number of open parameters: numbers of the linkage that each call may change. The number arguments of the code are
+            first the open parameters, then functions of time, which `by_rank` evaluates by itself.
         tally: counts of the last rollout.
     """
 
     def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
-        """Drive the programs of a mechanism; the class explains the arguments."""
+        """Prepare to compute trajectories with the programs of a mechanism; the class explains the other arguments."""
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether the open parameters have the values of the linkage file; only then are steps by rank decision possible.
+        """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps.
 
-        The open parameters are the first `given` of the open numbers p (..., n_p).
+        The open parameters are the first `given` of the code's number arguments p (..., n_p).
         """
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
@@ -87,10 +87,11 @@ class Driver:
         """Return the index of the program with the largest margin at a state (2n,), or None if no program is usable there.
 
         The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
-        margin is at least 1. Programs are generated until one is usable. Programs with the indices in `without` are not considered.
+        margin is at least 1. If no generated program is usable, further programs are generated until one is. Programs with the
+        indices in `without` are not considered.
         """
-        # if programs leave out redundant rows, a change of the program may need a projection by rank decision (see `_switch`),
-        # which is possible only with the parameter values of the linkage file
+        # if programs leave out redundant rows, a change of the program may need a projection by dense linear algebra (see
+        # `_switch`), which is possible only with the parameter values of the linkage file
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
         while True:
@@ -105,8 +106,8 @@ class Driver:
         """Return the index of another, usable program and the state (2n,) from which it continues; None if no program is usable.
 
         If the old program left out redundant rows and did not project, the errors of the omitted rows are about the errors of the
-        kept rows divided by its smallest pivot. The state is therefore first projected onto the rows that the new program keeps. If
-        this projection fails, the state is projected by rank decision.
+        kept rows divided by the smallest pivot of the old program. The state is therefore first projected onto the constraints that
+        the new program keeps. If this projection fails, the state is projected by dense linear algebra, which decides the rank.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
@@ -118,11 +119,11 @@ class Driver:
         return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
 
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
-        """Return the state (2n,) after one step by rank decision, for a state at which no program is usable.
+        """Return the state (2n,) after one step by dense linear algebra, for a state at which no program is usable.
 
-        Dense linear algebra determines the rank of the constraint rows at each evaluation. If h = 0, no step is taken: the state is
-        projected onto the constraints if samples must lie on them, and returned unchanged if not. The result is NaN if the state
-        overflows, or if the open parameters, the first of p, have not the values of the linkage file.
+        The rank of the constraint rows is determined at each evaluation. If h = 0, no step is taken: the state is projected onto
+        the constraints if samples must lie on them, and returned unchanged if not. The result is NaN if the state overflows, or if
+        the open parameters (the first entries of p) differ from the values in the linkage file.
         """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
@@ -153,10 +154,10 @@ class Driver:
         return outcome
 
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
-        """Yield the missing samples (2n,) of a trajectory that a guard of the first program stopped after `at` steps.
+        """Yield the samples (2n,) that a trajectory still lacks, which a guard of the first program stopped after `at` steps.
 
-        `state` (2n,) is the state after these steps. If the trajectory cannot be continued to its end, the last sample that is
-        yielded is NaN.
+        A guard tests whether pivots are large enough. `state` (2n,) is the state after these steps. If the trajectory cannot be
+        continued to its end, the last sample that is yielded is NaN.
         """
         n = self.programs.n
         used, failed = 0, {0}  # index of the program in use, and those that have failed at the present state
@@ -167,7 +168,7 @@ class Driver:
                 t = batch.t0 + at * batch.h
                 found = self._switch(t, state, p, failed) if stopped else (used, state)
                 if found is None:
-                    # no program is usable here: take one step by rank decision, after which all programs may be tried again
+                    # no program is usable here: take one step by dense linear algebra, after which all programs may be tried again
                     reached = at == goal  # the state of the sample itself is only projected
                     state = self._step(integrator, t, state, p, 0.0 if reached else batch.h)
                     if not np.isfinite(state).all():
@@ -190,12 +191,12 @@ class Driver:
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
         """Integrate one trajectory with step size control.
 
-        The program in use takes steps until one of its guards fails. Then another program continues, or one short step by rank
-        decision is taken, after which all programs may be tried again.
+        The program in use takes steps until one of its pivots is too small. From that state another program continues, or one short
+        step is taken by dense linear algebra, after which all programs may be tried again.
 
         Args:
             state: (2n,) state at the first time.
-            p: (n_p,) open numbers, which are all numbers that the code takes as arguments.
+            p: (n_p,) number arguments of the code.
             times: (k,) times [s] of the states that are returned.
             tolerances: relative and absolute tolerance.
 
@@ -222,7 +223,7 @@ class Driver:
             if found is not None:
                 used, state = found
                 continue
-            # no program is usable here: take a short step by rank decision, after which all programs may be tried again
+            # no program is usable here: take a short step by dense linear algebra, after which all programs may be tried again
             h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
             state, t, failed = self._step("dop853_fixed", t, state, p, h), t + h, set()
             if np.isfinite(state).all() and t >= times[stored]:
@@ -232,11 +233,11 @@ class Driver:
                 return samples, accepted, attempted
 
     def advance_over(self, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
-        """Compute all trajectories to their end as `advance` does, with open numbers that change at the times `kinks` [s].
+        """Compute all trajectories to their end as `advance` does, with number arguments that change at the times `kinks` [s].
 
         At the times `kinks`, forces or their derivatives jump. The batch's steps are divided into legs (`integrate/legs.py`): runs
-        of equal steps without a kink inside; a step that contains a kink is divided there. The open numbers at the middle of a leg,
-        `numbers(leg.middle)`, are used for the whole leg.
+        of equal steps without a kink inside; a step that contains a kink is divided there. The code's number arguments at the
+        middle of a leg, `numbers(leg.middle)`, are used for the whole leg.
         """
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()
@@ -256,17 +257,17 @@ class Driver:
     def integrate_over(
         self, state: Array, numbers: Numbers, times: Array, tolerances: tuple[float, float], kinks: Sequence[float]
     ) -> tuple[Array, int, int]:
-        """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where open numbers change.
+        """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where number arguments change.
 
-        The open numbers at the middle of an interval between kinks are used for the whole interval. Return the states (k, 2n) at
-        the times (k,), and the numbers of accepted and of attempted steps.
+        The code's number arguments `numbers` at the middle of an interval between kinks are used for the whole interval. Return the
+        states (k, 2n) at the times (k,), and the numbers of accepted and of attempted steps.
         """
         begin, end = float(times[0]), float(times[-1])
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):
             inside = np.flatnonzero((times > a) & (times <= b))
             part = np.unique([a, *times[inside], b])
-            # the open numbers of the one trajectory are row 0
+            # the number arguments of the one trajectory are row 0
             states, *counts = self.integrate(state, numbers((a + b) / 2)[0], part, tolerances)
             accepted, attempted = accepted + counts[0], attempted + counts[1]
             samples[inside], state = states[1 : 1 + len(inside)], states[-1]

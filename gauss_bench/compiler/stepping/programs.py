@@ -31,7 +31,7 @@ class Batch:
 
     Attributes:
         states: (k, 2n) q and v at the start.
-        parameters: (k, n_p) open numbers of each trajectory: all numbers that the code takes as arguments.
+        parameters: (k, n_p) number arguments of the code: the numbers of the linkage that are not constants in the code.
         t0, h: time of the start, and step size [s].
         n: number of steps.
         every: number of steps between samples, at least 1.
@@ -95,13 +95,13 @@ class Stepper:
     """Computes trajectories by a routine `rollout`, with one program and one integrator.
 
     The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
-    first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code with
-    larger reaches, and takes longer to compile. It replaces the first routine as soon as a link has rotated by more than the
-    smallest reach in a step.
+    first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code for
+    larger rotations per step, and takes longer to compile. `further` replaces the first routine as soon as a link rotates by more
+    than the smallest reach in a step.
 
     Attributes:
         loaded: the routine in use.
-        further: the routine that may replace it; None if there is none, or if it is in use already.
+        further: the routine that may replace `loaded`; None if there is no such routine, or if it is in use already.
         native: whether the routines are machine code.
         compiled: all routines that have been in use so far.
     """
@@ -112,20 +112,20 @@ class Stepper:
         self.native, self.compiled = loaded.target.backend == "llvm", [loaded]
 
     def extend(self) -> None:
-        """Replace the routine by `further`, with code for larger rotations per step; without it do nothing."""
+        """Replace the routine by `further`, which has code for larger rotations per step; do nothing if `further` is None."""
         if self.further is not None:
             self.loaded, self.further = self.further, None
-            self.compiled.append(self.loaded)
+            self.compiled.append(self.loaded)  # times to compile are reported for the old routine too
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
         """Compute each trajectory of a batch until it ends or a guard fails.
 
-        If a link rotates in a step by more than the routine's reach, `extend` replaces the routine, and all trajectories begin
-        anew.
+        If a link rotates in a step by more than the compiled routine allows, `extend` replaces the routine, and all trajectories
+        start again.
         """
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
-        # arguments of the routine, see `rollout.py`: states, open numbers, samples, and a report of three rows
+        # arguments of the routine, see `rollout.py`: states, number arguments, samples, and a report of three rows
         y, p = in_lanes(batch.states.copy(), lanes), in_lanes(batch.parameters, lanes)  # copied, as one lane would be a view
         groups, rows = y.shape[:2]
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
@@ -148,12 +148,13 @@ class Stepper:
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
         """Return the state (2n,) after n steps of one trajectory, or its early stop, with the least possible overhead.
 
-        If a link rotates in a step by more than the routine's reach, `extend` replaces the routine, and the trajectory begins anew.
+        If a link rotates in a step by more than the compiled routine allows, `extend` replaces the routine, and the trajectory
+        starts again.
         """
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        # this thread's buffers for the arguments, allocated in its first call: states, open numbers, the one sample, the report
+        # this thread's buffers for the arguments, allocated in its first call: state, number arguments, sample, report
         one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
         (y, p, sample, report), numbers, counts = one.arrays, one.numbers, one.counts
         one.q[...], one.v[...] = q, v  # views of y
@@ -188,8 +189,9 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
     least = LEAST * max(span, float(np.abs(times).max()))
     # rtol, atol, longest and shortest step, first step
     numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
-    # the counts after these: samples, steps at most, and one group
+    # then come integers: number of samples, largest number of steps, and one group; call(1) computes one trajectory
     loaded.call(1)(*loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
+    # report: number of stored samples, of accepted and of attempted steps, and the time reached
     stored, taken, tried, t = report[0, :, 0].tolist()
     return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
 
@@ -211,9 +213,9 @@ def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) ->
 def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
     """Evaluate a routine `accelerate` or `settle` in native code at one state.
 
-    Return an array (size + 1,): the `size` results of the routine, and one number that tells whether they are valid. This number is
-    1 if all guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its
-    threshold instead. The next call overwrites the array.
+    Return an array (size + 1,): the `size` results of the routine, and one number that tells whether they are valid. The last
+    number is 1 if all guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to
+    its threshold instead. The next call overwrites the array.
     """
     # this thread's buffers for the arguments, which are allocated in its first call
     one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, size + 1)
@@ -239,8 +241,8 @@ class Programs:
         codes: the programs generated so far.
         runners: (index of a program, integrator) -> its stepper.
         n: number of coordinates.
-        values: (n_p,) open numbers (all numbers that the code takes as arguments) with the values of the linkage file.
-        native: routine for accelerations by program 0.
+        values: (n_p,) number arguments of the code, with the values of the linkage file.
+        native: routine for accelerations by program 0, which runs in numpy if `plain`.
         dropped: names of redundant constraint rows that program 0 leaves out; other programs may leave out different rows.
     """
 
@@ -251,7 +253,7 @@ class Programs:
         self.codes: list[Code] = []
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._routines: dict[tuple[int, Callable[[Code], Routine]], Loaded] = {}
-        self._integrate = partial(adaptive, plain=self.plain)
+        self._integrate = partial(adaptive, plain=self.plain)  # one object, because `_routine` finds routines by `make`
         self.generate_next()
         first = self.codes[0].program
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
@@ -279,13 +281,14 @@ class Programs:
         all_reaches = reaches(code, integrator)  # largest rotations per step for which there is code, the smallest first
 
         def load(count: int) -> Loaded:
-            """Return the routine that contains code for the first `count` of the reaches."""
+            """Return the routine that contains code for the `count` smallest of `all_reaches`."""
             build = cache(lambda: bodies(code, integrator, all_reaches[:count]))  # once, for one lane and for many
             return Loaded(lambda many: rollout(build(), many), self.target)
 
         if self.plain:
             stepper = Stepper(Loaded(lambda many: rollout([plain_body(code, integrator)], many), self.target))
         else:
+            # code for the smallest rotations per step first; the routine for all rotations replaces it when it is needed
             stepper = Stepper(load(1), load(len(all_reaches)) if len(all_reaches) > 1 else None)
         self.runners[k, integrator] = stepper
         return stepper
@@ -297,7 +300,8 @@ class Programs:
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
         """Return the routine whose code `make` writes for program k; the code is compiled on first use.
 
-        A routine is stored under k and `make`: each `make` comes with one stabilisation only.
+        A routine is stored under the key (k, make) without the stabilisation, because each `make` is used with one stabilisation
+        only.
         """
         if (k, make) not in self._routines:
             code = read_code(self.codes[k].program, stabilization)
@@ -305,12 +309,12 @@ class Programs:
         return self._routines[k, make]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
-        """Return accelerations and margins by program k, evaluated in numpy.
+        """Return the accelerations that program k computes and its margins at these states, evaluated in numpy.
 
         Args:
             k: index of the program.
             t, q, v: times (states,), positions and velocities (states, n).
-            p: (states, n_p) open numbers, which are all numbers that the code takes as arguments.
+            p: (states, n_p) number arguments of the code.
 
         Returns:
             Accelerations (states, n), and for each state the margin (states,): the smallest ratio of a pivot to its threshold, or 0
@@ -323,9 +327,9 @@ class Programs:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """Return the smallest ratio of a pivot of program k to its threshold at a state (2n,).
+        """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold.
 
-        The program must not be used at the state if this ratio, the margin, is below 1.
+        The program must not be used at a state where its margin is below 1.
         """
         if self.plain:  # the second result of `margins` has the margin of the single state
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
@@ -343,14 +347,14 @@ class Programs:
         return out[:-1].copy() if out[-1] else None  # the last number tells whether all guards hold
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return accelerations (states, n) by program k, and flags (states,): True where all its pivots are large enough."""
-        if k == 0 and not self.plain:
+        """Return accelerations (states, n) by program k, and flags (states,): True where all pivots of it are large enough."""
+        if k == 0 and not self.plain:  # only program 0 has compiled code for this
             return evaluate_many(self.native, t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
-        """Return the acceleration (n,) by program 0 at one state, with the least overhead.
+        """Return the acceleration (n,) at one state by program 0, the preferred one, with the least overhead.
 
         Return None if a pivot of the program is too small at this state, or if there is no compiler.
         """
@@ -358,7 +362,7 @@ class Programs:
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return multipliers (states, rows) by program k, and flags (states,): True where all its pivots are large enough."""
+        """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
         return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
 
     @property
@@ -370,6 +374,7 @@ class Programs:
         """Return the first program as C source with the functions `accelerate` and `rollout`."""
         first = self.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
+        # "none": the acceleration without Baumgarte's terms
         return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
 
     def loaded(self) -> list[tuple[float, bool]]:

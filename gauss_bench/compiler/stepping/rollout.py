@@ -6,7 +6,7 @@ takes n steps of h from the time t0 for a group of trajectories, one in each lan
 one number for each trajectory:
 
     y, 2 n_q rows: q and v at the start; on return, if a trajectory stopped early, the state at which it stopped.
-    p, n_p rows: open numbers, which are the numbers of the linkage that are not constants in the code.
+    p, n_p rows: number arguments: the numbers of the linkage that are not constants in the code.
     samples, slots x 2 n_q rows: states after every `every`-th step and after the last; slots = ceil(n / every), at least one.
     report, 3 rows: number of steps done; 1 if all were done; 1 if the only fault of a step was that a link turned too far.
 
@@ -74,7 +74,7 @@ class Body:
 
         Args:
             code: functions of the program, with their angles and parameters.
-            step: the values of the step.
+            step: the step as values of a graph: its results, guards, and the variables for the next step.
             plain: whether operations are left as they are, neither regrouped nor put in another order.
             into: graph to which the operations are added, and which may have other bodies of the same routine; None for a new
                 graph.
@@ -85,13 +85,13 @@ class Body:
         self.values = order(g, step.roots(), step.carried, plain)
         self.operations = count_operations(g, self.values)
         self.statements: list[Statement] = [Compute(self.values)]
-        if step.stages:  # a loop over the stages comes first; another stage follows the stages 0, 1 and 2
+        if step.stages:  # a loop over the four stages comes first; another stage follows the stages 0, 1 and 2
             following = [x for _, x in step.stages.values()]
             again = g.make("below", g.count("%stage"), g.whole(3))
             in_order = order(g, following, {str(k): x for k, x in enumerate(following)})
             self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
-        # leaves: %q0, %v0 ... are the state in the loop, %y0 ... the initial state, %p0 ... the open numbers; %s and %c are sines
-        # and cosines of angles, which one step hands to the next
+        # leaves: %q0, %v0 ... are the state in the loop, %y0 ... the initial state, %p0 ... the number arguments of the code; %s
+        # and %c are sines and cosines of angles, which one step hands to the next
         names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
         y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(name) for name in names]
@@ -114,9 +114,10 @@ class Body:
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
     """Build the routine `rollout`, which computes one trajectory, or `many` at once.
 
-    The bodies share one graph, and each has a larger reach than the one before. The first body is used until a link turns by more
-    than its reach in a step; the next body continues from there. All trajectories in the lanes of a vector change to the next body
-    together, so that each has bitwise the same states as if it were computed alone.
+    A body is the code of one step. The bodies share one graph, and each is valid for larger rotations of links per step (its reach)
+    than the one before. The first body is used until a link turns by more than its reach in a step; the next body continues from
+    there. All lanes of a vector change to the next body at the same step, so that each trajectory has bitwise the same states as if
+    it were computed alone.
     """
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
@@ -147,9 +148,10 @@ class _Steps:
 def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     """Build the loop over time steps that uses the body with the index `level`.
 
-    The loop of the first body begins with the initial state; the loop of a later body begins with the values at which the loop
-    before it stopped. The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of
-    steps done, and the masks `alive` and `far`. The int variables below are values of the graph.
+    The first loop begins with the initial state; each later loop begins with the values at which the loop before it stopped. The
+    variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the masks
+    `alive` and `far`. The int variables below are values of the graph, except `level`. If `many`, the loop computes several
+    trajectories, one in each lane.
     """
     body = bodies[level]
     g, is_first, is_last = body.graph, level == 0, level == len(bodies) - 1
@@ -159,7 +161,8 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     h, t0, t, done = (g.leaf(f"%{x}") for x in ("h", "t0", "t", "done"))
     # masks of the lanes that have not stopped, and of those that need a body with a larger reach
     alive, far = (g.make("mask", payload=x) for x in ("%alive", "%far")) if many else (always, none)
-    # a lane goes on if its guards hold; `beyond`: in this step it only exceeded the reach, so that a larger one will do
+    # regular: no pivot is too small; within: no link turns by more than the reach. A lane goes on if both are true; `beyond`: only
+    # the reach was exceeded in this step, so that code with a larger reach will do
     beyond = g.both([alive, body.step.regular, g.make("not", body.step.within)])
     going = g.both([alive, body.step.regular, body.step.within])
     # number of the next step, whether there is one, and its time
@@ -201,9 +204,9 @@ class _Settling(NamedTuple):
     """The part of a loop over time steps that projects the state onto the constraints after every SETTLED steps.
 
     Attributes:
-        statements: a branch that is taken after every SETTLED steps.
-        chosen: leaf of the state -> another leaf, which the branch sets to the value at the next step: projected if the branch is
-            taken, not projected if not.
+        statements: a branch that is executed after every SETTLED steps.
+        chosen: variable of the state (a leaf) -> another variable, which has the value at the next step: projected if the branch is
+            executed, else not projected.
         counter: a variable of the loop with its first and next value: the number of the step before which the state is next
             projected.
     """
@@ -214,7 +217,7 @@ class _Settling(NamedTuple):
 
 
 def _settle_regularly(body: Body, following: int) -> _Settling:
-    """Build the projection of the state after every SETTLED steps, if the body has one; `following` is the number of the next step.
+    """Build the projection of the state after every SETTLED steps, if the body has one; `following`: number of the next step.
 
     The loop counts in `due` the step before which the state is projected; the branch adds SETTLED to it. The projected values are
     computed inside the branch only, so that the other steps do not take longer.
@@ -239,7 +242,7 @@ def _either(g: Graph, a: int, b: int) -> int:
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
     """Build the code of a step for each reach (largest rotation of links per step), all in one graph.
 
-    If the step loops over its stages, there is only one body, because this code is valid for any rotation.
+    If the step loops over its stages, there is only one version of the code, which is valid for any rotation.
     """
     if is_looped(code, integrator):  # this code computes every sine from its angle, without rotations
         return [Body(code, rk4_looped(code))]
@@ -257,8 +260,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
     advance. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
     `least`, or after `limit` steps. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted
-    steps and attempted steps, and the time reached. If the program leaves out redundant rows and no step projects, the state is
-    projected after every SETTLED attempted steps.
+    steps and attempted steps, and the time reached. If the program leaves out redundant constraint rows and no step projects the
+    state onto the constraints, the state is projected after every SETTLED attempted steps. If `plain`, operations are neither
+    regrouped nor put in another order.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
@@ -310,9 +314,10 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
 
         h clip(SAFETY / root, SHRINK, GROW), at most `longest`
 
-    `error` is the squared norm of the step's error, proportional to h^16, and `root` is the 16th root of `error`. `sound` is true
-    if all guards are satisfied, and `good` if in addition the error is small enough. If the step is not sound, the next step size
-    is h SHRINK.
+    After a refused step, 1 takes the place of GROW. `wanted` is the size of this step before it was cut short to end at a sample
+    time; a good step is followed by one of at least this size. `error` is the squared norm of the step's error, proportional to
+    h^16, and `root` is the 16th root of `error`. `sound` is true if all guards are satisfied, and `good` if in addition the error
+    is small enough. If the step is not sound, the next step size is h SHRINK.
     """
     h, wanted = g.leaf("%h"), g.leaf("%wanted")
     root = error
@@ -341,8 +346,8 @@ def _plan_step(g: Graph, left: int, best: int) -> int:
 def plain_body(code: Code, integrator: str) -> Body:
     """Build the code of a step for C or Python; it is valid however far the links rotate in the step.
 
-    Sines are computed by the functions of the target language, and operations are not put in another order. The last reach of each
-    integrator is the one without a limit.
+    Sines are computed by the functions of the target language, and operations are not put in another order. The last entry of
+    REACHES for each integrator has no limit on the rotations.
     """
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
@@ -357,7 +362,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     """
     b = Builder(code, EXACT, library=plain)
     a = b.acceleration(b.t, b.q, b.v)
-    within = b.within(a)
+    within = b.within(a)  # true where all accelerations are finite
     validity = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
     return _at_one_state("accelerate", b, a, validity, plain)
 

@@ -10,23 +10,24 @@ computes q', v' by
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
     q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
 
-Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. In this way sines
-and cosines are updated from stage to stage: by a rotation by h/2 v or h v (at most `Reach.step`), and by a further small rotation
-of the order h^2 (at most `Reach.bend`). One rotation after the other would accumulate rounding errors. Sine and cosine at q are
-therefore also computed from the angle itself, which delays nothing, and all stages after the third start from these. In a step of
-order 8, sines and cosines of all later stages are rotated from those at the position q + h/2 v.
+Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. From stage to stage,
+sines and cosines are updated by a rotation by h/2 v or h v (at most `Reach.step`), and by a further small rotation of the order h^2
+(at most `Reach.bend`). One rotation after the other would accumulate rounding errors. Sine and cosine at q are therefore also
+computed from the angle itself, while the processor waits for other results. The rotations for the fourth stage and the end of the
+step start from these values. In a step of order 8, sines and cosines of all later stages are rotated from those at the position q +
+h/2 v.
 
-Projection. At the end of a step, q gets Newton corrections, all with the Jacobian of the last stage, whose factors are known
-already. At the beginning of a step, v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the
-first stage is evaluated before the correction of v. The correction has the size h^5 of the local error, and so does not change the
+Projection. At the end of a step, q gets Newton corrections, all with the Jacobian of the last stage, which is already factorised.
+At the beginning of a step, v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage
+is evaluated before the correction of v. The correction of v is of the order h^5, like the local error, and so does not change the
 order of the method. Samples have corrected states, and the velocities of all stages but the first start from the corrected
 velocity.
 
-If rows are redundant and no step projects, the loop around the steps corrects the state in the same way after every
+If constraint rows are redundant and the steps do not project the state, the loop over the steps projects it after every
 `rollout.SETTLED` steps (`Builder.settle`).
 
 Gauss's collocation (`gauss_legendre`) is implicit: positions and velocities at the stages follow from the accelerations at all
-stages, which a fixed number of iterations computes. A guard checks that these accelerations have converged.
+stages, which a fixed number of iterations computes. A guard checks that the accelerations of the stages have converged.
 Sources: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), sections II.1 and II.14; Hairer and Wanner,
 Solving Ordinary Differential Equations II (1996), section VII.2 (projection).
 """
@@ -224,7 +225,7 @@ class Builder:
     """
 
     def __init__(self, code: Code, reach: Reach, library: bool = False):
-        """Make a graph whose leaves are the inputs of one integration step."""
+        """Make a graph whose leaves are the inputs of one integration step; arguments are explained in the class."""
         self.g = g = Graph()
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
@@ -240,7 +241,7 @@ class Builder:
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def carried_sines(self) -> list[Pair]:
-        """Return the leaves for sine and cosine of each angle at the beginning of the step, which the step before has computed."""
+        """Return the graph's inputs for sine and cosine of each angle at the beginning of the step, computed in the step before."""
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
@@ -281,12 +282,12 @@ class Builder:
         return self.known[x]
 
     def compute_sines(self) -> list[Pair]:
-        """Compute the sines and cosines at the beginning of the step from the angles, not by a rotation."""
+        """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines."""
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
     def limit(self, values: list[int], bound: float, factor: int | None = None) -> None:
-        """Require that the norm of some values, times the node `factor`, is at most `bound`; an infinite bound requires nothing.
+        """Require that the norm of the nodes `values`, times the node `factor`, is at most `bound`, unless `bound` is infinite.
 
         The square of norm / bound is added to `score`. The step is valid only if the sum of `score` is at most 1 (`within`), so
         that no single norm exceeds its bound.
@@ -297,7 +298,7 @@ class Builder:
             self.score.append(g.mul(weight, g.squares(values)))
 
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
-        """Return sine and cosine of each angle after a change of the positions, by a rotation of those before the change.
+        """Return sine and cosine of each angle after a change of the positions, by rotating sine and cosine before the change.
 
         If the step computes every sine from its angle, the result is an empty list.
 
@@ -305,7 +306,8 @@ class Builder:
             pairs: sine and cosine of each angle before the change.
             change: change (n,) of the positions.
             bound: largest change of an angle [rad] for which the result is valid; the caller ensures it by `limit`.
-            to: the new positions (n,). The results are stored in `known` under their angles, so that functions of `to` use them.
+            to: the new positions (n,). The new sines and cosines are stored in `known` under their angles, so that functions that
+                are written later for the positions `to` use them.
         """
         if not self.reach.rotates:
             return []
@@ -322,7 +324,7 @@ class Builder:
         return [x[i] for i in self.code.angles]
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
-        """Return the acceleration at a stage, and add the guards that the pivots of its elimination are not too small."""
+        """Return the acceleration at a stage, and add guards which check that no pivot of its elimination is too small."""
         a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.thresholds)
         return a
@@ -331,7 +333,7 @@ class Builder:
         """Return for each independent coordinate its free motion: a velocity (n,) that the constraints allow.
 
         In the free motion of an independent coordinate, this coordinate has the velocity 1, and every other independent coordinate
-        has the velocity 0. Guards are added that the pivots of the elimination are not too small.
+        has the velocity 0. Guards are added which check that no pivot of the elimination is too small.
         """
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
@@ -355,7 +357,7 @@ class Builder:
 
             (1 - h^2 kron(A A, K) - h kron(A, D)) correction = error
 
-        A (s, s) is the matrix of weights of the Runge-Kutta method. K and D (f, f) are the derivatives of the independent
+        A (s, s) has the weights of the Runge-Kutta method. K and D (f, f) are the derivatives of the independent
         accelerations with respect to displacements and to velocities along the free motions. These derivatives are computed by
         finite differences at the state q, v, whose acceleration is a, and are used for all stages.
         """
@@ -364,7 +366,7 @@ class Builder:
         motions = self.directions(self.t, q, v)
 
         def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
-            """Return the derivatives (f, f) of the independent accelerations by differences, one displaced state per column."""
+            """Return the derivatives (f, f) of the independent accelerations by differences, a column for each displaced state."""
             columns = [self.acceleration(self.t, *state) for state in states]
             return [[g.mul(per, g.sub(x[k], a[k])) for x in columns] for k in free]
 
@@ -412,23 +414,23 @@ class Builder:
 
         return solve
 
-    def _watch(self, guard: list[int], thresholds: Array) -> None:
-        """Add the guards that pivots are not below their thresholds; a pivot that is constant needs no guard."""
+    def _watch(self, pivots: list[int], thresholds: Array) -> None:
+        """Add the guards |pivot| >= threshold to `self.pivots`; a pivot that is a constant needs no guard."""
         g = self.g
-        for pivot, threshold in zip(guard, thresholds, strict=True):
+        for pivot, threshold in zip(pivots, thresholds, strict=True):
             if g.number(pivot) is None:
                 self.pivots.append(g.make("le", g.const(threshold), g.abs(pivot)))
 
     def margin(self, finite: int) -> int:
-        """Return the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` is false."""
-        g, least = self.g, self.g.const(FINITE)
+        """Return the node of the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` is false."""
+        g, least = self.g, self.g.const(FINITE)  # the minimum of no pivots at all
         for mask in self.pivots:
             threshold, size = g.operands[mask]  # `_watch` has made the mask: threshold <= size
             least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the velocity at the beginning of the step.
+        """Return the nodes of the velocity at the beginning of the step, and add guards for the pivots of its correction.
 
         Under the stabilisation "projection", this velocity is projected onto the constraints at the positions q. If q is None, the
         positions at the beginning of the step are used.
@@ -440,14 +442,14 @@ class Builder:
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
-        """Return positions q with the sines and cosines of their angles; under "projection", after Newton corrections of q.
+        """Return positions q with sines and cosines of their angles; under the stabilisation "projection", q is corrected first.
 
         Args:
             t: time of the positions.
             q: positions (n,) that are corrected.
             pairs: sine and cosine of each angle at q; empty if the step computes every sine from its angle.
-            at: positions at which the Jacobian of all corrections is evaluated, usually those of the last stage. Pass the same list
-                object as `q` if no stage was evaluated at q or near q.
+            at: positions at which the Jacobian of all corrections is evaluated, usually those of the last stage. If no stage was
+                evaluated at q or near q, pass the list `q` itself.
         """
         if not self.code.projected:
             return q, pairs
@@ -465,9 +467,10 @@ class Builder:
         return q, pairs
 
     def within(self, v: list[int]) -> int:
-        """Return the mask that is true where the sum of `score` is at most 1 (no norm exceeds its bound) and v is finite."""
+        """Return the mask that is true where v is finite and no limited norm exceeds its bound (see `limit`)."""
         g = self.g
-        # one sum tests all of v: it is infinite or NaN, and fails the comparison, if a component is
+        # each term of `score` is (norm / bound)^2, so that no norm exceeds its bound where their sum is at most 1
+        # the sum of v tests all components: if one is infinite or NaN, so is the sum, and the comparison fails
         score = g.make("le", g.total(self.score), g.const(1.0))
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
@@ -477,12 +480,13 @@ class Builder:
         The sample at the beginning of the step has the velocity `out_v`, which is valid where the masks `out_pivots` are true.
         """
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
-        regular, within = g.both(self.pivots), self.within(v)
+        regular, within = g.both(self.pivots), self.within(v)  # no pivot is too small; no angle has changed too much
+        # variables of the next step if the state is projected before it
         settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """Return the variables that a step hands to the next one: name of a leaf -> its value at the beginning of the next step.
+        """Return the variables that a step hands to the next one: name of a leaf ("%q0" ...) -> node of its value at the next step.
 
         `pairs` has sine and cosine of each angle of q. It is empty if the next step computes them from the angles.
         """
@@ -498,7 +502,7 @@ class Builder:
         pivots at this state.
         """
         g, end = self.g, self.g.add(self.t, self.h)
-        # the correction has the Jacobian of the first two arguments, time and positions, and corrects the positions of the others
+        # arguments: time and positions of the Jacobian, time and positions that are corrected (here the same), parameters
         dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
         nearest = self.plus(q, dq)
         pairs = self.turn(pairs, dq, self.reach.step, nearest) if pairs else []
@@ -509,8 +513,9 @@ class Builder:
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file.
 
-    `pairs2` and `pairs_B` are the sines and cosines at the positions q2 and B of these formulas; `pairs` are the sines and cosines
-    at the end of the step.
+    `b.times_h(c, k)` is c h^k, and `b.turn(pairs, angles, bound, q)` rotates sines and cosines to the positions q. `pairs2` and
+    `pairs_B` are the sines and cosines at the positions q2 and B of these formulas; `pairs` are the sines and cosines at the end of
+    the step.
     """
     b = Builder(code, reach, library=library)
     g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
@@ -588,8 +593,8 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     """Write one step of v' = v + h a(q, v), q' = q + h v'.
 
     Under the stabilisation "projection", v and q' are corrected. The sines and cosines at q' are those at q, which are computed
-    from the angles, rotated by the angles of h v'. The next step begins with the rotated values. The norm of h v' over all angles
-    must be at most `reach.step`.
+    from the angles, rotated by the angles of h v'. The next step begins with the rotated sines and cosines. The norm of the
+    rotations h v' over all angles must be at most `reach.step` [rad].
     """
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
@@ -664,8 +669,8 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     """Return the square of the ratio of a step's estimated error to the allowed error, by the formula of `dop853`.
 
     Args:
-        a: (s, n) accelerations of the stages.
-        old, new: states (2n,) before and after the step, y and y' of the formula.
+        a: (s, n) nodes of the accelerations at the stages.
+        old, new: nodes of the states (2n,) before and after the step, y and y' in the formula of `dop853`.
     """
     g, squares = b.g, []  # squares: e5^2 and e3^2
     inverses = []  # 1 / (atol + rtol max(|y|, |y'|)) of each coordinate and velocity
@@ -685,15 +690,15 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of Gauss's collocation with three stages, order 6, implicit, for springs and dampers that are stiff.
 
     A motion can be stiff only along the free motions N (n, f), because constraints and not forces determine all other directions.
-    The unknowns of a stage are its independent accelerations z (f,): the accelerations of the independent coordinates. If a (n,) is
-    the acceleration that is evaluated at the stage, a + N (z - a_f) satisfies the constraint rows and has the independent
-    components z; a_f (f,) are the independent components of a. Each iteration of Newton's method solves
+    The unknowns of a stage are its independent accelerations z (f,): the accelerations of the independent coordinates. Let a (n,)
+    be the acceleration that is evaluated at the stage, and a_f (f,) its independent components. Then a + N (z - a_f) satisfies the
+    constraint rows and has the independent components z. Each iteration of Newton's method solves
 
         (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a_f - z
 
-    for the corrections dz of z at all stages. A is the method's matrix of weights. K and D are the derivatives of a_f with respect
-    to displacements and to velocities along N, computed by finite differences at the beginning of the step. A step is accepted only
-    if the last iteration changes the velocities by less than CONVERGED.
+    for the corrections dz of z at all stages. A is the method's matrix of weights. K and D (f, f) are the derivatives of a_f with
+    respect to displacements and to velocities along the free motions, computed by finite differences at the beginning of the step.
+    A step is accepted only if the last iteration changes the velocities by less than CONVERGED.
 
     A linkage whose inputs are all driven has no free motions. In each iteration, the accelerations of the stages are then replaced
     by the accelerations evaluated at the states of the stages.
@@ -708,7 +713,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     newton = b.newton(q, v, start, A) if free else None
 
     def at(fraction: float, of_velocity: Coefficients, of_position: Coefficients) -> tuple[list[int], list[int]]:
-        """Return position and velocity at a fraction of the step, by weights of the accelerations `stages` below."""
+        """Return position and velocity at a fraction of the step, from weighted sums of the accelerations `stages`."""
         moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(stages, of_position))
         return b.plus(q, moved), b.along(v, h, b.weighted(stages, of_velocity))
 

@@ -8,14 +8,15 @@ rate
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
 The first term is the change of v in one step at y, divided by the length h of the step, which may have any value. The second term
-is found by fourth-order finite differences of the function P(y + e v) v of e. Each value of this function is the result of a step
-so short that forces have no effect, and only the projection remains. So the accelerations have no error of a time step, and no
-error of closing gaps (erp = 0). For these steps the option CONVERGED lets Bullet's solver iterate until it has converged. Runs use
-Bullet's usual limits of iterations, with which the solver stops before it has converged, and sooner for shorter steps.
+is found by fourth-order finite differences of the function P(y + e v) v of e. Each value P(y + e v) v is the result of one step of
+Bullet, so short that forces have no effect and only the projection remains. So the accelerations have no error of a time step, and
+no error of closing gaps (erp = 0). For the steps of this module, the options CONVERGED let Bullet's solver iterate until it has
+converged. Runs use Bullet's usual limits of iterations, with which the solver stops before it has converged, and sooner for shorter
+steps.
 
 The function `tree_model.acceleration_by_steps` is unsuitable for Bullet, because it divides the error of the iterative solver by
-the length of a very short time step. The finite differences of this file divide this error by a much larger number, the distance e
-between their points.
+the length of a very short time step. The finite differences of this file divide the solver's error by the distance e between their
+points, a much larger number.
 """
 
 from collections.abc import Mapping
@@ -39,7 +40,8 @@ INSTANT = 1e-15  # [s] length of a step that only projects
 class Accelerations:
     """A function (t, y, dy) -> accelerations (n,) of a simulation world's coordinates y, at a state that meets the constraints.
 
-    The accelerations are P(y) a_free + d/de P(y + e v) v at e = 0, with v = dy, as the head of this file explains.
+    The accelerations are P(y) a_free + d/de P(y + e v) v at e = 0, with v = dy. P(y) projects velocities onto those that the closed
+    loops allow, and a_free are the accelerations without closures; the docstring of the module derives the formula.
 
     Attributes:
         world: a world that no run uses, with the options CONVERGED.
@@ -56,12 +58,13 @@ class Accelerations:
         # speeds of the driven joints at the beginning of the step, and at its end by law''(t)
         before = {joint: float(dy[joint]) for joint in self.laws}
         after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
-        direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP  # P a_free
+        # first term, P(y) a_free: the change of velocities in one step with forces, divided by the step
+        direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP
         speed = float(np.abs(dy).max(initial=0.0))
         if speed == 0.0:  # the second term is quadratic in the speeds, so it is zero
             return direct
         e = DIFFERENCE / speed
-        # P(y + k e v) v at four points; in so short a step, tau changes no speed
+        # second term, the fourth-order difference of P(y + k e v) v at four points k; in so short a step, tau changes no speed
         at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, before) for k in (-2, -1, 1, 2)}
         return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
 
@@ -72,6 +75,7 @@ class Accelerations:
             driven: index of a driven joint -> the speed that its motor reaches in the step.
         """
         self.world.set_step(step)
+        # Bullet's solver stops when the squared error of a velocity is as small as this rounding error squared
         self.world.set_residual((ROUNDING * max(1.0, float(np.abs(dy).max(initial=0.0)))) ** 2)
         self.world.put(y, dy)
         for joint, rate in driven.items():

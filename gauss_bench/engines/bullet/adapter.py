@@ -86,8 +86,8 @@ def step_through(
     Args:
         laws: index of a driven joint -> its motion law.
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
-            end of the stretch, or None. A force that jumps at the end of the stretch is evaluated no later than `last`, just before
-            the jump.
+            end of the stretch, or None. No force is evaluated later than `last`, a time just before the jump of a force at the end
+            of the stretch; infinite without a jump.
         samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
     """
     # forces that never change need no call of Python between the steps
@@ -149,7 +149,7 @@ class JointModel(TreeModel):
         world.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
-            """Return the gaps at a tree state y, dy (n,), and Bullet's accelerations there at t = 0."""
+            """Return the gaps of the loops and Bullet's accelerations at t = 0 and a tree state y, dy (n,)."""
             world.put(y, dy)
             gaps = world.gaps()  # before the step, which moves the links
             world.step(self.forces(0.0, y, dy).tolist())

@@ -49,7 +49,7 @@ class Joint:
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates; a branch that is not "free" makes one joint.
 
-    Bullet's frames of all links are parallel at y = 0; the links' own frames are turned against them by constant angles.
+    Bullet's frames of all links are parallel at y = 0; the links' own frames are rotated relative to Bullet's by constant angles.
     """
     angles = turning(tree).constants  # (links + 1,) [rad] of these constant angles; the ground's is the last, at index -1
     carriers = {GROUND: 0}  # link -> number of the joint that carries the link; numbers count from 1, and 0 is the base

@@ -1,12 +1,12 @@
 """Reasons why Bullet cannot model a linkage, and the forces that the adapter gives to Bullet.
 
-Bullet has no springs, and forgets every force after a step. So Python computes all forces at the beginning of each step, as users
-of PyBullet do, and gives them to Bullet as forces of the tree's joints:
+Bullet has no springs, and forgets every force after a step. Therefore the adapter computes all forces in Python at the beginning of
+each step, as users of PyBullet do, and applies them as forces and torques tau of the tree's joints:
 
     tau = constant - stiffness y - damping y' + V^T Q(q, v, t)
 
-V maps the rates of the tree coordinates y to absolute speeds, and Q are the forces that are not linear in y and y'. For a damper
-on a single joint, Bullet's own joint damping is used instead.
+Here V maps the rates y' of the tree coordinates y to absolute speeds, and Q are the forces that are not linear in y and y'. For a
+damper on a single joint, Bullet's own joint damping is used instead.
 """
 
 from dataclasses import replace

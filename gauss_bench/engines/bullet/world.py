@@ -69,14 +69,14 @@ class World:
         """Make a point of one link coincide with a point of another.
 
         Args:
-            a, b: Bullet's numbers of the body and of its link, for both links.
+            a, b: Bullet's index of the body, and index of the link in this body, for each of the two links.
             near, far: (3,) the points relative to the links' centres of mass, in Bullet's frames [m].
         """
         kind = self.pybullet.JOINT_POINT2POINT
         self.constraints.append(self._call(self.pybullet.createConstraint, *a, *b, kind, ORIGIN, near, far))
 
     def set_step(self, step: float) -> None:
-        """Set the length of a step [s], and with it the limit of forces, so that closures and motors may exert the same impulse."""
+        """Set the step size [s], and the limit of forces so that the largest impulse of closures and motors stays the same."""
         self.strongest = STRONGEST / step
         self._call(self.pybullet.setTimeStep, step)
         for constraint in self.constraints:

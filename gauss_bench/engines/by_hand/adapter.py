@@ -83,7 +83,7 @@ class ByHandModel(CompiledSteps):
         self._verify()
 
     def _verify(self) -> None:
-        """Compare the derived equations with the suite's, at the start and at two crank angles CHECKED before and after the start.
+        """Compare the equations derived by hand with the suite's, at the start and CHECKED [rad] before and after this angle.
 
         Each entry of `pairs` is (value, expected value, scale of the difference). The crank speeds 1 and -10 rad/s are arbitrary.
 
@@ -129,8 +129,9 @@ class ByHandModel(CompiledSteps):
         """
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         start_angles = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
-        # `_angles` gives angles up to multiples of 2 pi. `follow` tracks them continuously from the crank angle start[0][0] of the
-        # start, and `wind` adds the multiples of 2 pi that are missing.
+        # `_angles` gives exact angles up to multiples of 2 pi. `follow` returns approximate angles that are continuous from the
+        # crank angle start[0][0] at the start; `wind` adds to the exact angles the multiples of 2 pi that bring them nearest to
+        # these.
         unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start_angles))  # (k, 3)
         for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
             # the pin's point on the previous link is placed already; the pin's point on this link must coincide with it
@@ -139,9 +140,10 @@ class ByHandModel(CompiledSteps):
         return q
 
     def _angles(self, th: Array) -> Array:
-        """Return the angles (k, 3) [rad] of the links at crank angles (k,); those of the two other links up to whole turns."""
+        """Return the link angles (k, 3) [rad] at crank angles (k,); those of the two links after the crank up to whole turns."""
         lines, out = np.empty((len(th), 3)), np.zeros(2)
         for row, x in zip(lines, th, strict=True):
             self.code.library.line_angles(ctypes.c_double(x), ctypes.c_void_p(out.ctypes.data))
             row[:] = x, *out
+        # the C code gives the angles of the lines from pin to pin; loop.lines are the angles of these lines in the links' frames
         return lines - self.loop.lines

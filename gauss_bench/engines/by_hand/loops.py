@@ -145,7 +145,7 @@ def _second_link(mechanism: Mechanism, link: int, crank_pin: Point, line: Array)
 
 
 def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> dict[str, float]:
-    """Return the height of the slider's pin and the slider's mass.
+    """Return the height E [m] of the slider's pin and the slider's mass M3 [kg], by their names in the equations.
 
     Raises:
         Underived: the slide is not level, or not on the ground.
@@ -158,8 +158,8 @@ def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> di
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
     """Return the torque T and damping D on the crank, and K, C and X0 of the spring along x at the slider's pin.
 
-    K, C and X0 are the stiffness, damping and rest position of this spring; a four-bar (`slider` is None) has no such entries. Only
-    one spring may act, and its line must be horizontal within LEVEL.
+    K, C and X0 are the stiffness, damping and rest position of the slider's spring; a four-bar (`slider` is None) has none of the
+    three. Only one spring may act, and its line must be horizontal within LEVEL.
 
     Raises:
         Underived: another load acts.

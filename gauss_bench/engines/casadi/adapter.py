@@ -6,9 +6,10 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. The suite projects the state at every
-sample. After each projection the method starts again with order 1 and a small step, so it takes more steps. Multipliers and
-accelerations are left out of the error test, as the documentation of IDAS advises for algebraic variables beyond index 1.
+H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. The suite projects the state onto the
+constraints at every sample. After each projection the method starts again with order 1 and a small step, so it takes more steps.
+Multipliers and accelerations are left out of the error test, as the documentation of IDAS advises for algebraic variables beyond
+index 1.
 
 Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with constraints, J. Comput. Appl. Math.
 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
@@ -159,8 +160,8 @@ class CasadiModel:
     def _make_integrator(self, grid: list[float]) -> Any:
         """Return CasADi's integrator from time 0 that returns the states at the times `grid` [s], relative to the start.
 
-        Two cases give algebraic variables the tolerance LOOSE, as the comment there explains: stabilised index 2 (ggl), and IDAS
-        that starts again after every projection.
+        Algebraic variables get the absolute tolerance LOOSE (see its comment) in two cases: stabilised index 2 (ggl), and IDAS that
+        starts again after every projection.
         """
         relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
         options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
@@ -189,6 +190,7 @@ class CasadiModel:
 
     def run(self) -> None:
         """Integrate the whole run in one call, or from sample to sample with projection."""
+        # spans: lengths of the intervals between projections; both tables are empty if there is nothing to integrate
         if self.spans:
             self._run_with_projection()
         elif self.integrators:
@@ -207,7 +209,7 @@ class CasadiModel:
         """Return the states (k, 2n) at the k times of an integrator's grid, from the state x (2n,) at time t [s].
 
         Args:
-            span: key of the integrator.
+            span: key of the integrator in `integrators`.
 
         Raises:
             RunFailure: SUNDIALS gave up.

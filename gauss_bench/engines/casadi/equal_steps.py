@@ -2,7 +2,7 @@
 
 Users who want speed from CasADi write such steps, without an integrator of SUNDIALS. The accelerations are generated as C, and
 compiled together with the steps. If there is no C compiler, or if a variant asks for it, CasADi's virtual machine takes the steps.
-The note of a run names which of them was used.
+The note of a run names the method that took the steps.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ class EqualSteps(CompiledSteps):
 
     Attributes:
         plain: CasADi function (t, q, v) -> accelerations (n,) that are reported, without Baumgarte's terms.
-        used: CasADi function (t, q, v) -> accelerations (n,) that are integrated, with Baumgarte's terms if the setting has them.
+        integrated: CasADi function (t, q, v) -> accelerations (n,) that are integrated, with Baumgarte's terms if chosen.
         advance: function (q, v, t, size, count) that takes `count` steps of `size` [s] and overwrites q and v (n,).
     """
 
@@ -43,7 +43,7 @@ class EqualSteps(CompiledSteps):
         self.plain = casadi.Function("plain", [e.t, e.q, e.v], [solution(e)[0]])
         if choice.stabilization == "baumgarte":
             e = stabilize(e, options["baumgarte_alpha_beta_per_s"])
-        self.used = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
+        self.integrated = casadi.Function("used", [e.t, e.q, e.v], [solution(e)[0]])
         generated = options["code"] == GENERATED and compiler() is not None
         self.advance = self._compile_steps() if generated else self._interpret_steps()
         self.note = "CasADi's generated C" if generated else "CasADi's virtual machine"
@@ -53,12 +53,12 @@ class EqualSteps(CompiledSteps):
     def _compile_steps(self) -> Advance:
         """Return the function `advance`, compiled from generated C.
 
-        CasADi generates the C function `used` for the attribute `used`; its work arrays hold numbers (`work`) and integers
+        CasADi generates the C function `used` for the attribute `integrated`; its work arrays hold numbers (`work`) and integers
         (`whole`).
         """
         generator = self.ca.CodeGenerator("engine")
-        generator.add(self.used)
-        f, n = self.used, self.mechanism.n
+        generator.add(self.integrated)
+        f, n = self.integrated, self.mechanism.n
         call = f"""
 static void acceleration(double t, const double *q, const double *v, double *a)
 {{
@@ -96,7 +96,7 @@ static void acceleration(double t, const double *q, const double *v, double *a)
 
         def rate(x: Any) -> Any:
             """Return dx/dt = [v, a, 1]."""
-            return self.ca.vertcat(x[n : 2 * n], self.used(x[2 * n], x[:n], x[n : 2 * n]), 1)
+            return self.ca.vertcat(x[n : 2 * n], self.integrated(x[2 * n], x[:n], x[n : 2 * n]), 1)
 
         # the nodes are not needed, because x includes the time; 0 * x is the zero from which a sum of stages starts
         _, rows, weights = tableau(self.choice.integrator)

@@ -1,7 +1,7 @@
 """The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py`, evaluated with symbols instead of numbers.
 
-CasADi differentiates the motion laws. It could differentiate the constraints too, but the Jacobian and the bias of
-`mechanism/equations.py` take fewer instructions.
+CasADi differentiates the motion laws. CasADi could differentiate the constraints too, but evaluating the Jacobian and the bias of
+`mechanism/equations.py` takes fewer instructions.
 """
 
 from collections.abc import Sequence
@@ -82,6 +82,7 @@ def equations(mechanism: Mechanism) -> Equations:
     J, gamma = jacobian(every, n), stack([row.gamma for row in every])
     Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
     for i, link in enumerate(mechanism.links):
+        # the slots of a link are x, y and angle; gravity has no entry for the angle
         for k, g in zip(range(n)[slots(i)], mechanism.gravity, strict=False):
             Q[k] = link.mass * g
             potential -= link.mass * g * q[k]

@@ -48,7 +48,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     """Return a CasADi function (q, v) -> accelerations (n,) of the four-bar FOUR_BAR, in absolute coordinates x, y, angle per bar.
 
-    The function solves M a + J^T lambda = Q, J a = -(J v)' v, where CasADi computes the derivatives.
+    The function solves M a + J^T lambda = Q, J a = -(d(J v)/dq) v; CasADi computes the derivatives.
 
     Args:
         solver: CasADi's name of the linear solver.
@@ -74,10 +74,10 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
 
 
 def defaults() -> dict[str, str]:
-    """Return two kinds of facts about the installed release of CasADi, by name.
+    """Return name -> value of plugins and default options of the installed release of CasADi.
 
-    The name of an available plugin has the value "there". The name of an integrator and its option has the value "acts as X" if the
-    integrator behaves without the option as with the value X of ASSUMED, and otherwise "acts otherwise than X".
+    The name of an available plugin has the value "there". The name of an integrator and its option has the value "acts as X" if a
+    run without the option equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
     """
     import casadi as ca
 
@@ -98,8 +98,8 @@ def defaults() -> dict[str, str]:
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
     """Integrate van der Pol's oscillator; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    If a run without an option equals a run with the option set to a value, this value is the option's default. The documentation
-    that the library contains does not tell the defaults: in releases before 3.7 it describes options of much older releases.
+    Runs show the defaults of options: if a run without an option equals a run with the option set to a value, this value is the
+    default. CasADi's built-in documentation is of no use here: before release 3.7 it describes options of much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

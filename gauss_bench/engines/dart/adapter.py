@@ -72,8 +72,8 @@ class DartModel(TreeModel):
 
     Attributes:
         laws: index of a driven tree coordinate -> its motion law.
-        moving: the simulation world (`Built`) that runs step.
-        still: another equal world, in which accelerations at given states are measured.
+        moving: the simulation world (`Built`) that is stepped in a run.
+        still: an equal world, in which accelerations at given states are measured.
     """
 
     library = "DART"
@@ -154,10 +154,9 @@ class DartModel(TreeModel):
         return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at a tree state y, dy (n,), from the changes of rates over short steps.
+        """Return the accelerations (n,) of the closed loops at a tree state y, dy (n,), from changes of velocity over short steps.
 
-        DART computes accelerations only for trees without closures. So the accelerations of closed loops are measured as changes of
-        velocity over short steps.
+        DART itself computes accelerations only for trees without closures.
 
         Raises:
             RunFailure: DART prints a message.

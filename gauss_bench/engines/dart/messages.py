@@ -21,6 +21,7 @@ class Messages:
     """A context in which the process's standard streams go to a file; `check` raises a failure if something was printed."""
 
     def __enter__(self) -> "Messages":
+        """Redirect the standard output and error of the process, including those of C++ code, to a temporary file."""
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         self.file = tempfile.TemporaryFile()
@@ -30,16 +31,17 @@ class Messages:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Restore the output streams of the process, and close the file with the messages."""
         for stream, kept in zip(STREAMS, self.kept, strict=True):
             os.dup2(kept, stream)
             os.close(kept)
         self.file.close()
 
     def check(self) -> None:
-        """Check that nothing was printed.
+        """Check that DART printed nothing.
 
         Raises:
-            RunFailure: something was printed; the failure quotes the first line.
+            RunFailure: DART printed a message; the failure quotes its first line.
         """
         if os.fstat(self.file.fileno()).st_size:
             first = os.pread(self.file.fileno(), FIRST, 0).decode(errors="replace").strip().partition("\n")[0]

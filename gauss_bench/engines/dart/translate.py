@@ -78,7 +78,7 @@ class Built:
         return np.asarray(self.skeleton.getVelocities()[self.order])
 
     def restart(self, constraint: Any) -> None:
-        """Put the world into its start, with new closures, which remember no earlier impulse.
+        """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run.
 
         Trap: a closure connects the points that coincide when it is made, so it must be made at the start.
 

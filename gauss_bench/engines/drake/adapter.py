@@ -5,9 +5,9 @@ Only the solver SAP of discrete plants handles constraints. A continuous plant a
 evaluation; so loops of continuous plants are closed by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its
 near-rigid threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
 
-A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. The accelerations at such a
-state are therefore those of the open tree. In a simulated motion, the accelerations approach those of the linkage with exactly
-closed loops only after some periods of the bushing's vibration.
+A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. Drake's accelerations at a state
+with exactly closed loops are therefore those of the tree without closures. In a simulated motion, the accelerations approach those
+of the linkage with exactly closed loops only after some periods of the bushing's vibration.
 
 Before Drake's tree is used, its accelerations are compared with those that the suite computes, at states at which loops are open.
 """
@@ -126,7 +126,7 @@ class DrakeModel(TreeModel):
         return OpenModel(gaps(open_tree.built, open_tree.context), accelerations=accelerations)
 
     def _runner(self, size: float) -> Runner:
-        """Return the simulation that takes steps of `size` [s]; a discrete plant is built on the first call with its step size."""
+        """Return the simulation that takes steps of `size` [s]; a discrete plant is built at the first call for each step size."""
         if self.continuous:
             return self.continuous  # a continuous plant serves for all step sizes
         key = round(size, 15)  # two sizes that differ only by rounding share one plant
@@ -205,12 +205,12 @@ class DrakeModel(TreeModel):
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
 
-        If constraints close the loops, the accelerations at a sample are those that Drake reports there for a step of the run's
-        step size. The steps of a run leave small gaps in the loops, and the next step closes a part of each gap. The shorter steps
-        of `tree_acceleration` would close this part in a shorter time, so that the accelerations would contain a fast motion that
-        the run does not have. The first sample has no gap, so `tree_acceleration` serves there.
+        If ball constraints close the loops, the accelerations at a sample are those that Drake reports there for a step of the
+        run's step size. The steps of a run leave small gaps in the loops, and the next step closes a part of each gap. The shorter
+        steps of `tree_acceleration` would close the same part of a gap in a shorter time, so that the accelerations would contain a
+        fast motion that the run does not have. At the first sample the loops have no gaps, so `tree_acceleration` is used there.
         """
-        if self.closure.kind != BALL:
+        if self.closure.kind != BALL:  # no closures, or bushings
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         # index of a sample -> the simulation that took the steps to this sample; and simulation -> evaluator of its plant

@@ -66,7 +66,8 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
 
 
 def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
-    """Return the statements that set the integrator of a continuous plant; if `accuracy` is given, it chooses its own steps."""
+    """Return the statements that set the integrator of a continuous plant; given `accuracy`, the integrator chooses its steps."""
+    # program text of the fixed step size, or of the largest step
     longest = "step" if accuracy is None else LONGEST_STEP
     lines = [
         f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",

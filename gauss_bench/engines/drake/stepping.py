@@ -22,9 +22,10 @@ class Stepper:
     """A plant that is evaluated at given states and takes steps from them."""
 
     def __init__(self, built: Built):
-        """Make a context, Drake's object for a state, of the plant."""
+        """Make a context for steps of the plant; a context is Drake's object that holds a state."""
         self.built = built
         self.length = float(built.plant.time_step())  # [s]; 0 of a continuous plant
+        # context of the whole diagram, and the part of it that belongs to the plant
         self.root = built.system.CreateDefaultContext()
         self.context = built.connect(self.root)
 
@@ -47,7 +48,7 @@ class Stepper:
 
 
 class Runner:
-    """A simulation of a discrete plant, whose steps have one length."""
+    """A simulation of a discrete plant (Drake's multibody model), with equal time steps."""
 
     def __init__(self, drake: Any, built: Built):
         """Make a simulator of the plant."""
@@ -132,10 +133,9 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
 
 
 def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) extrapolated to step size zero, and how much it changes without the shortest step size.
+    """Return the acceleration (n,) extrapolated to step size zero from the results of all steppers, and its uncertainty.
 
-    The acceleration is extrapolated from the results of all steppers. The second value is the largest change of one of its
-    components if the result of the shortest step size is left out.
+    The uncertainty is the largest change of a component of the acceleration if the result of the shortest step size is left out.
 
     Args:
         steppers: one for each step size, the longest first; each takes SETTLING steps from the tree state y, dy (n,).

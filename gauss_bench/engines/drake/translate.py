@@ -14,7 +14,7 @@ the left becomes the element or input of Drake on the right:
     damper on one tree coordinate:                 damping of the coordinate's joint
     spring and damper between points:              LinearSpringDamper, whose free length must be positive
     force at a point, fixed in the world:          input port of spatial forces
-    force at a point, fixed in the point's link:   Propeller without a moment
+    force at a point, fixed in the point's link:   Propeller with thrust but no moment
 
 Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A constrained
 point of the ground is therefore a point of a body that is welded to the world.
@@ -53,13 +53,13 @@ def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
     if reason := refuse_load(load, turns, "Drake"):
         return reason
     match load:
-        case OnJoints(row, k=k, c=c, name=name):
+        case OnJoints(row, k=k, c=c, name=name):  # spring and damper on the sum row . y of tree coordinates y
             if k < 0 or c < 0:
                 return f"Drake has no spring or damper with a negative constant ({name})"
             if k and row.any() and branch_of(tree, int(np.flatnonzero(row)[0])).kind == "free":
                 return f"Drake has no spring on a coordinate of a link that no joint carries ({name})"
         case OtherLoad(name, Law() as law):
-            if law.bias or law.rest <= 0:
+            if law.bias or law.rest <= 0:  # a constant force `bias` moves the free length
                 return f"Drake's spring between points needs a positive free length ({name})"
             if law.k < 0 or law.c < 0:
                 return f"Drake has no spring or damper with a negative constant ({name})"
@@ -73,7 +73,7 @@ def branch_of(tree: Tree, at: int) -> Branch:
 
 @dataclass(frozen=True)
 class Closure:
-    """How the pins that the tree leaves open are closed.
+    """How the pins that are no joints of the spanning tree are closed.
 
     Attributes:
         kind: kind of the elements that close pins: BALL, BUSHING or OPEN (no elements).
@@ -86,7 +86,7 @@ class Closure:
     damping_ratio: float = 0.0
 
     def constants(self, mass: float) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m] with which a mass [kg] on a bushing vibrates with the period and damping."""
+        """Return stiffness [N/m] and damping [N s/m] of a bushing on which a mass [kg] has `period` and `damping_ratio`."""
         frequency = 2 * np.pi / self.period  # [rad/s]
         return mass * frequency**2, 2 * self.damping_ratio * mass * frequency
 
@@ -211,6 +211,7 @@ class Builder:
         for at, damping in self.dampings.items():
             if damping.any():
                 self.joints[at].set_default_damping_vector(damping)
+        # frames of the closing pins; like bodies, they must be added before Finalize
         pins = [((self._frame(a), self._vector(a)), (self._frame(b), self._vector(b))) for a, b in closing_pins(self.tree)]
         if closure.kind == BALL:
             self._add_balls()
@@ -240,13 +241,13 @@ class Builder:
         return Built(self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, wind_port, thrust_port)
 
     def _add_propellers(self, port: Any) -> tuple[Any, Any, Any]:
-        """Return a Drake diagram of the plant and the propellers, the diagram's input port for winds, and the one for thrusts.
+        """Return a Drake diagram of the plant and its propellers, and the diagram's input ports for winds and for thrusts.
 
-        A wind is a force whose direction is fixed in the world. A thrust is a force whose direction is fixed in its link; a
-        propeller exerts it.
+        A wind is a force whose direction is fixed in the world. A thrust is a force whose direction is fixed in its link; Drake's
+        system Propeller exerts it.
 
         Args:
-            port: the plant's input port for forces at points; the diagram passes winds and thrusts to it together.
+            port: the plant's input port for forces at points; the diagram combines winds and thrusts for this port.
         """
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
@@ -289,7 +290,13 @@ class Builder:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load to the plant; store a load that enters the plant through an input port during the run."""
+        """Add the elements of a load to the plant; store a load that enters the plant through an input port during the run.
+
+        All other loads were refused by `load_refusal`.
+
+        Args:
+            turns: the links' angles in terms of the tree coordinates.
+        """
         match load:
             case Steady():
                 self.forces += load.value * load.force
@@ -335,16 +342,17 @@ class Builder:
         return self.drake.plant.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0)
 
     def _add_balls(self) -> None:
-        """Close the open pins by ball constraints; a body that is welded to the world stands for the ground."""
+        """Close the pins that are not in the tree by ball constraints; a body that is welded to the world stands for the ground."""
         holders, pairs = dict(self.bodies), closing_pins(self.tree)
         if any(GROUND in (a.link, b.link) for a, b in pairs):
+            # mass and inertia have no effect, because the body does not move
             holders[GROUND] = self._add_body("ground", 1.0, 1.0)
             self.plant.WeldFrames(self.plant.world_frame(), holders[GROUND].body_frame())
         for a, b in pairs:
             self.plant.AddBallConstraint(holders[a.link], self._vector(a), holders[b.link], self._vector(b))
 
     def _add_bushings(self, closure: Closure) -> None:
-        """Close the open pins by bushings with the same stiffness and damping in all directions, and without torques."""
+        """Close the pins outside the tree by bushings with equal stiffness and damping in all directions, and without torques."""
         twist = np.zeros(3)
         for (a, b), mass in zip(closing_pins(self.tree), self._pin_masses(), strict=True):
             ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
@@ -354,8 +362,9 @@ class Builder:
     def _pin_masses(self) -> list[float]:
         """List for each closing pin its least effective mass [kg] at the start, when the loops are open.
 
-        Two opposite forces along a line act on the two ends of the pin. The effective mass is the force divided by the relative
-        acceleration of the ends along this line; the least mass is that in the direction in which this quotient is least.
+        Opposite forces of the same size act along a line on the two points that the pin joins. The effective mass in the direction
+        of the line is the force divided by the points' relative acceleration along it; the least effective mass is the smallest
+        over all directions.
         """
         tree = self.tree
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
@@ -368,13 +377,13 @@ class Builder:
 
 
 def least_mass(J: Array, M: Array) -> float:
-    """Return the least effective mass [kg] of a gap, the vector between the two ends of an open pin.
+    """Return the least effective mass [kg] of a gap, the vector between the two points that a closing pin joins.
 
-    The effective mass in a direction is the force on the two ends divided by the acceleration of the gap. The inverse of the least
-    effective mass is the largest eigenvalue of J M^-1 J^T.
+    The effective mass in a direction is the force on the two points divided by the acceleration of the gap. The inverse of the
+    least effective mass is the largest eigenvalue of J M^-1 J^T.
 
     Args:
-        J: (2, n) Jacobian of the gap by the tree coordinates.
+        J: (2, n) Jacobian of the gap with respect to the tree coordinates.
         M: (n, n) mass matrix of the open tree.
     """
     return float(1 / np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T)).max())

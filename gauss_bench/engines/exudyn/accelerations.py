@@ -2,9 +2,9 @@
 
 M is the mass matrix, f the applied forces, C the constraints and C_q their Jacobian. Two classes compute accelerations:
 
-    BuiltIn:   It takes the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
+    BuiltIn:   uses the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
                by one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout:   It reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This module computes
+    Readout:   reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This class computes
                the rate of C_q by fourth-order differences along v, adds the second derivatives of motion laws, and solves the
                system [M C_q^T; C_q 0].
 """
@@ -67,8 +67,8 @@ class Readout:
         """Return Exudyn's constraint Jacobian C_q (m, n) at q (n,)."""
         self.system.mbs.systemData.SetODE2Coordinates(q - self.system.mechanism.q0, self.current)
         self.solver.SetSystemJacobian(np.zeros((self.n + self.m,) * 2))  # Exudyn adds to the matrix that is there
-        # factors: 1 for derivatives by positions, 0 for those by speeds, 1 for those by first-order coordinates, which do not exist
-        # here; False: of the constraints on positions
+        # the factors 1, 0, 1 select derivatives with respect to positions, not to velocities, and to first-order coordinates, which
+        # do not exist here; False: the constraints are those on positions
         self.solver.ComputeJacobianAE(self.system.mbs, 1.0, 0.0, 1.0, False)
         return np.array(self.solver.GetSystemJacobian())[self.n :, : self.n]
 

@@ -2,11 +2,11 @@
 
 The adapter is written for the newest release. Releases before 1.12 differ as follows:
 
-    errors:         Exudyn raises exceptions of Python's own classes.
+    errors:         Exudyn raises Python's built-in exceptions.
     console:        The function SetWriteToConsole keeps Exudyn from printing.
     settings:       The settings are named solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings.
-    integrator:     It is an argument of SolveDynamic. Flags of generalized-alpha select Newmark's method and index 2.
-    gaps:           They are computed with the whole residual, because ComputeAlgebraicEquations writes beyond the array's end.
+    integrator:     The solver is an argument of SolveDynamic. Flags of generalized-alpha select Newmark's method and index 2.
+    gaps:           Loop gaps are read from the whole residual, because ComputeAlgebraicEquations writes beyond the array's end.
     log:            Exudyn flushes the log file line by line only since release 1.10.
     bodies:         The arguments for mass and inertia have the prefix `physics`.
 
@@ -113,7 +113,7 @@ def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) 
     """
     try:
         return kind(mass=mass, inertia=inertia, nodeNumber=node)
-    except TypeError:
+    except TypeError:  # a release before 1.12
         return kind(physicsMass=mass, physicsInertia=inertia, nodeNumber=node)
 
 

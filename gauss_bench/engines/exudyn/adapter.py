@@ -44,7 +44,8 @@ FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the 
 def library() -> tuple[Any, Any]:
     """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console.
 
-    Exudyn has a fast module without range checks. The flag that selects it must be set before the first import.
+    Exudyn has a fast module without range checks. The attribute of `sys` that selects this module must be set before the first
+    import.
     """
     if not hasattr(sys, "exudynFast"):
         setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
@@ -87,7 +88,7 @@ class Exudyn(LibraryEngine, file=VARIANTS):
 
 
 def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
-    """Return Exudyn's simulation settings for a choice; a run adds times and numbers of steps."""
+    """Return Exudyn's simulation settings for a choice; each run sets the start, the end and the number of steps."""
     options = VARIANTS.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
@@ -126,7 +127,7 @@ class Log:
     """A log file for Exudyn's output, which is searched for warnings after a run: Exudyn raises no warnings in Python."""
 
     def __init__(self, exu: Any) -> None:
-        """Take Exudyn's module; `open` makes a file."""
+        """Store Exudyn's module; `open` makes the log file."""
         self.exu = exu
         self.file: IO[str] | None = None
 
@@ -200,8 +201,10 @@ class ExudynModel:
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
-        # One call of the solver if all steps have the same size and no force jumps; Stretch has begin, steps, size, last and row.
-        # Otherwise one call for each sample and each jump, because all steps of a call are equal, and a call must end at a jump.
+        # One call of the solver if all steps have the same size and no force jumps (`kinks` are the times of jumps). Otherwise one
+        # call for each sample and each jump, because all steps of a call are equal, and a call must end at a jump. Stretch has the
+        # begin [s], number of steps, their size [s], the latest time of evaluating forces [s], and the index of the sample at its
+        # end.
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
             self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
@@ -237,8 +240,8 @@ class ExudynModel:
     def _register_samples(self) -> None:
         """If one call of the solver covers several samples, make Exudyn call a Python function after each step.
 
-        This function stores the samples, except the first one and the last one. Otherwise no function is registered, so that no
-        time is lost by calls of Python.
+        This function stores the samples, except the first one and the last one. If there are no samples in between, no function is
+        registered, so that no time is lost by calls of Python.
         """
         if len(self.solver_runs) != 1 or len(self.times) == 2:  # two samples are the start and the end
             across_releases.call_after_steps(self.system.mbs, 0)  # 0: no function
@@ -303,7 +306,7 @@ class ExudynModel:
     def _restart(self, part: Stretch) -> None:
         """Replace the accelerations at the end of a stretch, where forces jump, by those after the jump.
 
-        Exudyn starts the next stretch from these accelerations. If a sample is taken at this time, it gets them too.
+        Exudyn starts the next stretch from the accelerations after the jump. A sample at the time of the jump also gets them.
         """
         data = self.system.mbs.systemData
         q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())

@@ -1,13 +1,14 @@
 """A linkage as Exudyn items, and the reasons why some forces have no exact counterpart among them.
 
 Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Pins and slides are
-ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal n of a slide from its second marker. So the block has the
-first marker and the guide the second, and both rows are those of the linkage with the opposite sign:
+ObjectJointRevolute2D and ObjectJointPrismatic2D. Exudyn takes the normal n of a slide from its second marker. Therefore the first
+marker is on the block b and the second on the guide g, and both constraint rows of the slide have the opposite sign of the
+linkage's rows:
 
-    (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        u_b: direction of the line in the block's frame
+    (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        p: points on the line, R_b u_b: direction of the line
 
 Trap: if the axis of a force moves with a link, Exudyn applies the reaction, the opposite force, at the marker of the axis' origin.
-The reaction then lacks a torque on this link, unless the point of the force lies on the axis through the origin. If a slide between
+The link with the axis then lacks a torque, unless the force acts along the axis through the origin. If a slide between
 the two links keeps the point at a fixed distance from the axis, the adapter moves the marker sideways by this distance, and the
 force law is exact. Otherwise the mechanism is refused.
 
@@ -58,7 +59,7 @@ COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
-    if factor := factor_of(force):  # the force varies; `share` of it acts while its point moves against it
+    if factor := factor_of(force):  # a varying force; share: fraction of it that acts on a point that moves against the force
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
@@ -112,7 +113,7 @@ class System:
                 self._add_point_force(load)
             else:
                 self._add_law(load)
-        self.last = np.inf
+        self.last = np.inf  # latest time [s] at which forces are evaluated; every part of a run sets this time
         for force in mechanism.varying:
             self._add_varying_force(force)
         self.mbs.Assemble()
@@ -190,7 +191,7 @@ class System:
     def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
         """Return the user functions of the constraint x(q) - law(t) = 0 and of its Jacobian.
 
-        Exudyn calls each with one list of the coordinates of both links that the driver joins, without those of the ground.
+        Exudyn calls each user function with one list of the coordinates of both links that the driver joins; the ground has none.
         """
         coordinate, law = driver.coordinate, driver.law
         links = [point.link for point in span(driver) if point.link != GROUND]
@@ -232,8 +233,9 @@ class System:
                 def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
                     """Return the torque [N m] with Exudyn's sign: a positive torque reduces the angle between the markers.
 
-                    Exudyn passes the angle `turned` [rad] between the markers, and its rate `turning` [rad/s]. The factor depends
-                    on the rate, counted in the direction of the torque. The other arguments are not used.
+                    Exudyn passes the angle `turned` [rad] between the markers, and its rate `turning` [rad/s]. The torque is
+                    `value` times a factor that depends on the time, and on the rate, counted positive in the direction of the
+                    torque. The other arguments are not used.
                     """
                     return -value * float(factor(min(t, self.last), np.sign(value) * turning))
 
@@ -279,7 +281,7 @@ class System:
         """Add a constant force.
 
         A force whose direction is fixed in a third link becomes a connector between the third link and the point on which the force
-        acts. The connector also exerts a reaction on the third link, and an additional load cancels this reaction.
+        acts. The connector also exerts the reaction of the force on the third link, which an additional load cancels.
         """
         size, items = float(np.linalg.norm(f.value)), self.items
         if f.point.link == GROUND or size == 0:
@@ -320,7 +322,7 @@ class System:
         """Add a force law along an axis.
 
         A law along x or y of the world becomes a Cartesian spring, which is cheaper but has no constant force. The stiffness of
-        this spring across the axis is zero. Every other law becomes a linear spring.
+        this spring across the axis is zero. A law along any other axis, or with a constant force, becomes a linear spring.
         """
         origin, point, u, items = along.origin, along.point, unit(along.angle, along.across), self.items
         along_x_or_y = origin.link == GROUND and np.abs(u).min() < PARALLEL
@@ -333,7 +335,7 @@ class System:
                 offset=spatial(law.rest * u.round()),
             )
         else:
-            # the reaction acts at the foot, the point abreast of the origin on the line along the axis through `point`
+            # the reaction acts at the foot of the perpendicular from the origin to the line through `point` parallel to the axis
             foot = origin.local + self._lateral_distance(along) * np.array([-u[1], u[0]])
             spring = items.ObjectConnectorLinearSpringDamper(
                 markerNumbers=[self._mark_frame(origin.link, foot), self._mark_frame(point.link, point.local)],
@@ -348,8 +350,8 @@ class System:
     def _lateral_distance(self, along: Along) -> float:
         """Return the signed distance [m] of the point from the axis at the start, positive to the left of the axis.
 
-        If the axis moves with a link, a slide joint keeps the distance of the point from the axis constant. The axis is at
-        `along.angle`, or a quarter turn to the left of it if `along.across`.
+        If the axis moves with a link, a slide joint keeps the distance of the point from the axis constant. The direction of the
+        axis is `along.angle`, plus a quarter turn if `along.across`.
         """
         left = along.angle + (np.pi if along.across else np.pi / 2)
         return float(value(Along(along.origin, along.point, left), self.mechanism.q0))

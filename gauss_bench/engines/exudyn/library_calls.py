@@ -19,7 +19,7 @@ STEPS = 20  # steps in one call
 def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
     """Return a `LibraryCall` that takes STEPS steps from the mechanism's start.
 
-    The accelerations of the `LibraryCall`, by which it is checked, are those that Exudyn computes at the state q, v (n,).
+    The `LibraryCall` is checked by the accelerations that Exudyn computes at the state q, v (n,).
     """
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse

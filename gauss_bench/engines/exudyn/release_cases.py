@@ -1,4 +1,4 @@
-"""Cases by which Exudyn's releases are compared besides the adapter's runs: joints that the adapter does not use, and the defaults.
+"""Cases that compare Exudyn's releases beyond the adapter's runs: joints that the adapter does not use, and default settings.
 
 The bars are planar rigid bodies whose loop is closed by a constraint of constant distance, or spatial rigid bodies whose loop is
 closed by a spatial joint. The accelerations that are compared are those that Exudyn computes at the start of a run.
@@ -68,6 +68,7 @@ def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, clo
     mbs.Assemble()
     solver = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
+    # with this flag, the next call computes the accelerations
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
     solver.InitializeSolverInitialConditions(mbs, settings)
     a = np.array(mbs.systemData.GetODE2Coordinates_tt())
@@ -123,7 +124,7 @@ def weigh(mbs: Any, items: Any, body: Any) -> None:
 
 
 def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
-    """Add a marker of a kind at a point of a bar, `at` [m] from its centre of mass, and return it."""
+    """Add a marker of the class `kind` at a point of a bar, `at` [m] from its centre of mass, and return it."""
     return mbs.AddMarker(kind(bodyNumber=body, localPosition=[at, 0.0, 0.0]))
 
 
@@ -148,8 +149,8 @@ def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, 
     """Yield the path and the value of every number, flag and word of settings.
 
     Args:
-        place: path of these settings.
-        depth: number of further levels of settings that are read.
+        place: path of `settings` below the top level, such as "timeIntegration."; the beginning of every path that is yielded.
+        depth: number of nested levels of settings that are read.
     """
     for name in dir(settings):
         if name.startswith("_"):

@@ -1,12 +1,12 @@
 """The engine `minimal`: the equation of motion of a linkage with one degree of freedom, in one independent coordinate.
 
 Before a dead centre is reached, another independent coordinate replaces this one. The positions of the links follow from the
-coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two positions; the choice for all dyads is the
-branch of the linkage. The opening of a dyad tells how far the dyad is from its dead centre, where the opening is zero and the
-coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away from their
-dead centres during the whole motion. If there is no such coordinate, steps are taken in one coordinate until the opening of one of
-its dyads falls below `least`. From there the motion is integrated in another coordinate, the one whose dyads are farthest from
-their dead centres, on the branch that the linkage is on.
+independent coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two positions; the choice for all
+dyads is the branch of the linkage. The opening of a dyad tells how far the dyad is from its dead centre, where the opening is zero
+and the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away from
+their dead centres during the whole motion. If no coordinate avoids all dead centres, steps are taken in one coordinate until the
+opening of one of its dyads falls below `least`. From there the motion is integrated in another coordinate, the one whose dyads are
+farthest from their dead centres, on the branch that the linkage is on.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ CHECKED = 4  # number of states at which a generated equation is compared with t
 
 
 class Key(NamedTuple):
-    """What one equation of motion is for: an independent coordinate, and a branch of the linkage.
+    """The key of an equation of motion: the independent coordinate and the branch of the linkage to which the equation applies.
 
     Attributes:
         way: index in `MinimalModel.ways` of the independent coordinate.
@@ -76,7 +76,7 @@ class Minimal:
         """Return the reason why one coordinate cannot describe a mechanism, or None if it can."""
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
-        try:
+        try:  # only the exception matters: NoWay has the reason why dyads do not reach all links
             ways(mechanism)
         except NoWay as reason:
             return str(reason)
@@ -95,7 +95,8 @@ class Segment:
     """The part of a run that was integrated by one equation, that is, in one independent coordinate on one branch.
 
     Attributes:
-        row: index of the first sample in `states`.
+        equation: equation of motion in this coordinate, on this branch.
+        row: index in the run's samples of the first row of `states`.
         start: (2n,) state at the beginning of the segment.
         states: (k, 2n) states at the samples.
         end: (2n,) state at the end of the segment.
@@ -110,7 +111,7 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Poses, velocities and accelerations of the links at k states of one equation.
+    """Poses, velocities and accelerations of the links at k states that are given in the variables of one equation of motion.
 
     Attributes:
         places: (k, links, 2) centres of mass [m].
@@ -150,18 +151,18 @@ class MinimalModel:
     """The model of a linkage with one independent coordinate, which another coordinate may replace during a run.
 
     A way is one choice of the independent coordinate, with the dyads (pairs of links) by which the positions of the other links
-    follow. A dyad can be assembled in two positions, which a sign distinguishes; the signs of all dyads are the branch. The opening
-    of a dyad measures its distance from its dead centre; it is zero at the dead centre and 1 at most. Each equation belongs to one
-    way on one branch, and a `Key` names both.
+    follow. A dyad can be assembled in two positions, which a sign distinguishes; the signs of all dyads define the branch of the
+    linkage. The opening of a dyad measures its distance from its dead centre; it is zero at the dead centre and 1 at most. Each
+    equation of motion is valid for one way and one branch, and a `Key` names both.
 
     Attributes:
         ways: the possible choices of the independent coordinate.
         walk: sampled states of the linkage's motion.
         scales: for each way an array (dyads,) by which the openings are divided, so that the largest is 1.
         signs: for each way the signs (states, dyads) of the openings at the sampled states.
-        open: (ways, states) smallest opening of the dyads of each way at each sampled state.
+        open: (ways, states) smallest opening of the dyads of each way at each sampled state, after division by `scales`.
         steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
-        least: opening of a dyad below which the coordinate is not used.
+        least: a way is not used at states at which the opening of one of its dyads is below this number.
         equations: key -> equation of motion, for the keys needed so far.
         evaluators: key -> compiled function that returns the motion of the links (`Equation.motion`).
         machines: key -> compiled code that takes steps.
@@ -186,9 +187,9 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
-        # smallest opening during the motion if the coordinate with the largest openings is used at each state
+        # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest
         best_opening = float(self.open.max(axis=0).min())
-        # the half of it, so that at a state at which one coordinate reaches `least`, another one has larger openings
+        # `least` is at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
@@ -197,7 +198,7 @@ class MinimalModel:
         self._verify()
 
     def _choose_first(self) -> Key:
-        """Return the key of the coordinate and branch with which a run starts.
+        """Return the key of the equation (independent coordinate and branch) with which a run starts.
 
         If some coordinates serve for the whole motion (`steady`), the one with the cheapest program is chosen. Otherwise the
         coordinate is chosen whose smallest opening of a dyad (distance from a dead centre) is largest at the start.
@@ -208,18 +209,19 @@ class MinimalModel:
         return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
 
     def _states_on_branch(self, key: Key) -> NDArray[np.intp]:
-        """Return the indices of the sampled states on a key's branch at which the openings of all its dyads are above `least`."""
+        """Return the indices of the sampled states on the branch of a key at which all openings of dyads are above `least`."""
         return np.flatnonzero((self.signs[key.way] == key.signs).all(axis=1) & (self.open[key.way] > self.least))
 
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
         """Return the equation of motion for a key (coordinate and branch); it is derived at the first call and then stored.
 
-        Expressions of the equation are tested at sampled states of the motion that lie on the key's branch, far from dead centres,
-        and also at the position q (n,) if one is given.
+        Expressions of the equation are tested at sampled states of the motion (`walk`) on the branch that the key names, far from
+        dead centres, and also at the position q (n,) if one is given.
         """
         if key not in self.equations:
             on = self._states_on_branch(key)
-            # Take the half of the states that is farthest from dead centres, in the order of the walk.
+            # Take the half of the states whose smallest opening is largest (farthest from dead centres), in the order of the
+            # motion.
             best = sorted(on[np.argsort(-self.open[key.way][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
             least = self.least * self.scales[key.way]
@@ -227,13 +229,13 @@ class MinimalModel:
         return self.equations[key]
 
     def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return a compiled function of a state (2n,) in the equation's variables; it returns the results of `Equation.motion`."""
+        """Return the function `Equation.motion` of a key's equation, compiled as a function of a state (2n,) in its variables."""
         if key not in self.evaluators:
             self.evaluators[key] = compile_function(self._equation(key).motion)
         return self.evaluators[key]
 
     def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the machine code that integrates an equation, compiled by the first call."""
+        """Return the machine code that integrates the equation of a key, compiled by the first call (for q see `_equation`)."""
         if key not in self.machines:
             self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
         return self.machines[key]
@@ -241,8 +243,8 @@ class MinimalModel:
     def _openings(self, at: Links) -> dict[Key, float]:
         """Return for every choice of the coordinate the smallest opening of its dyads at one state of the links.
 
-        An opening is the distance of a dyad from its dead centre. A key of the result has the coordinate and the signs of the
-        openings, that is, the branch that the links are on.
+        An opening measures the distance of a dyad from its dead centre. A key of the result has the coordinate and the signs of the
+        openings, which tell the branch that the links are on.
         """
         smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
@@ -251,13 +253,13 @@ class MinimalModel:
         return smallest
 
     def _verify(self) -> None:
-        """Compare the first equation's motion with the linkage and Gauss's principle at a few states.
+        """Compare q, v, a by the first equation with the linkage's q, v, and a by Gauss's principle, at a few states of `walk`.
 
         Raises:
             RunFailure: positions, speeds or accelerations differ.
         """
-        evaluator, on = Evaluator(self.mechanism), self._states_on_branch(self.first)
-        for row in on[:: max(1, len(on) // CHECKED)]:
+        evaluator, rows = Evaluator(self.mechanism), self._states_on_branch(self.first)
+        for row in rows[:: max(1, len(rows) // CHECKED)]:
             q, v = self.walk.q[row], self.walk.v[row]
             a = gauss(evaluator.terms(0.0, q, v)).a
             own_q, own_v, own_a = self._derive(self.first, q, v)
@@ -265,11 +267,11 @@ class MinimalModel:
             require_agreement(pairs, AGREEMENT)
 
     def _state(self, equation: Equation, q: Array, v: Array) -> Array:
-        """Return the state (2n,) in the variables of an equation that belongs to a state q, v (n,) of the linkage."""
+        """Convert a state q, v (n,) of the linkage to the state (2n,) in the variables of an equation of motion."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q, v, a (n,) of all links that an equation computes from the coordinate and its rate at the state q, v (n,)."""
+        """Return q, v, a (n,) of all links by a key's equation, from its coordinate and this coordinate's rate at q, v (n,)."""
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
         if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
@@ -316,7 +318,8 @@ class MinimalModel:
     def run(self) -> None:
         """Integrate the parts of the run one after another, and store each result as a `Segment`.
 
-        A part has steps of one size, and the same number of them between samples. The reason of a failure is stored in `failure`.
+        A part is an interval with steps of one size, and the same number of steps between all samples. If the run ends early, the
+        reason is stored in `failure`.
         """
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
@@ -367,11 +370,11 @@ class MinimalModel:
                 self._change(t, course.taken)
 
     def _change(self, t: float, steps_taken: int) -> None:
-        """Replace the coordinate at time t [s] by the one with the largest openings that has not failed at this state.
+        """Replace the coordinate at time t [s] by the one that is farthest from dead centres and has not failed at this state.
 
         Args:
-            steps_taken: number of steps taken since the coordinate was last changed. If this number is 0, the state is still that
-                of the last change, so the coordinates that failed at this state remain excluded.
+            steps_taken: number of steps taken since another coordinate was last chosen. If this number is 0, the state is still
+                that of the last change, so the coordinates that failed at this state remain excluded.
         """
         machine = self.machines[self.now]
         self.tried = {self.now} if steps_taken else self.tried | {self.now}
@@ -401,12 +404,12 @@ class MinimalModel:
         return Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
 
     def _name(self, equation: Equation) -> str:
-        """Return the name of an equation's coordinate for the note."""
+        """Return the name of an equation's independent coordinate, for the note of a run."""
         way = equation.way
         return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate angles (k, links) [rad], with whole turns counted, at values `at` (k,) of the coordinate.
+        """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate.
 
         The angles are tracked continuously along a segment, from the angles (links,) at its start.
         """

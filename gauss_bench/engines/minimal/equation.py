@@ -2,25 +2,25 @@
 
 Links and points have a position, and the first and second derivatives of this position with respect to q, which primes denote.
 Vectors of the plane are also written as complex numbers. A link has the direction e = exp(i theta), omega = theta' and
-alpha = theta''. The point p of a link at the vector r from a point p0 of the link has
+alpha = theta''. Let the point p of a link be at the vector r from a point p0 of the same link. Then
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
-so that the velocity of the point is p' q' and its acceleration is p' q'' + p'' q'^2. The kinetic energy is m(q) q'^2 / 2, and
-Lagrange's equation is
+Only for q itself, primes denote derivatives by time: the velocity of p is p' q', its acceleration p' q'' + p'' q'^2. The kinetic
+energy is m(q) q'^2 / 2, and Lagrange's equation is
 
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
 Here M and I are the mass and the moment of inertia of a link, p is its centre of mass, and Q is the power of the loads at q' = 1.
 
-The mass of a link with two pins A and B is replaced by point masses at these pins and a moment of inertia. Neighbouring links share
-the pins, so this saves operations. With s = B - A, r = |s|, and the link's centre of mass at A + kappa s, where kappa = k + i j,
+The mass of a link with two pins A and B is replaced by point masses at these pins and a moment of inertia. This saves operations,
+because neighbouring links share the pins. With s = B - A, r = |s|, and the link's centre of mass at A + kappa s, kappa = k + i j,
 
     M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s
 
-A dyad is a pair of links. Its position follows from elementary geometry, with one square root. The derivatives of its position
-follow from two linear equations whose determinant is this root again, so the root also measures how far the dyad is from its dead
-centre.
+A dyad is a pair of links. The positions of both links follow from elementary geometry, with one square root. Their derivatives by q
+follow from two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is
+from its dead centre.
 
 A torsion spring needs the angle of a link with whole turns counted, and the geometry gives angles only up to whole turns. The
 link's angle is therefore integrated together with q, from its rate omega q'. This is not needed if the angle is the coordinate q
@@ -107,7 +107,7 @@ class Root(NamedTuple):
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> its root, for every link of a way; a link whose angle no slide fixes is its own root, with turn 0."""
+    """Return link -> root (see `Root`) for every link; a link that no slide joins to an earlier one is its own root, turn 0."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -123,9 +123,9 @@ def _roots(way: Way) -> dict[int, Root]:
 
 
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
-    """Write the equation of motion in the independent coordinate of a way.
+    """Write the equation of motion of a linkage in one independent coordinate.
 
-    The vector q of the returned program has this coordinate, followed by the angles that are integrated together with it.
+    The vector q of the returned program has the independent coordinate first, then the angles that are integrated with it.
 
     Args:
         way: the coordinate and the dyads by which the positions of the other links follow.
@@ -251,6 +251,7 @@ class _Motion:
         rest = Place(origin, origin, origin)  # the ground's origin, which does not move
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[way.link] = self._place_input_link(way)
+        # for each dyad its square root, which is zero at the dead centre, and a number by which the root is divided
         self.openings: list[tuple[Node, float]] = []
         close = {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}
         for dyad, sign in zip(way.dyads, signs, strict=True):
@@ -285,8 +286,9 @@ class _Motion:
         """Solve an RRR dyad: two links are pinned at A and at C, and their common pin B lies on circles about A and C.
 
         The radii of the circles are r1 and r2. `base` = C - A is known; its fields p, d and b are its value and its first and
-        second derivative by q. Let a = B - A and c = B - C. Then a' = i omega1 a and c' = i omega2 c, and a - c = C - A. The
-        products of the first and second derivative of this last equation with c and with a give
+        second derivative by q. Let a = B - A and c = B - C, so that a - c = C - A. The links with A and C have the rates of
+        rotation omega1 and omega2, so a' = i omega1 a and c' = i omega2 c. The scalar products of the first and second derivative
+        of a - c = C - A with c and with a give
 
             omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
             omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c
@@ -297,6 +299,7 @@ class _Motion:
         r1, r2 = dyad.lengths
         base = C - A
         d, D = base.p, dot(base.p, base.p)
+        # |a| = r1 and |a - d| = r2 give a . d; then a = ((a . d) d + sign root / 2 (d turned by a quarter to the left)) / D
         twice_a_dot_d = D + (r1 * r1 - r2 * r2)
         root_squared = D * (4 * r1 * r1) - twice_a_dot_d * twice_a_dot_d
         root = self.graph.sqrt(root_squared)
@@ -333,13 +336,14 @@ class _Motion:
         """Solve an RRP dyad: a rod is pinned at A and, at its other end B, to a slider that moves along a line.
 
         R is a point of the line. B lies on a circle of radius r about A, and on a parallel to the line, at the distance `height` to
-        its left. Let u be the unit vector along the line and n the one across it, to the left. Then
+        the left of the line. Let u be the unit vector along the line, and n the unit vector a quarter turn to the left of u. Both
+        turn with the link on which the line is fixed. With coordinates x, y measured from A, and s from R, B is at
 
             B = A + x u + y n = R + s u + height n
 
-        The vectors u and n turn with the link on which the line is fixed. The components along n of the derivatives of this
-        equation give omega and alpha of the rod. The component along u of the first derivative gives `slip` = s'. `base` = R - A is
-        known; its fields p, d and b are its value and its first and second derivative by q.
+        The components along n of the derivatives of this equation give omega and alpha of the rod. The component along u of the
+        first derivative gives `slip` = s'. `base` = R - A is known; its fields p, d and b are its value and its first and second
+        derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
@@ -365,8 +369,8 @@ class _Motion:
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
         """Solve an RPR dyad: a guide is pinned at C, and the block that slides on it is pinned at A.
 
-        Let u be the unit vector along the guide, n the one across it, to the left, and omega the derivative of the guide's angle by
-        q. Then
+        A has the coordinates x along the guide and `height` across it, to the left. Let u be the unit vector along the guide, n the
+        unit vector a quarter turn to its left, and omega the derivative of the guide's angle by q. Then, with complex numbers,
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
@@ -393,7 +397,7 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the integrated angles.
+        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the angles that are integrated together with q.
 
         Here m is the inertia of the whole linkage reduced to the coordinate q, h is m'(q) / 2, and Q is the power of all loads at
         q' = 1, that is, the generalised force.
@@ -402,7 +406,7 @@ class _Motion:
         for k, link in enumerate(self.mechanism.links):
             terms_of_m, terms_of_h, momentum = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *terms_of_m], [*h, *terms_of_h]
-            Q.append(dot(_constant(self.graph, *self.mechanism.gravity), momentum))
+            Q.append(dot(_constant(self.graph, *self.mechanism.gravity), momentum))  # power of the weight at q' = 1
         for load in loads(self.mechanism.forces):
             Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
         total, square = self.graph.total, self.v * self.v
@@ -413,7 +417,8 @@ class _Motion:
         """Return the power of a force law at q' = 1, that is, its generalised force.
 
         The power is the strength of the force times the rate, at q' = 1, of the coordinate on which the law acts. For a law on a
-        distance, `strength` returns the force divided by the distance, which belongs to half the rate of the squared distance.
+        distance, `strength` returns the force divided by the distance, so it is multiplied by half the rate of the squared
+        distance, which is the distance times its rate.
         """
         # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
@@ -424,7 +429,8 @@ class _Motion:
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
 
     def _power_of_force(self, force: PointForce) -> Node:
-        """Return the power of a force that acts at a point, at q' = 1."""
+        """Return the power, at q' = 1, of a force that acts at a point: its generalised force."""
+        # `e` is the direction of the link in which the force is fixed, `d` the derivative of the point by q
         F = _product(self.bodies[force.frame].e, _constant(self.graph, *force.value))
         power: Node = dot(F, self.at(force.point).d)
         return power
@@ -456,11 +462,13 @@ class _Motion:
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
     """Return the summands of one link in m and in h of m q'' + h q'^2 = Q, and the link's momentum at q' = 1.
 
-    The momentum is the mass M times the derivative by q of the centre of mass. The mass of a link with two pins A and B is replaced
-    by masses at the pins and a moment of inertia J. Let s = B - A, let the centre of mass be at A + (k + i j) s in complex
-    notation, and let primes denote derivatives by q. Then
+    The momentum at q' = 1 is the mass M times the derivative of the centre of mass by q. The mass of a link with two pins A and B
+    is replaced by masses at the pins and a moment of inertia J. Let s = B - A, let the centre of mass be at A + (k + i j) s in
+    complex notation, and let primes denote derivatives by q. Then
 
         m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
+
+    with the mass M and omega = theta', the derivative of the link's angle.
     """
     if body.pin is None:
         centre = body.point(np.zeros(2))
@@ -491,7 +499,7 @@ class _Rates(Placement):
     """
 
     def __init__(self, motion: _Motion, speed: Node):
-        """Take the poses of the links as functions of the coordinate, and the node of the coordinate's rate q'."""
+        """Store `motion`, the poses of the links as functions of q, and `speed`, the graph node of the rate q' (or of 1)."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 

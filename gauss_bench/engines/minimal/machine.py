@@ -27,10 +27,11 @@ TARGET = Target("llvm", 1, True)
 class Machine:
     """An equation of motion compiled together with one integrator.
 
-    A state y (2n,) holds the coordinates q (n,) of the equation's program, followed by their rates v (n,).
+    A state y (2n,) holds the coordinates q (n,) of the equation of motion (the independent one, then the angles integrated with
+    it), followed by their rates v (n,).
 
     Attributes:
-        n: number of the program's coordinates.
+        n: number of coordinates q.
         is_adaptive: whether the integrator chooses its own steps.
     """
 
@@ -53,7 +54,8 @@ class Machine:
     def memory_for(self, slots: int) -> Single:
         """Return the memory of a rollout with `slots` samples, allocated on the first call."""
         if slots not in self._memories:
-            # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers
+            # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers; codes[1] is
+            # the machine code for one trajectory at a time
             self._memories[slots] = Single(self._fixed_code.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
         return self._memories[slots]
 
@@ -78,7 +80,7 @@ class Machine:
         return states[: count_before(done, every)], done, start
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-        """Integrate adaptively over the times (k,) [s], up to the point where the opening of a dyad falls below its threshold."""
+        """Integrate adaptively over the times (k,) [s], or until a dyad comes closer to its dead centre than its threshold."""
         return integrate(self._adaptive_code, y, np.zeros(0), times, tolerances)
 
 
@@ -94,7 +96,7 @@ def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     # the graph is simplified and its operations are put in order; `roots` are the nodes of the results, in one list
     graph, roots = rewrite(raw, [x for row in results for x in row])
     values = order(graph, roots, {})
-    # a routine that loads y, computes, and stores the results in the array `out`; the mask that is true everywhere: it never fails
+    # a routine that loads y, computes, and stores the results in the array `out`; `graph.all(True)`: it succeeds for every state
     load = Load("y", {graph.leaf(f"%y{k}"): k for k in range(2 * n)})
     arrays, body = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
     routine = Routine("evaluate", graph, arrays, (), (), body, graph.all(True), count_operations(graph, values))
@@ -103,7 +105,7 @@ def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     cuts = np.cumsum([len(row) for row in results])[:-1]  # where one result ends and the next begins in `out`
 
     def evaluate(y: Array) -> list[Array]:
-        """Return the function's results at a state y (2n,), one array for each."""
+        """Return the results of `function` at a state y (2n,), one array for each output."""
         call = loaded.single(2 * n, len(roots))
         state, out = call.arrays
         state[:] = y

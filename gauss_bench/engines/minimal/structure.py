@@ -6,7 +6,7 @@ dyads of linkages are commonly of three kinds:
 
     RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
     RRP:   The outer joints are a pin at A and a slide. The inner pin B lies on a circle about A and on a line.
-    RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances.
+    RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances from them.
 
 Each dyad has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the independent
 coordinate, together with the dyads by which the other links are placed one after another.
@@ -52,7 +52,7 @@ class Links:
 
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
-        """Return the links at states q, v (..., n)."""
+        """Compute z, e, u and w of all links from states q, v (..., n) with x, y and angle of each link."""
         exp, z, e, u, w = exponential(q), [], [], [], []
         for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
             z.append(x + 1j * y)
@@ -148,10 +148,10 @@ class Dyad:
         return float(np.hypot(*a)), float(np.hypot(*c))
 
     def opening(self, at: Links) -> Any:
-        """Return a number that is zero at the dead centre and has opposite signs on the two branches.
+        """Return a number that is zero at the dyad's dead centre and has opposite signs on its two branches.
 
-        It is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the distance of
-        A from C along the guide [m] (RPR).
+        The number is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the
+        distance of A from C along the guide [m] (RPR).
         """
         # on the first and on the second link: the points of B, or in an RPR dyad the pins C and A
         on_first, on_second = self.middle
@@ -183,7 +183,7 @@ class Way:
 
     @property
     def link(self) -> int:
-        """Index of the link whose motion is the coordinate."""
+        """Index of the link whose angle or displacement relative to the ground is the independent coordinate."""
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
@@ -209,8 +209,8 @@ class Way:
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     """Return the possible choices of the independent coordinate, each with the dyads by which all other links are placed.
 
-    The motion of a joint with the ground is a possible choice if dyads, one after another, reach all links from the link of this
-    joint. The joint of the crank comes first.
+    The coordinate may be the angle or displacement of a joint with the ground if dyads, added one after another to the link of this
+    joint, reach all links. The joint of the crank comes first.
 
     Raises:
         NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate does not
@@ -266,8 +266,8 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
 
     The first link must be pinned to a placed link. In an RRR dyad a pin joins the two links, and the second link is pinned to a
     placed link too. In an RRP dyad a pin joins the two links, and a slide joins the second link to a placed link. In an RPR dyad a
-    slide joins the two links, its guide is on the first link, and the second link is pinned to a placed link. `Dyad` explains the
-    angle, height and turn of the slide's line; a height is positive to the left of the line.
+    slide with its guide on the first link joins the two links, and the second link is pinned to a placed link. A link is placed if
+    its position is computed already. `Dyad` explains the line's angle, height (positive to its left) and turn.
 
     Args:
         pins: for each pin, link -> point of the pin on this link.

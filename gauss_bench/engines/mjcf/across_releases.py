@@ -2,8 +2,8 @@
 
 The adapter is written for the newest release of MuJoCo. Older releases differ as follows:
 
-    up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; now they are the data and the matrix.
-    before 3.7:     Stiffness and damping are numbers; now they are coefficients of polynomials.
+    up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
+    before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
     before 4.0:     There is no integrator `discrete`.
     before 3.3.1:   Elements of a specification do not know their index in the model.
     before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
@@ -25,6 +25,7 @@ def new_spec(mujoco: Any) -> Any:
     Raises:
         RunFailure: the release has no MjSpec to which elements can be added together with their properties.
     """
+    # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
         raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no MjSpec of the kind by which models are built here")

@@ -27,7 +27,7 @@ INTEGRATORS = {"rk4": "RK4", "euler": "Euler"}  # engine's name -> name in MJCF,
 
 
 class Built(Protocol):
-    """The members of an engine's built model that a document needs.
+    """The members of an engine's built model that the MJCF document needs.
 
     Attributes:
         mujoco: the library.
@@ -67,7 +67,7 @@ class Document:
 def write_document(built: Built, edited: bool = False) -> Document:
     """Return an MJCF document with the mechanism, its start as the keyframe START, and the options of the engine's setting.
 
-    Constant forces become motors. The attribute `ctrl` of the keyframe has the values of these forces.
+    Constant forces become motors. The attribute `ctrl` of the keyframe has the values of the constant forces.
 
     Args:
         edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does.
@@ -130,6 +130,7 @@ class _Writer:
     """Writes the parts of a draft as elements of a document, with the softness of closures from the built model."""
 
     def __init__(self, built: Built, draft: Draft):
+        """Prepare to write a compiled model; bars are drawn as shapes that take part in no collision, sized by the longest bar."""
         self.mujoco, self.mechanism, self.model, self.spec = built.mujoco, built.mechanism, built.model, draft.spec
         self.links = {draft.bodies[i].name: i for i in range(len(self.mechanism.links))}
         bars = [bar for link in range(len(self.mechanism.links)) for bar in draw(self.mechanism, link)]

@@ -1,8 +1,8 @@
 """Build a linkage as a MuJoCo specification, which MuJoCo compiles: bodies, joints, closures and forces.
 
 Every link is a body whose frame lies at its centre of mass. Joint coordinates are the tree coordinates y. MuJoCo's reference pose
-is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements
-have the names of the linkage file.
+is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements of
+the model have the names of their counterparts in the linkage file.
 """
 
 from collections import defaultdict
@@ -52,6 +52,7 @@ class Draft:
             self._add_link(b, mechanism.links[b.link], y)
         for pin in closing_pins(tree):
             self._add_closure(*pin)
+        # `_add_force` returns the springs on single joints, and None for every force that it has added to the model
         springs = [self._add_force(x) for x in native_forces(mechanism, tree)]
         self._set_joint_springs([x for x in springs if x is not None])
         self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
@@ -145,8 +146,8 @@ class Draft:
     def add_motors(self) -> list[str]:
         """Replace constant forces by motors, for an MJCF document that is used without this suite; a motor's control is its force.
 
-        So a user of the document can change the forces. A motor for a force in `pushes` has the force's direction as its gear, and
-        the size of the force as its control.
+        The user of the document can change a force by its control. A motor for a force in `pushes` (constant force at a point) has
+        the force's direction as its gear, and the size of the force as its control.
 
         Returns:
             The names of the forces that a control can change.

@@ -1,7 +1,8 @@
 """Motion laws in MuJoCo's model.
 
 Trap: MuJoCo has no prescribed motion of a joint. A driven slide, or a driven hinge on the ground, gets an armature (rotor inertia)
-A that is far larger than all masses, and the torque or force A law''(t). It follows the law with an error of the size load / A:
+A that is far larger than all masses, and the torque or force A law''(t). The driven coordinate follows the law with an error of
+about load / A, because
 
     (A + m) theta'' = A law''(t) + load
 
@@ -36,7 +37,7 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the driving force of time t [s] to the joint coordinate in MuJoCo's data, or make it the control of the motor.
+        """Add the driving force at time t [s] to the joint coordinate's force in MuJoCo's data, or make it the motor's control.
 
         The force is armature * law''(t). The armature is so large that this force gives the coordinate the acceleration law''(t).
         """
@@ -50,6 +51,7 @@ class Drive:
 def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
     """Set the armatures of drives in a compiled model, and let MuJoCo update the constants that depend on them."""
     for drive in drives:
+        # a drive with a motor acts on a tendon, any other drive on a joint coordinate
         armatures = model.dof_armature if drive.motor is None else model.tendon_armature
         armatures[drive.at] = drive.armature
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -60,11 +62,11 @@ def find_drives(model: Any, draft: Draft, share: float) -> list[Drive]:
 
     Args:
         model: model that was compiled from the draft, without armatures.
-        share: armature divided by the inertia of the tree at rest.
+        share: armature divided by the inertia that resists the driven coordinate in MuJoCo's reference pose.
     """
     driven = drivers_by_coordinate(draft.mechanism, draft.tree)
     drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
-    for cylinder, tendon, motor in draft.cylinders:
+    for cylinder, tendon, motor in draft.cylinders:  # driven lengths; 1 / invweight0 is the inertia that resists the tendon
         mass = share / float(model.tendon_invweight0[tendon.id])
         drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
     return drives

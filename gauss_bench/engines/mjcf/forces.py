@@ -44,8 +44,8 @@ class AtSite:
 
     Attributes:
         name: name of the force in the linkage.
-        frame: point from which L is measured, on the link that takes the opposite force. None for a force whose direction is fixed
-            in the link of `point`, and which has no opposite force.
+        frame: point from which the length L is measured, on the link that takes the opposite force. None for a force whose
+            direction is fixed in the link of `point`, and which has no opposite force.
         direction: (2,) direction of the force, fixed in the link of `frame`, or in the link of `point` if `frame` is None.
         bias: coefficients of 1, the length L [m], and its rate dL/dt [m/s].
         constant: whether this element alone is a constant force of the linkage, so that one control can change that force.
@@ -107,8 +107,8 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
 
     There are three cases. If the direction of the force is fixed in the world, one element has a reference site in the world. If it
     is fixed in the link of the point, one element has no reference site. If it is fixed in a third link, the reference site is on
-    the third link. This link only determines the direction, so a second element cancels the opposite force that the first element
-    exerts on the third link. The third case is exact only if the point does not move when a hinge turns the third link.
+    the third link. The third link only determines the direction of the force, so a second element cancels the opposite force that
+    the first element exerts on it. The third case is exact only if the point does not move when a hinge turns the third link.
 
     Raises:
         RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
@@ -135,8 +135,8 @@ def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: T
     `along.origin`. The force is bias + k (rest - x) - c x'.
 
     Trap: MuJoCo's site transmission leaves out the torque that the force law exerts on the link of the reference site. So the
-    element is exact only if every hinge that turns the reference site also turns the other site: these hinges do not change the
-    coordinate x, and the torque does no work on them.
+    element is exact only if every hinge that turns the reference site also turns the other site. Such a hinge does not change the
+    coordinate x, and the missing torque would do no work on it.
 
     Raises:
         RunFailure: a hinge turns the reference site without turning the other site (status SKIP).

@@ -37,7 +37,7 @@ def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
     """Return a copy of a compiled model that evaluates accelerations at given states.
 
     The copy has the Euler integrator, because MuJoCo's qacc is a difference of velocities with the integrator `discrete`. The
-    solver of the copy has no warm start, so that its result does not depend on the state that was evaluated before.
+    solver of the copied model has no warm start, so that its result does not depend on the state that was evaluated before.
     """
     still = copy.copy(model)
     still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER

@@ -76,7 +76,7 @@ class MjxModel(TreeModel):
     library = "MJX"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compile the model, compare it with the linkage without drivers, and put its numbers for the chosen step on the device."""
+        """Compile the model, compare it with the linkage (both without drivers), and copy it for the chosen step to the device."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.libraries = load_libraries()
         try:

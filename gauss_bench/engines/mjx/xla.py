@@ -57,7 +57,7 @@ def load_libraries() -> Libraries:
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """MJX's terms at a tree state of n coordinates.
+    """The terms of the equations of motion that MJX computes at a tree state of n coordinates.
 
     Attributes:
         acceleration: (n,) accelerations of the tree coordinates.
@@ -93,16 +93,16 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
     MJX's own classes. A list has the arrays of such an object in a fixed order. The object is restored from the list and from the
     object's structure, which is in `shapes`.
     """
-    flatten, unflatten, over = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
+    flatten, unflatten, map_arrays = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
     def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
-        """Return the state after `count` steps."""
+        """Return the state, a list of arrays, after `count` steps."""
         mjx_model, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
 
         def take_step(_: Any, old: Any) -> Any:
             """Return MJX's state after one step, with the number types of the old state."""
             # Trap: with tendons MJX returns integers of another size, and JAX's loop refuses a state whose types change
-            return over(lambda new, kept: new.astype(kept.dtype), mjx.step(mjx_model, old), old)
+            return map_arrays(lambda new, kept: new.astype(kept.dtype), mjx.step(mjx_model, old), old)
 
         return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
 
@@ -147,6 +147,7 @@ class Device:
     def set(self, model: Any) -> None:
         """Put the numbers of MuJoCo's model on the device, and choose the compiled functions for its structure."""
         self.model: Any = self.mjx.put_model(model)
+        # all states of MJX have the structure of `rest`, the state at rest
         shapes = Shapes(self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest))
         self._take_steps, self._terms = functions(self.jax, self.mjx, shapes)
 

@@ -61,7 +61,7 @@ class Mujoco(LibraryEngine, file=VARIANTS):
 
 
 class MujocoModel(TreeModel):
-    """A mechanism in MuJoCo under one integrator and setting.
+    """A mechanism in MuJoCo with one integrator and setting.
 
     Attributes:
         model, data: MuJoCo's model and state that a run steps.
@@ -71,7 +71,7 @@ class MujocoModel(TreeModel):
         drives: the driven coordinates.
         varying_forces: the forces that vary with time, which Python computes.
         last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps). So a force that jumps
-            at the end of a stretch has the value before the jump. It is infinite before the first run.
+            at the end of a stretch has the value before the jump. Before the first run `last` is infinite.
     """
 
     library = "MuJoCo"
@@ -109,7 +109,8 @@ class MujocoModel(TreeModel):
         if self.drives:
             for model in (self.model, self.still):
                 set_armatures(mujoco, model, self.drives)
-                configure(mujoco, model, self.options, choice.step)  # because set_armatures computes the inverse weights again
+                # set_armatures lets MuJoCo compute the inverse weights again, which `configure` had scaled
+                configure(mujoco, model, self.options, choice.step)
 
     @property
     def sets_forces(self) -> bool:
@@ -117,7 +118,7 @@ class MujocoModel(TreeModel):
         return bool(self.drives or self.varying_forces.varying)
 
     def _set_forces(self, data: Any, t: float) -> None:
-        """Set the driving torques and the forces that vary at time t [s]."""
+        """Set all applied forces at time t [s]: the constant ones (`torque`), those that vary, and those of drives."""
         data.qfrc_applied[:] = self.torque
         if self.varying_forces.varying:
             y, dy = np.array(data.qpos), np.array(data.qvel)
@@ -140,8 +141,8 @@ class MujocoModel(TreeModel):
     def describe(self, y: Array, dy: Array) -> OpenModel:
         """Return what MuJoCo computes for the open tree at a tree state y, dy (n,), without the constraint forces of closures.
 
-        These are the gaps of the loops, the mass matrix, the sum of forces and velocity terms, and the links' centres of mass. The
-        only constraints of the model are the closures. Each has three rows x, y and z, of which x and y matter in the plane.
+        The result has the gaps of the loops, the mass matrix, the sum of forces and velocity terms, and the links' centres of mass.
+        The only constraints of the model are the closures. Each has three rows x, y and z, of which x and y matter in the plane.
         """
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
@@ -165,7 +166,7 @@ class MujocoModel(TreeModel):
         """Take all steps, and store the samples; drivers and varying forces are set in a callback.
 
         The callback evaluates forces no later than `last`, so that a step that ends at a jump of a force has the force before the
-        jump. MuJoCo has one callback per process, so the earlier one is restored after the run.
+        jump. MuJoCo has one callback per process, so the callback that was set before is restored after the run.
         """
         control = self.mujoco.get_mjcb_control()
         if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
@@ -185,7 +186,7 @@ class MujocoModel(TreeModel):
             self.last = last  # the callback in `run` reads this time
             if self.mechanism.kinks:
                 data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
-            if self.native:
+            if self.native:  # MuJoCo's own loop takes the steps
                 step(model, data, nstep=count)
             else:
                 for _ in range(count):
@@ -214,7 +215,7 @@ class MujocoModel(TreeModel):
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
         def step_all() -> Array:
-            """Take the steps, and return the last tree states (k, 2, n)."""
+            """Take the steps of all k runs at once, and return their last tree coordinates and rates (k, 2, n)."""
             with rollout.Rollout(nthread=0) as pool:
                 pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
             return states[:, -1, tree_state].reshape(len(q), 2, -1)

@@ -157,7 +157,7 @@ class OwnModelRun:
         self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate the copy `still` at joint coordinates y and rates dy (nv,), and return MuJoCo's data, with accelerations."""
+        """Evaluate `still`, a copy of the model, at y and dy (nv,), and return MuJoCo's data, with accelerations."""
         self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
@@ -183,7 +183,7 @@ class OwnModelRun:
         return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method from the start.
+        """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method, beginning with the model's start.
 
         Raises:
             RunFailure: the joints of the model cannot reach the state.
@@ -284,7 +284,7 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the compiled models of two files, the first of them after the options in `changes` were changed.
+    """Compare the compiled models of two files, after the options in `changes` were applied to the first one.
 
     Return a table with the key "reason": a sentence that says how the two models differ, or an empty text if they are equal.
 
@@ -298,7 +298,7 @@ def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[
     try:
         old, new = (mujoco.MjModel.from_xml_path(path) for path in (before, after))
     except ValueError as error:
-        return {"reason": f"MuJoCo does not compile it from there: {' '.join(str(error).split())}"}
+        return {"reason": f"MuJoCo does not compile the file there: {' '.join(str(error).split())}"}
     change_options(mujoco, old, changes)
     for expected, found in ((old, new), (old.opt, new.opt)):
         for name in dir(expected):

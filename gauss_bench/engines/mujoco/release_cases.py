@@ -1,4 +1,4 @@
-"""Cases by which MuJoCo's releases are compared besides the adapter's runs: equalities that close loops, and the defaults.
+"""Cases that compare MuJoCo's releases beyond the adapter's runs: equality constraints that close loops, and default options.
 
 The models of the cases are MJCF documents, because every release of MuJoCo reads them. If a release does not know an equality, it
 refuses the document, and the refusal is the result of the release. The loops are closed in the reference pose, because MuJoCo takes
@@ -103,7 +103,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
 
 def document(closure: Closure, solver: str) -> str:
-    """Return an MJCF document of a tree of bars whose loop is closed by the equality of `closure`."""
+    """Return an MJCF document of a tree of bars whose loop is closed by the equality constraint of `closure`."""
     bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)

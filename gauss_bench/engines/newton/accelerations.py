@@ -1,4 +1,4 @@
-"""Accelerations at a given state, found from Kamino's steps of six copies of the linkage.
+"""Accelerations at a given state, found from Kamino's steps of six copies of the model of the linkage.
 
 Kamino is a solver of the library Newton. From positions q and velocities v, a step of h [s] computes the new velocities
 v1 = P(q) (v + h a_free). Here P(q) projects velocities onto those that the constraints at q allow, so that J(q) v1 = 0, and a_free
@@ -6,18 +6,19 @@ are the accelerations that the linkage would have without constraints. In the li
 
     a = P(q) a_free + d/de P(q + e v) v        at e = 0
 
-The first term is found from two copies of the linkage at q, one with forces and one without: after a step, their velocities v1
+The first term is found from two copies of the model at q, one with forces and one without: after a step, their velocities v1
 differ by h P a_free for every h. The second term is a fourth-order finite difference of the velocities of four copies without
-forces at the displaced positions q + k e v. So the accelerations have no error of a time step, and only a small rounding error,
-although the library computes in single precision. The displaced copies have loop gaps of the size e^2, which Kamino must not close.
+forces, at the positions q + k e v for k = -2, -1, 1, 2. So the accelerations have no error of a time step, and only a small
+rounding error, although the library computes in single precision. The four displaced copies have loop gaps of the order e^2, which
+Kamino must not close.
 
 Trap: after a step, the velocities do not satisfy J v = 0 exactly; on a crank-slider about a thousandth of J v remains. In a run
-every step leaves nearly the same remainder, which cancels in the change of velocities from step to step. In the formula above, the
-remainder would appear as an acceleration, so a second step without forces projects the velocities again.
+every step leaves nearly the same part of J v, which cancels in the change of velocities from step to step. In the formula for a,
+this rest of J v would appear as an acceleration, so a second step without forces projects the velocities again.
 
-Kamino's solver PADMM often stops before it has converged. Runs with PADMM contain this error, but accelerations at given states
-must not contain it. So the steps of this module always use Kamino's solver DVI, which solves for the impulses directly, whatever
-solver the settings name.
+Kamino's solver PADMM often stops before it has converged. Runs with PADMM contain the resulting error, but accelerations at given
+states must not. So the steps of this module always use Kamino's solver DVI, which solves for the impulses directly, whatever solver
+the settings name.
 """
 
 import numpy as np

@@ -57,7 +57,7 @@ class Newton(LibraryEngine, file=VARIANTS):
         return "" if are_compiled() else "Newton's kernels, which takes minutes"
 
     def build_once(self) -> None:
-        """Compile the kernels of every solver that a setting of the engine uses; Warp stores them in the user's cache."""
+        """Compile the kernels of every solver that a setting of the engine uses; Warp stores the kernels in the user's cache."""
         for options in VARIANTS.settings.values():
             compile_kernels(options)
         mark_compiled()
@@ -96,6 +96,7 @@ class NewtonModel(BodyModel):
             self.world.record(size)  # so that no step is recorded in a timed run
 
     def run(self) -> None:
+        """Take all steps of the plan, and store the samples; forces are evaluated no later than `last`, just before a jump."""
         q, v = self.mechanism.q0, self.mechanism.v0
         for begin, count, h, last, row in self.plan:
             for k in range(count):

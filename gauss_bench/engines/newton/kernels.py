@@ -29,7 +29,7 @@ class Libraries:
 
 @cache
 def load_libraries() -> Libraries:
-    """Import Warp and Newton, on the processor, with kernels in a folder that only this user may enter.
+    """Import Warp and Newton for the CPU; compiled kernels are stored in a folder that only this user may enter.
 
     Raises:
         ImportError: Warp or Newton is not installed.

@@ -1,8 +1,8 @@
 """A linkage in the library Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
 
-Newton's articulation is a list of the joints of the spanning tree. Joints that close loops are not in the articulation, but are
-defined in the same way as the joints in it. Frames of links lie at the links' centres of mass, and the linkage lies in the plane
-z = 0.
+An articulation, an object of Newton, lists the joints of the spanning tree. Joints that close loops are not in the articulation,
+but are defined in the same way as the joints in it. Frames of links lie at the links' centres of mass, and the linkage lies in the
+plane z = 0.
 
 A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, and the semi-implicit Euler method:
 
@@ -113,7 +113,7 @@ class World:
         return int(add(parent, child, parent_xform=near, child_xform=far, axis=axis))
 
     def _frame(self, origin: Array, angle: float) -> Any:
-        """Return Newton's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
+        """Return a frame in the plane, given by its origin (2,) [m] and angle [rad], as a transform of the library Warp."""
         turn = self.warp.quat(0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
         return self.warp.transform(self.warp.vec3(*spatial(origin)), turn)
 

@@ -1,7 +1,8 @@
 """OpenSim: a tree of Simbody's mobilised bodies, closed by point constraints; every evaluation solves for their multipliers.
 
-Simbody's integrators project states onto the constraints. The setting `accuracy` decides when they project, even if steps are
-equal. Before the model is used, its accelerations are compared with those of the suite, at tree states at which loops are open.
+Simbody's integrators project states onto the constraints. The setting `accuracy` decides when the integrators project, even if
+their steps are equal. Before the model is used, its accelerations are compared with those of the suite, at tree states at which
+loops are open.
 """
 
 from collections.abc import Mapping
@@ -129,7 +130,7 @@ class OpenSimModel(TreeModel):
         """Return a manager of OpenSim, the object that integrates from the start.
 
         Args:
-            recorded: whether the manager stores the state after every step, which takes time and memory.
+            recorded: whether OpenSim's manager stores the state after every step, which takes time and memory.
         """
         manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
         manager.setWriteToStorage(recorded)
@@ -150,7 +151,7 @@ class OpenSimModel(TreeModel):
         self._step_through(self.manager, self.y, self.dy)
 
     def _step_through(self, manager: Any, y: Array, dy: Array) -> None:
-        """Integrate to every sample time, and fill y, dy (k, n) with the tree states.
+        """Integrate to every sample time, and store tree coordinates and rates in y, dy (k, n), whose first row is the start.
 
         Raises:
             RunFailure: Simbody gives up.
@@ -167,14 +168,15 @@ class OpenSimModel(TreeModel):
     def count_steps(self) -> int:
         """Return the number of steps of the run.
 
-        OpenSim does not count the steps of an integrator that chooses its steps. A run with such an integrator is repeated with all
-        states recorded, and the recorded states are counted.
+        OpenSim does not count the steps of an integrator that chooses its steps. A run that chooses its steps is therefore repeated
+        with all states recorded, and the recorded states are counted.
 
         Raises:
             RunFailure: the repeated run differs.
         """
         if not self.chooses_steps:
             return super().count_steps()
+        # the repeated run overwrites the copies y, dy, which must then still equal the samples of the run
         manager, y, dy = self._manager(recorded=True), self.y.copy(), self.dy.copy()
         self._step_through(manager, y, dy)
         if not (np.array_equal(y, self.y) and np.array_equal(dy, self.dy)):

@@ -1,11 +1,11 @@
 """Joint forces by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
-Both are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about the joint's point on this
-link. The joint reaction that OpenSim reports includes two kinds of forces that the joint of the linkage does not exert. They are
-subtracted:
+Both kinds of joint forces are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about the
+joint's point on this link. The joint reaction that OpenSim reports includes two kinds of forces that the joint of the linkage does
+not exert. They are subtracted:
 
     loads on coordinates:   A torque, slide motor, spring or damper is a force on a coordinate in OpenSim, and is transmitted by
-                            the coordinate's joint. In the linkage, this load acts on the links that the load names.
+                            the coordinate's joint. In the linkage, it acts directly on the links that the load's entry names.
     drivers:                The force that moves a prescribed coordinate acts in a direction in which the joint is free.
 """
 
@@ -35,7 +35,7 @@ class JointForces:
     Attributes:
         joints: pairs of a branch of the tree (a link with its joint) and OpenSim's object for the joint.
         pins: pairs of a pin that closes a loop and OpenSim's object for its constraint.
-        on_bodies: loads that are forces on bodies in OpenSim; all other loads are forces on coordinates.
+        on_bodies: loads that OpenSim applies to bodies; all other loads are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
         beyond: link -> the link itself and all its descendants in the tree. OpenSim's joint of the link transmits the loads on
             coordinates of all these links.
@@ -53,15 +53,16 @@ class JointForces:
         self.pins = [(pin, constraints.get(k)) for k, pin in enumerate(tree.closures) if pin.name in determined]
         self.on_bodies = [x.load for x in sort_loads(mechanism, tree) if isinstance(x, OtherLoad)]
         self.driven = drivers_by_coordinate(mechanism, tree)
-        self.beyond = links_beyond(tree)
+        self.beyond = links_beyond(tree)  # link -> the link itself and all its descendants in the tree
 
     def read(self, state: Any, q: Array, v: Array) -> Mapping[str, Array]:
-        """Return name of a joint -> (3,) fx, fy [N] on its second link and moment [N m] about its point.
+        """Return name of a joint -> (3,) fx, fy [N] on its second link and moment [N m] about the joint's point.
 
         Args:
             state: OpenSim's state, after its accelerations were computed.
             q, v: (n,) the same state in absolute coordinates.
         """
+        # (n,) generalised forces of the loads that OpenSim applies to coordinates: all loads minus those on bodies
         on_coordinates = generalised(loads(self.mechanism.forces), q, v) - generalised(self.on_bodies, q, v)
         found = {b.joint.name: self._read_joint(b, joint, state, q, on_coordinates) for b, joint in self.joints if b.joint}
         for pin, constraint in self.pins:
@@ -99,8 +100,9 @@ class JointForces:
         """Return the force (2,) [N] of a closing pin between points a and b on the link of point b, in the world's axes.
 
         OpenSim's entry for the first body is minus the force on this body, because OpenSim lists the forces of a constraint as they
-        stand on the left side of the equations of motion. So this entry is the force on the second body. Trap: the components are
-        given in the frame of the nearest common ancestor of both bodies in the tree, and this frame may be turned.
+        stand on the left side of the equations of motion. So the entry for the first body is the force on the second body. Trap:
+        the entry's components are given in the frame of the nearest common ancestor of both bodies in the tree, and this frame may
+        be turned.
         """
         values = constraint.getRecordValues(state)
         force = np.array([values.get(0), values.get(1)])

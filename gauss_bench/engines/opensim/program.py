@@ -59,8 +59,8 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str
     Args:
         options: name of an option of the engine -> value, for the settings of the run.
         method: name of Simbody's integrator, a member of `opensim.Manager`.
-        accuracy: accuracy of an integrator that chooses its steps. None for steps of fixed size; the option "accuracy" then only
-            decides when the integrator projects states onto the constraints.
+        accuracy: accuracy of an integrator that chooses its steps. With steps of fixed size `accuracy` is None, and the option
+            "accuracy" only decides when the integrator projects states onto the constraints.
     """
     script = Script(STATEMENTS)
     built = Builder(script.stand_in("opensim"), mechanism, tree).build()

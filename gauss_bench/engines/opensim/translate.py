@@ -115,7 +115,7 @@ class Builder:
         return self.opensim.Vec3(*spatial(x))
 
     def _place(self, point: Any) -> tuple[Any, Any]:
-        """Return OpenSim's body of a point, and the point in the body's frame."""
+        """Return the OpenSim body to which a point belongs, and the point in the body's frame."""
         return self.bodies[point.link], self._vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:

@@ -18,7 +18,7 @@ def find_algorithm(pin: Any, name: str) -> Any:
     """Return the function of Pinocchio with the given name.
 
     Raises:
-        RunFailure: the installed release of Pinocchio does not have the function.
+        RunFailure: the installed release of Pinocchio has no function of that name.
     """
     if not hasattr(pin, name):
         raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")

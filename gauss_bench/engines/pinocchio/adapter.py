@@ -11,7 +11,7 @@ for each driver.
 
 Pinocchio has no springs and dampers, and no integrator for constrained systems. Forces other than gravity are given to Pinocchio as
 tau, and the suite's integrators step the tree coordinates. Pinocchio computes Baumgarte's terms. The suite projects states in
-absolute coordinates; after they are mapped back to the tree, the loops are closed.
+absolute coordinates; mapped back to tree coordinates, projected states close the loops.
 
 Redundant constraint rows contradict each other when errors of the integrator have opened the loops. In this case the iterations do
 not converge, and the run ends with this as the reason. Projection keeps redundant rows consistent.
@@ -92,10 +92,10 @@ def is_compiled(settings: str) -> bool:
 
 
 class PinocchioModel(OwnSteps, TreeModel):
-    """A mechanism in Pinocchio under one integrator and stabilisation of the suite.
+    """A mechanism in Pinocchio with one integrator and stabilisation of the suite.
 
     Attributes:
-        stabilized: the dynamics that are integrated.
+        stabilized: the function that computes the accelerations of a run, with Baumgarte's terms if these are chosen.
     """
 
     library = "Pinocchio"
@@ -137,7 +137,7 @@ class PinocchioModel(OwnSteps, TreeModel):
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
         """Return two functions: a call of Pinocchio's solver at the start state, and a call of a trivial function of Pinocchio.
 
-        The second function computes the difference of two states, and so shows the cost of calling Pinocchio from Python.
+        The trivial function computes the difference of two states; its time shows the cost of calling Pinocchio from Python.
         """
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
@@ -153,7 +153,10 @@ class PinocchioModel(OwnSteps, TreeModel):
         return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
-        """Return the state after `count` steps of h [s], which compiled code takes if the settings say so."""
+        """Return the state after `count` steps of h [s] from x, dx; the settings decide whether compiled code takes the steps.
+
+        The compiled code does not need `last`, the latest time at which forces may be evaluated.
+        """
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance(self.choice.integrator, begin, x, dx, h, count)
         return super()._advance(begin, x, dx, h, count, last)
@@ -171,7 +174,7 @@ class PinocchioModel(OwnSteps, TreeModel):
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        """Return the samples, after a check of the constraints if all of them are finite.
+        """Return the samples; if all samples are finite, check that their accelerations satisfy the constraints.
 
         The trajectory's note names the forces that Python evaluates in every step.
 

@@ -1,9 +1,9 @@
-"""Build `loop.cpp` against the headers and the library of Pinocchio's wheel, once for each user.
+"""Build `loop.cpp`, the compiled loop over time steps, against the headers and the library of Pinocchio's wheel, once per user.
 
-The compilation takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it. The compilation is started
-only by a search for settings, or if a user names settings that need the compiled loop. Only one process at a time compiles. The
-compiled library is stored in the user's cache, under a name that depends on its sources, flags, compiler and libraries. The file
-of the library is written elsewhere, and moved into the cache only when it is complete.
+The compilation of `loop.cpp` takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it. The
+compilation is started only by a search for settings, or if a user names settings that need the compiled loop. Only one process at a
+time compiles. The compiled library is stored in the user's cache, under a name that depends on its sources, flags, compiler and
+libraries. The file of the library is written elsewhere, and moved into the cache only when it is complete.
 """
 
 import fcntl
@@ -73,7 +73,7 @@ def find_tools() -> tuple[str, Path]:
 
 
 def missing() -> str | None:
-    """Return the reason why the compiled loop cannot be built on this machine, or None if it can be."""
+    """Return the reason why `loop.cpp` (loop over time steps) cannot be built on this machine, or None if it can be."""
     try:
         find_tools()
     except RunFailure as failure:
@@ -96,7 +96,7 @@ def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
 
 
 def loop_library() -> bytes:
-    """Return the content of the built library.
+    """Return the content of the library that was built from `loop.cpp`, from the user's cache.
 
     Raises:
         RunFailure: the compiled loop cannot be built on this machine, or was not built yet.

@@ -62,7 +62,7 @@ class CompiledDynamics(ConstrainedDynamics):
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
-        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare accelerations.
+        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare both accelerations.
 
         Args:
             gains: Baumgarte's gains Kp [1/s^2], Kd [1/s].
@@ -118,6 +118,7 @@ class CompiledDynamics(ConstrainedDynamics):
                 axis = direction(x.origin.link, unit(x.angle, x.across))[1]
                 self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _law(load))
             case Law(coordinate=Distance() as x):
+                # an axis of zero: the force acts along the line between the points
                 self.library.add_spring(self.linkage, *place(x.a), *place(x.b), np.zeros(2), _law(load))
             case _:
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
@@ -135,6 +136,7 @@ class CompiledDynamics(ConstrainedDynamics):
         require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
+        """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
         y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
         if not self.library.accelerate(self.linkage, y, dy, a):
             self._fail(t, y, dy)
@@ -161,7 +163,8 @@ class CompiledDynamics(ConstrainedDynamics):
             StepFailure: the error control could not continue.
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
-        # y_last, dy_last: the start, which the loop replaces by the state at which it stopped if it returns FAILED
+        # y_last, dy_last: the start, which the loop replaces by the state at which it stopped if it returns FAILED; it does not
+        # return the time of this state, so the message of the failure has the time of the start
         y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
         steps: int = self.library.advance_adaptive(
             self.linkage, self.tableau, _numbers([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
@@ -204,8 +207,8 @@ def _law(law: Law) -> Array:
 def _tableau() -> Array:
     """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
 
-    DOP853 has 12 stages in a step. Its dense output also needs an evaluation at the end of the step, whose coefficients are B, so
-    the row of this evaluation stays zero in `a`, and three further evaluations. So there are 16 evaluations.
+    DOP853 has 12 stages in a step, and its dense output needs four more evaluations, 16 in all. One of the four is at the end of
+    the step, with the coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
     """
     from scipy.integrate import DOP853
 

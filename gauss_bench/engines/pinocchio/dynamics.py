@@ -42,7 +42,7 @@ class ConstrainedDynamics:
         prepare(pin, options["algorithm"], self.model, self.data, self.rows, self.row_data)
         accuracies = options["absolute_accuracy"], options["relative_accuracy"]
         self.prox: Any = pin.ProximalSettings(*accuracies, options["mu"], int(options["max_iter"]))
-        self.residual_limit = SOLVED / options["mu"]  # of the change of f; mu times the change is the residual [m/s^2]
+        self.residual_limit = SOLVED / options["mu"]  # of the last change of forces f; mu times it is the residual [m/s^2]
         self.drive = DrivingTorques(forces, gains)
         self.evaluations = 0
 
@@ -61,7 +61,7 @@ class ConstrainedDynamics:
         """Return the accelerations (n,) at time t [s] and a tree state y, dy (n,) under forces tau (n,).
 
         Raises:
-            RunFailure: the accelerations are not finite, or miss the constraints.
+            RunFailure: the accelerations are not finite, or violate the constraints.
         """
         a: Array = self.solve(self.model, self.data, y, dy, tau, self.rows, self.row_data, self.prox)
         if not self.prox.relative_residual <= self.residual_limit:  # NaN fails too
@@ -71,12 +71,13 @@ class ConstrainedDynamics:
     def _check_residual(self, t: float, a: Array) -> None:
         """Check the residual of a solution relative to its accelerations a (n,).
 
-        Pinocchio's `relative_residual` is the last change of the forces f. Two other fields cannot be used. `absolute_residual` is
-        as large as the accelerations even if they are exact (Pinocchio 4.1). `iter` can reach its limit: with redundant rows f
-        keeps changing in directions that have no effect.
+        Pinocchio's `relative_residual` is the last change of the constraint forces f in the proximal iteration, whose equation J a
+        + mu (f - f_before) = gamma makes mu times this change the residual. Two other fields of `prox` cannot be used.
+        `absolute_residual` is as large as the accelerations even if they are exact (Pinocchio 4.1). `iter` can reach its limit:
+        with redundant rows f keeps changing in directions that have no effect.
 
         Raises:
-            RunFailure: the accelerations are not finite, or miss the constraints.
+            RunFailure: the accelerations are not finite, or violate the constraints.
         """
         finite_acceleration(t, a, "Pinocchio")
         missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))  # [m/s^2]

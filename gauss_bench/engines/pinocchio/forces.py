@@ -32,10 +32,10 @@ class TreeForces:
 
     Attributes:
         weightless: the mechanism without gravity; Pinocchio itself computes the weight of the links.
-        others: the forces that are not affine, or that vary with time or direction.
+        others: the forces that are not affine, or that vary with time or with the direction of motion.
         constant: (n,) constant part of the affine forces.
         stiffness, damping: (n, n) matrices of the affine forces.
-        motion: function y -> q and T, by which the other forces are evaluated.
+        motion: function y -> absolute positions q and T = dq/dy, with which the other forces are evaluated.
         inertia: (n, n) mass matrix of the tree at the start, which sets the size of driving torques.
     """
 
@@ -61,7 +61,7 @@ class TreeForces:
     def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
         """Return the constant (n,) and the slope (n, 2n) of a force as a function of y, dy (2n,).
 
-        Return None if the force is not affine, that is, no constant plus a linear function.
+        Return None if the force is not affine (a constant plus a linear function).
         """
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
@@ -95,7 +95,7 @@ class DrivingTorques:
 
     where Kp and Kd are Baumgarte's gains, which reduce errors of the driven coordinates. A trial torque has about the size of the
     torque that is needed, so that few digits are lost by cancellation. Driven angles and slide displacements are sums of tree
-    coordinates, so their rows of R are constant. A driven length L has the row G T of R, with G = dL/dq and T = dq/dy; this row
+    coordinates, so their rows of R are constant. The row of R for a driven length L is G T, with G = dL/dq and T = dq/dy, and
     depends on the state. The other terms of L'', which are G dT/dt y' + dG/dt v, follow from the linkage's own constraint row of L.
     """
 
@@ -143,7 +143,8 @@ class DrivingTorques:
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
         """Return the accelerations (n,) at t, y, dy under the forces tau (n,) and the driving torques.
 
-        They are y'' = a0 + sum s_j (a_j - a0), with the factors s_j for which R y'' has the wanted value (see the class).
+        The accelerations are y'' = a0 + sum s_j (a_j - a0), with the factors s_j for which R y'' has the value that the motion laws
+        prescribe (see the class).
 
         Args:
             solve: function (t, y, dy, tau) -> accelerations (n,) under the forces tau (n,) alone.
@@ -169,9 +170,9 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    Pinocchio's world Jacobian has a column for each joint. If only this joint moves, at unit rate, all links that it carries move
-    as one rigid body. The column holds the velocity [u, w] of this body at the world's origin, and its angular speed omega. The
-    centre of mass of a carried link, at [x, y], then has the velocity [u - omega y, w + omega x].
+    Pinocchio's world Jacobian has a column for each joint. If only this joint moves, at unit rate, all links beyond it move as one
+    rigid body. The column holds this body's velocity [u, w] at the world's origin, and its angular speed omega. The centre of mass
+    of a link beyond the joint, at [x, y], then has the velocity [u - omega y, w + omega x].
     """
 
     def __init__(self, tree: Tree, body: Multibody):
@@ -182,6 +183,7 @@ class Motion:
         with respect to y, which are 0, 1 or -1. `carried` (links, n) is 1 where a joint moves a link, and 0 elsewhere.
         """
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
+        # carriers[i]: Pinocchio's joint that carries link i, and the placement of the link's centre of mass in its frame
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
         # link angles are affine in y, so they follow from those at y = 0 and at unit vectors; rates and accelerations do not matter
         states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
@@ -198,7 +200,7 @@ class Motion:
         """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,).
 
         Each column of Pinocchio's Jacobian gives a velocity at the world's origin, from which that of a link's centre of mass
-        follows. The product with `carried` makes this velocity zero for links that the joint does not move.
+        follows. Multiplication by `carried` makes the velocity zero for links that the joint does not move.
         """
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world

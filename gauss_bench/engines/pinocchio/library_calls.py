@@ -16,9 +16,9 @@ from gauss_bench.terms import Array
 
 
 def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return the call of the algorithm that a variant selects, at a state q, v (n,), and the accelerations that it computes.
+    """Return the call of the algorithm that a variant selects, at a state q, v (n,), and the links' accelerations by this call.
 
-    The call is a call of Pinocchio's solver alone, at the tree state y, dy of q, v; the accelerations are absolute.
+    The timed call is Pinocchio's solver alone, at the tree coordinates y and rates dy that correspond to q, v.
     """
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)

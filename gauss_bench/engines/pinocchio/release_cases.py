@@ -76,14 +76,14 @@ def by_constraint(
 ) -> Solve:
     """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics.
 
-    The linkage is the four-bar FOUR_BAR or HALVES: a crank, a rod of 2 m and a rocker of 1.5 m. Its tree is cut where rod and
-    rocker meet, or, in HALVES, in the middle of the rod; the constraint closes the cut.
+    The linkage is a four-bar: a crank, a rod of 2 m and a rocker of 1.5 m. The constraint closes the loop: in FOUR_BAR it joins the
+    ends of rod and rocker; in HALVES the rod is two bodies in one place, which it joins to each other.
 
     Args:
         joints: Pinocchio's index of each bar's joint.
         contact: member of pin.ContactType: points or whole frames coincide.
         frame: member of pin.ReferenceFrame: the axes along which the constraint is written.
-        algorithm: name of the function.
+        algorithm: name of Pinocchio's function, such as "constraintDynamics".
     """
     # the end of the rod, 2 m long, coincides with the end of the rocker, 1.5 m long
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
@@ -97,6 +97,7 @@ def by_constraint(
     row_data.append(row.createData())
     call = find_algorithm(pin, algorithm)
     prepare(pin, algorithm, model, data, rows, row_data)
+    # each of the two algorithms has its own proximal regularisation
     mu = MU if algorithm == "constraintDynamics" else MU_LCABA
     settings = pin.ProximalSettings(ACCURACY, ACCURACY, mu, ITERATIONS)
     tau = np.zeros(model.nv)
@@ -131,7 +132,7 @@ def defaults() -> dict[str, str]:
     """Return name -> default value of ProximalSettings and of Baumgarte's gains.
 
     Every public name of Pinocchio about constraints, contacts, dynamics or solvers is listed with the value "there", so that the
-    comparison of two releases shows which functions came and went.
+    comparison of two releases shows which functions were added and removed.
     """
     import pinocchio as pin
 

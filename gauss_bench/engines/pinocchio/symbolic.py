@@ -1,8 +1,8 @@
 """Pinocchio with symbolic scalars, which its authors recommend for speed; the engine reports that the wheel does not have them.
 
 Conda and Nix have builds with the module `pinocchio.casadi`, and a build from source can have it. Pinocchio's wheel does not have
-this module, because nothing can be linked against CasADi's wheel (https://github.com/stack-of-tasks/pinocchio/issues/2759). So the
-suite cannot run Pinocchio with symbolic scalars, and makes no claim about the speed.
+`pinocchio.casadi`, because nothing can be linked against CasADi's wheel (https://github.com/stack-of-tasks/pinocchio/issues/2759).
+So the suite cannot run Pinocchio with symbolic scalars, and makes no claim about their speed.
 """
 
 from importlib.util import find_spec

@@ -1,12 +1,13 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
 Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it to absolute states. A branch of the tree is a link
-with the joint that carries it. Let A be the placement of a link's centre of mass in the frame of this joint, A_parent that of the
-parent link, T a translation and R a rotation about z. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
+with the joint that carries it. Placements are rigid transformations: A is that of a link's centre of mass in the frame of its
+joint, A_parent the same of the parent link, T a translation and R a rotation about z. Joints are placed in the frame of the
+parent's joint. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
 
     revolute:    The joint RZ is placed at A_parent T(anchor on the parent), and A = T(-anchor).
     prismatic:   The joint PX is placed at A_parent T(anchor + base) R(axis), and A = R(turn - axis) T(-anchor).
-    free:        The joints PX, PY and RZ carry the link one after another from the ground, and A = 1.
+    free:        The joints PX, PY and RZ in series connect the link to the ground, and A is the identity.
 
 Each pin that closes a loop becomes a CONTACT_3D constraint, which has two rows in the plane, and a third row that is always zero.
 """
@@ -43,6 +44,7 @@ class Multibody:
         """Build Pinocchio's model of the tree."""
         self.pin, self.model = pin, pin.Model()
         self.model.gravity.linear = np.array(spatial(mechanism.gravity))
+        # link -> index of Pinocchio's joint that carries it, and A, the placement of its centre of mass in the joint's frame
         self.carriers: dict[int, tuple[int, Any]] = {GROUND: (0, pin.SE3.Identity())}
         for b in tree.branches:
             self._add_link(mechanism, b)
@@ -54,7 +56,8 @@ class Multibody:
         """Add the joints and the body of a branch (a link with the joint that carries it), as the head of this file describes."""
         pin, link = self.pin, mechanism.links[b.link]
         name = b.joint.name if b.joint else ""
-        # parent, centre: the parent link's joint and A_parent; own: A, the placement of this link's centre of mass
+        # parent, centre: index of the parent link's joint, and A_parent, the placement of the parent's centre of mass in the frame
+        # of this joint; own: A, the same placement for this link
         parent, centre = self.carriers[b.parent]
         match b.kind:
             case "revolute":
@@ -107,7 +110,7 @@ class Multibody:
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return the gaps, the mass matrix and the forces that Pinocchio computes for the open tree at a tree state y, dy (n,)."""
+        """Return the loop gaps, mass matrix and forces that Pinocchio computes for the open tree at a tree state y, dy (n,)."""
         data = self.model.createData()
         forces = -np.array(self.pin.nonLinearEffects(self.model, data, y, dy))
         self.pin.forwardKinematics(self.model, data, y)

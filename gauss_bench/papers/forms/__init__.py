@@ -1,8 +1,8 @@
 """The formulas that the audit of the papers checks, as functions, and measures that compare them with a reference.
 
-The audit (`papers/audit.py`) checks statements of three papers. A form of a statement is a function that evaluates a formula, or a
-number or a list that the formula contains. A formula that the paper prints wrongly has two forms: as printed, and as intended by
-the authors.
+The audit (`papers/audit.py`) checks statements of three papers. A statement that is printed wrongly has two versions, called forms:
+as printed, and as intended by the authors. A form is a function that evaluates a formula, or a number or a list that the formula
+contains.
 
 Each module here has the formulas of one or more chapters of the data files (`papers/*.toml`):
 - `least_squares`, `projector`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on their own

@@ -42,9 +42,10 @@ def mass_off(form: Callable[[], Array]) -> float:
 
 
 def power_off(s: ExampleState, f: Array | float, a: Array) -> float:
-    """Return the power v . (M a + f - Q) at the state s, relative to its terms.
+    """Return the power v . (M a + f - Q) at the state s, divided by |v| . (|M a| + |Q|).
 
-    The power is zero for the true accelerations a and the true f, because M a + f - Q is the constraint force, which has no power.
+    The equation of motion, eq. (20), is M a + f = Q - J^T lambda, with forces f besides the applied forces Q; the true f is zero.
+    For the true a and f, M a + f - Q is the constraint force, which has no power.
     """
     inertia = crank_slider.mass() * a
     return float(abs(s.v @ (inertia + f - s.Q)) / (np.abs(s.v) @ (np.abs(inertia) + np.abs(s.Q))))
@@ -73,7 +74,7 @@ def positions_off(form: Callable[[Number], Number], s: ExampleState) -> float:
 def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
     """Return the largest difference of a Jacobian, a function of q, from the derivatives of eq. (21), except for entry (6, 6).
 
-    The paper prints entry (6, 6) wrongly. It is another line of the audit, which `entry_off` measures.
+    The paper prints entry (6, 6) wrongly; `entry_off` measures this entry, as a separate statement.
     """
     difference = np.abs(form(s.q) - gradient(crank_slider.residual, s.q))
     difference[5, 5] = 0.0
@@ -81,18 +82,18 @@ def jacobian_off(form: Callable[[Number], Number], s: ExampleState) -> float:
 
 
 def entry(form: dict[str, Any], q: Array) -> float:
-    """Return one version of entry (6, 6) of the Jacobian, eq. (22) of the paper: factor * l2/2 * sin or cos of an angle.
+    """Return entry (6, 6) of the Jacobian, eq. (22) of the paper, printed or corrected: factor * l2/2 * sin or cos of an angle.
 
     Args:
-        form: has the key `of`, "sin" or "cos". It may have `angle`, the index of the angle in q (5, the rod's, if missing), and
-            `factor` (1 if missing).
+        form: a table with the function `of` ("sin" or "cos"). The table may have `angle`, the index of the angle in q (by default
+            5, the rod's), and `factor` (by default 1).
         q: (7,) positions in the paper's coordinates.
     """
     return float(form.get("factor", 1) * L2 / 2 * getattr(np, form["of"])(q[form.get("angle", 5)]))
 
 
 def entry_off(form: dict[str, Any], s: ExampleState) -> float:
-    """Compare one version of entry (6, 6) of the Jacobian with the derivative of eq. (21), relative to l2/2."""
+    """Return the error of entry (6, 6) of the Jacobian against the derivative of eq. (21), divided by half the rod's length."""
     return float(abs(entry(form, s.q) - gradient(crank_slider.residual, s.q)[5, 5]) / (L2 / 2))
 
 
@@ -102,13 +103,12 @@ def row_off(squared: list[str], s: ExampleState, rows: list[int]) -> float:
     J has the derivatives of eq. (21).
 
     Args:
-        squared: name of the rates whose squares stand in g, eq. (23): ["v"] for velocities, which is right, or ["a"] for
+        squared: list with the name of the rates that are squared in g, eq. (23): ["v"] for velocities, which is right, or ["a"] for
             accelerations, which the paper prints in some rows.
         s: state of the reference motion.
-        rows: numbers of the rows, counted from 1.
+        rows: numbers of the rows of J a = g that are tested, counted from 1.
     """
-    # getattr(s, *squared) is s.v or s.a
-    off = crank_slider.bias(s.q, getattr(s, *squared)) - gradient(crank_slider.residual, s.q) @ s.a
+    off = crank_slider.bias(s.q, getattr(s, squared[0])) - gradient(crank_slider.residual, s.q) @ s.a
     return float(np.abs(off)[[row - 1 for row in rows]].max() / np.abs(s.a).max())
 
 
@@ -157,17 +157,17 @@ def accelerate(p: Problem, bars: Sequence[float] = (1.0, 1.0), gravity: float = 
 
 
 def data_off(form: dict[str, Any], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration if data that the paper does not give have the values in `form`.
+    """Return the relative error of the crank's acceleration if the values in `form` are assumed for data missing in the paper.
 
-    `form` has arguments of `accelerate`.
+    `form` has keyword arguments of `accelerate`. The error is the difference from the true acceleration of the problem p.
     """
     return float(abs(accelerate(p, **form) / p.a[CRANK] - 1))
 
 
 def crank_with(form: dict[str, Any]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] if data that the paper does not give have the values in `form`.
+    """Return the crank's initial acceleration [rad/s^2] if the values in `form` are assumed for data missing in the paper.
 
-    `form` has arguments of `accelerate`.
+    `form` has keyword arguments of `accelerate`.
     """
     return accelerate(crank_problems()[0], **form)
 

@@ -8,9 +8,9 @@
 M a + f = Q - J^T lambda and J a = g are the equations of motion and of the constraints. J^- is any generalised inverse, a matrix
 with J J^- J = J, such as the Moore-Penrose inverse J^+; h and w are arbitrary vectors (n,).
 
-Equation numbers are those of the paper. The argument `form` of a measure is the formula, exponent or inverse that is tested, either
-as printed or as corrected. The exponents of M that are tested are those in A and in the first term of b; eqs. (10) and (11) print
--1/2 for both instead of 1/2.
+Equation numbers are those of Yuan & Ge (2016). The argument `form` of a measure is the formula, exponent or inverse that is tested,
+either as printed or as corrected. The exponents of M that are tested are those in A and in the first term of b; eqs. (10) and (11)
+print -1/2 for both instead of 1/2.
 """
 
 from collections.abc import Callable
@@ -69,9 +69,10 @@ def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
 
 
 def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
-    """Return the gradient of a function G of the accelerations at a, projected on the directions that the constraints allow.
+    """Return how far a function G of the accelerations is from an extremum at a, among accelerations that the constraints allow.
 
-    The result is the largest component of the projected gradient, divided by the largest component of the full gradient.
+    The result is the largest component of the gradient of G projected on the directions that the constraints allow, divided by the
+    largest component of the full gradient.
     """
     full = gradient(G, a)
     return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
@@ -94,8 +95,8 @@ def same_function(form: Callable[[Problem, Number], Number], x: Trial) -> float:
 def stationary_with(form: Callable[[Problem, Number, Array], Number], x: Trial) -> float:
     """Return the projected gradient (`slope`) of Gauss's function, eq. (3), at the true accelerations, where it should be 0.
 
-    Eq. (3) has constraint forces that do work, random ones (n,) here. `form(p, a, extra)` is Gauss's function with the constraint
-    forces `extra`. In the true motion, constraint forces that do work act like applied forces, and are added to Q.
+    The constraint forces in eq. (3) do work; here they are random, (n,). `form(p, a, extra)` is Gauss's function with these
+    constraint forces as `extra`. In the true motion, constraint forces that do work act like applied forces, and are added to Q.
     """
     p, extra = x.p, x.rng.normal(size=x.p.n)
     true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
@@ -133,9 +134,9 @@ def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
 
 
 def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Compare the right-hand side g of J a = g with J a at a state of a reference motion (`list_motions`).
+    """Return the relative difference of the right-hand side g of J a = g from J a at a state of a motion (`list_motions`).
 
-    `form` is a formula that computes g from the function `rate` of the constraint rates and from q and v.
+    `form` is a formula that computes g from the function rate(q, v) = J v and from q and v. J is the derivative of rate by v.
     """
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
@@ -149,8 +150,8 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
 def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
     """Return the larger of the errors of two statements about a formula for eq. (8), a = X g + (I - X J) h.
 
-    The first statement is that a random vector h gives a solution of J a = g. The second is that the true accelerations p.a as h
-    give p.a itself. `form(p, X, h)` returns accelerations; X is a random generalised inverse of J.
+    First, for any h, here a random vector, the result a satisfies J a = g. Second, for h = p.a, the true accelerations, the result
+    is p.a itself. `form(p, X, h)` returns accelerations; X is a random generalised inverse of J.
     """
     p, X = x.p, some_inverse(x.p.J, x.rng)
     a = form(p, X, x.rng.normal(size=p.n))
@@ -166,7 +167,7 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
 
 
 def contradicting_rows(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual of J a = g for accelerations a by eq. (8), where redundant rows contradict each other.
+    """Return the least-squares residual of contradicting redundant rows J a = g for accelerations a by eq. (8) of the paper.
 
     The problem has redundant rows of J. Random numbers, about a tenth of the largest right-hand side, are added to the right-hand
     sides g, so that J a = g has no solution. `form` computes the generalised inverse in eq. (8).
@@ -188,28 +189,29 @@ def vector(p: Problem, exponent: float = 0.5) -> Array:
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of A = M^exponent N against its derivation: the factor of h if eq. (8) is inserted in eq. (2).
+    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the true A in G = 1/2 |A h - b|^2.
 
-    This factor is M^(-1/2) M N.
+    The true A is the factor of h that results if a by eq. (8) is inserted in G by eq. (2) of the paper.
     """
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of b with the given exponent of M in its first term, against the derivation of b.
+    """Return the relative error of the vector b (`vector`) with the given exponent of M in its first term.
 
-    If eq. (8) is inserted in eq. (2), the terms without h are M^(-1/2) (M J^- g + f - Q), and b is minus these terms.
+    If a by eq. (8) is inserted in G by eq. (2) of the paper, the terms without h are M^(-1/2) (M J^- g + f - Q), and the true b is
+    minus these terms.
     """
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
 def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations of eq. (14) for w = 0, with the given exponents of M in A and in the first term of b."""
+    """Return the accelerations by the paper's eq. (14) with w = 0; exponents of the mass matrix M as in `accelerations_with_w`."""
     return accelerations_with_w(p, np.zeros(p.n), exponents)
 
 
 def pair_off(exponents: tuple[float, float], p: Problem) -> float:
-    """Return the relative error of the accelerations of eq. (14) with the given exponents of M in A and in the first term of b."""
+    """Return the relative error of the accelerations by eq. (14) with w = 0; exponents of M as in `accelerations_with_w`."""
     return relative(acceleration(p, exponents), p.a)
 
 
@@ -222,7 +224,7 @@ def half_square(A: Array, b: Array, h: Array) -> float:
 def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
     """Return the relative difference of form(A, b, h) = |A h - b|^2 / 2 from Gauss's function, for a random vector h (n,).
 
-    Gauss's function is taken at the accelerations that eq. (8) gives with h.
+    A and b are those of `matrix` and `vector`. Gauss's function is evaluated at the accelerations that eq. (8) gives for h.
     """
     p, h = x.p, x.rng.normal(size=x.p.n)
     G = gauss_function(p, general_solution(p, pinv(p.J), h))
@@ -235,9 +237,9 @@ def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> 
 
 
 def pair_unit_dependence(exponents: tuple[float, float], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration by eq. (14) if lengths are given in millimetres.
+    """Return the relative change of the crank's acceleration by eq. (14) of the paper if lengths are in millimetres.
 
-    `exponents` are those of M in A and in the first term of b.
+    `exponents` are the powers of the mass matrix M in the matrix A and in the first term of the vector b.
     """
     return unit_dependence(lambda x: acceleration(x, exponents), p)
 
@@ -312,5 +314,5 @@ def true_crank_at_start() -> float:
 
 
 def crank_by_pair(exponents: tuple[float, float]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] by eq. (14) with these exponents of M in A and in the first term of b."""
+    """Return the crank's initial acceleration [rad/s^2] by eq. (14); exponents of M in A and b as in `accelerations_with_w`."""
     return crank_at_start(lambda p: acceleration(p, exponents))

@@ -2,18 +2,18 @@
 
     vector unit A(phi, s),   Jacobian unit J = dA/d(phi, s),   Jacobian-rate unit J' = dJ/dt
 
-The vector A leads from the element at which a loop enters the link to the element at which it leaves the link. phi is the angle of
-the link, and s is the position along a slide. J is compared with the derivatives of the printed A, J' with the time derivative of
-the printed J, and A with the vector unit of `kinematics.link_units`.
+The vector A leads from the element (pin, block or guide) at which a loop enters the link to the element at which the loop leaves
+it. phi is the angle of the link, and s is the position along a slide. J is compared with the derivatives of the printed A, J' with
+the time derivative of the printed J, and A with the vector unit of `kinematics.link_units`.
 
 The kinds of links, and of paths through them, in table 1 are:
 
-    RRR1:           a link with three pins, from the first pin to the second (length l)
-    RRR1 second:    the same link, from the first pin to the third (length l', turned by alpha)
+    RRR1:           a link with three pins; the path leads from the first pin to the second (length l)
+    RRR1 second:    the same link; the path leads from the first pin to the third (length l', turned by alpha)
     RP1:            a link with a pin and the block of a slide, whose axis passes the pin at the distance e
-    RP2:            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place along it
+    RP2:            a link with a pin and the guide of a slide, whose axis passes the pin at the distance e; s is the place on it
 
-The paper prints column 1 of J' of RP2 with the rate of phi in its last term, where the rate of s must stand.
+For RP2, the paper prints the rate of phi in the last term of column 1 of J', where the rate of s must stand.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ SEED, POSES = 2010, 20
 
 @dataclass(frozen=True)
 class Pose:
-    """A link at an instant: angle phi, position s in the guide, rates of both, and the link's dimensions l, l', alpha, e."""
+    """A link at an instant: angle phi, position s in the guide, their rates, and its lengths l, l', angle alpha and offset e."""
 
     phi: Any
     s: Any
@@ -66,23 +66,23 @@ def bar(length: float, phi: Any, rate: float) -> Units:
 
 
 def first_bar(p: Pose) -> Units:
-    """Return vector unit A, Jacobian unit J and its rate J' of RRR1: a link with three pins, from the first to the second."""
+    """Return vector A, Jacobian J and its rate J' of the path RRR1: from the first to the second pin of a link with three pins."""
     return bar(p.l, p.phi, p.phi_rate)
 
 
 def second_bar(p: Pose) -> Units:
-    """Return vector unit A, Jacobian unit J and its rate J' of RRR1's second path: from the first of three pins to the third."""
+    """Return vector A, Jacobian J and its rate J' of the path "RRR1 second": from the first to the third pin of a link."""
     return bar(p.l2, p.phi + p.alpha, p.phi_rate)
 
 
 def block(p: Pose) -> Units:
-    """Return vector unit A, Jacobian unit J and its rate J' of RP1: a link with a pin and the block of a slide."""
+    """Return vector A, Jacobian J and its rate J' of the path RP1: from the pin of a link to the block of a slide on the link."""
     s, c = p.e * np.sin(p.phi), p.e * np.cos(p.phi)
     return np.array([-s, c]), np.array([[-c], [-s]]), np.array([[p.phi_rate * s], [-p.phi_rate * c]])
 
 
 def guide(p: Pose) -> Units:
-    """Return vector unit A (2,) and Jacobian unit J (2, 2), by phi and s, of RP2: a link with a pin and the guide of a slide.
+    """Return vector A (2,) and Jacobian J (2, 2), by phi and s, of the path RP2: from the pin of a link to a guide on the link.
 
     The functions `column_1` and `column_2` return the columns of its rate J'.
     """
@@ -92,7 +92,7 @@ def guide(p: Pose) -> Units:
 
 
 def column_1(p: Pose, last: str) -> Array:
-    """Return column 1 of J', the time derivative of the Jacobian unit of RP2 (a link with a pin and the guide of a slide).
+    """Return column 1 of J', the time derivative of the Jacobian J of a link RP2 (with a pin and the guide of a slide).
 
     `last` names the rate in its last term: "s_rate", which is right, or "phi_rate", as the paper prints it.
     """
@@ -102,12 +102,12 @@ def column_1(p: Pose, last: str) -> Array:
 
 
 def column_2(p: Pose) -> Array:
-    """Return column 2 of J', the time derivative of the Jacobian unit of RP2 (a link with a pin and the guide of a slide)."""
+    """Return column 2 of J', the time derivative of the Jacobian J of a link RP2 (with a pin and the guide of a slide)."""
     return np.array([-p.phi_rate * np.sin(p.phi), p.phi_rate * np.cos(p.phi)])
 
 
 def own_vector(p: Pose, kind: str) -> Array:
-    """Return the suite's own vector unit A (2,) of a path of this kind, from a pin at the link's origin."""
+    """Return the vector A (2,) as the suite computes it for a path `kind`, such as "RP2", from a pin at the link's origin."""
     ends = {  # the element at the end of the path: pair, node, kind, place in the link's frame, direction and name of a slide
         "RRR1": Element("b", "b", PIN, complex(p.l)),
         "RRR1 second": Element("b", "b", PIN, p.l2 * np.exp(1j * p.alpha)),
@@ -127,10 +127,10 @@ def along(function: Callable[[Pose], Number], p: Pose, phi: float, s: float) -> 
 
 
 def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
-    """Return the largest error of the vector unit A, the Jacobian unit J and its rate J' that `form` computes.
+    """Return the largest error of the vector A through a link, its Jacobian J and the rate J' that `form` computes.
 
-    A is compared with the suite's own vector unit for a path of this kind (such as "RP2"), J with the exact derivatives of A by phi
-    and s, and J' (if `form` returns it) with the exact time derivative of J.
+    A is compared with the vector that the suite computes for a path of this kind (such as "RP2"), J with the exact derivatives of A
+    by phi and s, and J' (if `form` returns it) with the exact time derivative of J.
     """
     A, J, *J_rate = form(p)
     # derivatives of A by phi and, if J has two columns, by s
@@ -141,20 +141,20 @@ def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
 
 
 def true_rate(p: Pose) -> Array:
-    """Return the exact rate J' (2, 2) of the Jacobian unit of RP2 (a link with a pin and the guide of a slide)."""
+    """Return the exact time derivative J' (2, 2) of the Jacobian J of a link RP2 (with a pin and the guide of a slide)."""
     return along(lambda x: guide(x)[1], p, p.phi_rate, p.s_rate)
 
 
 def column_1_off(last: list[str], p: Pose) -> float:
-    """Return the error of column 1 of J', the rate of the Jacobian unit of RP2.
+    """Return the error of column 1 of J', the time derivative of the Jacobian J of a link RP2.
 
-    `last` is a list with the name of the rate in the last term of the column (see `column_1`).
+    `last` is a list of one name: the rate in the last term of the column (see `column_1`).
     """
     return float(np.abs(column_1(p, *last) - true_rate(p)[:, 0]).max())
 
 
 def column_2_off(form: Callable[[Pose], Array], p: Pose) -> float:
-    """Return the error of a formula for column 2 of J', the rate of the Jacobian unit of RP2."""
+    """Return the error of a formula for column 2 of J', the time derivative of the Jacobian J of a link RP2."""
     return float(np.abs(form(p) - true_rate(p)[:, 1]).max())
 
 
@@ -170,7 +170,7 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
     The three items of an instant are: the pose of the lever; the acceleration (2,) of the block that slides in the lever's guide;
     and the true phi'' and s'' (2,), the second derivatives of the lever's angle and of the block's place along the lever. The lever
-    is a link RP2 (with a pin and the guide of a slide), whose axis passes through the pin: e = 0.
+    is a link RP2 of the paper (with a pin and the guide of a slide), whose axis passes through the pin: e = 0.
     """
     mechanism = load("shaper", "driven")
     links = {link.name: 3 * i for i, link in enumerate(mechanism.links)}
@@ -189,18 +189,19 @@ def shaper_turn() -> tuple[tuple[Pose, Array, Array], ...]:
 
 
 def lever(last: list[str], pose: Pose, acceleration: Array) -> Array:
-    """Solve J [phi'', s''] = a - J' [phi', s'] for [phi'', s''] of the lever, where a is the acceleration of the block.
+    """Solve J [phi'', s''] = a - dJ/dt [phi', s'] for [phi'', s''] of the lever, where a is the acceleration of the block.
 
-    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    `last` is a list of one name: the rate in the last term of column 1 of dJ/dt (see `column_1`).
     """
     J_rate = np.stack([column_1(pose, *last), column_2(pose)], axis=1)
+    # guide(pose)[1] is J
     return np.asarray(np.linalg.solve(guide(pose)[1], acceleration - J_rate @ [pose.phi_rate, pose.s_rate]))
 
 
 def lever_off(last: list[str]) -> float:
-    """Return the larger of the errors of the lever's phi'' and s'' over the turn, each relative to its largest true value.
+    """Return the larger of the relative errors of phi'' and s'' of the shaper's lever over one turn.
 
-    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    Each error is divided by the largest true value. `last` is a list of one name: the rate in the last term of column 1 of dJ/dt.
     """
     computed = np.array([lever(last, pose, acceleration) for pose, acceleration, _ in shaper_turn()])
     true = np.array([x for *_, x in shaper_turn()])
@@ -208,9 +209,9 @@ def lever_off(last: list[str]) -> float:
 
 
 def lever_at_start(last: list[str]) -> float:
-    """Return the angular acceleration phi'' [rad/s^2] of the shaper's lever at the first instant of the turn.
+    """Return the angular acceleration phi'' [rad/s^2] of the shaper's lever at the start of the turn.
 
-    `last` has the name of the rate in the last term of column 1 of J' (see `column_1`).
+    `last` is a list of one name: the rate in the last term of column 1 of dJ/dt (see `column_1`).
     """
     pose, acceleration, _ = shaper_turn()[0]
     return float(lever(last, pose, acceleration)[0])

@@ -97,7 +97,7 @@ def driven_linkage_at(mechanism: Mechanism, t: float) -> DrivenLinkage:
 
 
 def velocities(m: Matrices, q_rate: Array) -> Array:
-    """Return phi' by eq. (4)."""
+    """Return the rates phi' of the unknowns by eq. (4) of the paper: J phi' = -B q', with the rates q' of the inputs."""
     return np.asarray(np.linalg.solve(m.J, -m.B @ q_rate))
 
 
@@ -107,9 +107,10 @@ def velocities_off(form: Callable[[Matrices, Array], Array], linkage: DrivenLink
 
 
 def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
-    """Return the largest relative error of the angular accelerations by eq. (5).
+    """Return the largest relative error of the angular accelerations phi'' of the unknowns by eq. (5) of the paper.
 
-    The accelerations of slides follow from the same rows and are not compared.
+    The equation is J phi'' = -(B q'' + B' q' + J' phi'), with the inputs q. Accelerations of slides are unknowns of the same
+    equations, and are not compared.
 
     Args:
         last: list with the name of the matrix in the last term of eq. (5): "J_rate", which is right, or "J", as the paper prints
@@ -127,18 +128,18 @@ Laws = dict[str, Callable[[Array], Array]]
 
 
 def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
-    """Return J_l and B_l of one loop by eq. (11), from the Jacobian units of the links that the loop passes and their U and K.
+    """Return J_l and B_l of one loop by eq. (11) of the paper: the sums of J U and of J K over the links that the loop passes.
 
-    The matrices U and K tell to which unknowns and to which inputs the columns of a Jacobian unit belong.
+    `units` are the Jacobians J of the links; U and K assign the columns of J to the unknowns and to the inputs (`loops_of`).
     """
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
 def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Return three lists for every loop: Jacobian units, matrices U, matrices K, each with one item for each link of the loop.
+    """Return for every loop the Jacobians J, the matrices U and the matrices K of the paper, one of each for each link of the loop.
 
-    U and K are matrices whose rows belong to the columns of the link's Jacobian unit; the columns of U belong to the unknown
-    variables, and those of K to the inputs.
+    The rows of U and K belong to the columns of the link's J; the columns of U belong to the unknown variables, and those of K to
+    the inputs.
     """
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
@@ -150,17 +151,20 @@ def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], lis
 
 
 def assembly_off(form: Callable[..., Parts], linkage: DrivenLinkage) -> float:
-    """Return the residual of eq. (4) at the true rates, relative to its terms; `form` assembles J_l and B_l as `assemble` does."""
+    """Return the residual of eq. (4), J phi' + B q' = 0, at the true rates, relative to its terms.
+
+    `form` computes J and B of one loop (J_l and B_l in the paper) as `assemble` does.
+    """
     loops = [np.hstack(form(*loop)) for loop in loops_of(linkage)]  # J and B of each, side by side
     return worst([float(np.abs(x @ linkage.rate).max() / (np.abs(x) @ np.abs(linkage.rate)).max()) for x in loops])
 
 
 def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
-    """Return the relative error of the velocities by eq. (4), if J and B are composed of the blocks J_l and B_l of all loops.
+    """Return the relative error of the velocities phi' by eq. (4) if J and B are composed of the blocks J_l, B_l of all loops.
 
-    The blocks are put one below the other. If `transposed`, they are put side by side instead, and the result is transposed. If J
-    or B then has a wrong shape, the velocities cannot be computed. In this case the number of surplus or missing rows and columns
-    of both is returned, divided by the sum of the right numbers.
+    The blocks are put one below the other. If `transposed`, the blocks are put side by side instead, and J and B are transposed
+    afterwards. If J or B has a wrong shape, the velocities cannot be computed. In this case the number of surplus or missing rows
+    and columns of both is returned, divided by the sum of the right numbers.
     """
     parts = [assemble(*loop) for loop in loops_of(linkage)]
     J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
@@ -172,7 +176,7 @@ def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Return the share of rows of matrices U and K that do not consist of one 1 and zeros.
+    """Return the fraction of rows of the matrices U and K (`loops_of`) that are not rows of a unit matrix.
 
     Each list in `form` names the matrices whose rows are tested: ["U"], ["K"], or ["U", "K"] for the rows of U and K side by side.
     """
@@ -188,10 +192,10 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
-    """Return the largest error of a claimed number of columns of the links' Jacobian units.
+    """Return the largest error of a claimed number of columns of the links' Jacobians J.
 
     The claimed number is form[0] * t + form[1] * g + form[2] * b. t is 1 if the link can turn, else 0. g is the number of guides
-    (and rod ends) and b the number of blocks among the two elements at which the loop enters and leaves the link.
+    (or ends of telescopic rods) and b the number of blocks among the two elements at which a loop enters and leaves the link.
     """
     errors = []
     for p in chain.from_iterable(linkage.equations.ways):
@@ -222,8 +226,8 @@ def unknowns_off(form: list[int], equations: LoopEquations) -> float:
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
     """Return the incidence matrix as networkx computes it, with a row for each link (the frame last) and a column for each pair.
 
-    An entry of the matrix is 1 if the pair connects this link to another one. If `oriented`, the entry is -1 for one of the two
-    links of the pair.
+    An entry of the matrix is 1 if the pair connects this link to another one. If `oriented`, the entry of one of the pair's two
+    links is -1 instead.
     """
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
@@ -240,10 +244,10 @@ def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the number of wrong entries of the incidence matrices by the paper's definition, relative to the number of true ones.
+    """Return the number of wrong entries in the paper's incidence matrices, divided by the number of entries 1 in the true ones.
 
-    Entry i, j of the paper's matrix is 1 if joint j is on link i. If `diagonal`, only entries i, i may be 1. The true matrix is
-    computed by networkx; the number of wrong entries is divided by the number of entries 1 in it.
+    Entry i, j of the paper's matrix is 1 if joint j is on link i. If `diagonal`, only the diagonal entries of the matrix may be 1.
+    The true matrix is computed by networkx.
     """
     wrong = ones = 0
     for graph in graphs():
@@ -302,9 +306,9 @@ def six_bars() -> list[DrivenLinkage]:
 def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -> float:
     """Return the largest difference of the paper's matrices J, J', B, B' of the six-bar from those of the suite.
 
-    `form` computes the paper's matrices from angles and rates, as `six_bar_blocks` does. J and J' belong to the unknowns, B and B'
-    to the input. The paper may pass a loop in the opposite sense, so that the two equations of each loop may have the opposite
-    sign.
+    `form` computes the paper's matrices from angles and rates, as `six_bar_blocks` does. J and B are the derivatives of the loop
+    equations by the unknowns and by the input, J' and B' their time derivatives. The paper may pass a loop in the opposite sense,
+    so that the two equations of each loop may have the opposite sign.
     """
     equations, m, errors = linkage.equations, linkage.matrices, []
     columns = [equations.column[i] for i in (0, 1, 2, 3)]  # of phi1, phi2, phi3, phi5

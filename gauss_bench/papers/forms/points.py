@@ -99,7 +99,7 @@ def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> f
 
 
 def lengths(x: Shaper) -> tuple[float, float]:
-    """Return the residuals [m^2] of the first two equations (2), squared: |B - O1|^2 - L_O1B^2 and |C - B|^2 - L_BC^2."""
+    """Return |B - O1|^2 - L_O1B^2 and |C - B|^2 - L_BC^2 [m^2], the residuals of the first two of eqs. (2) with squared lengths."""
     B, C, O1 = x.B, x.C, x.O1
     return (
         (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2,
@@ -108,7 +108,7 @@ def lengths(x: Shaper) -> tuple[float, float]:
 
 
 def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
-    """Return the larger residual of the first two equations (2), squared, relative to the square of the lever's length."""
+    """Return the larger residual of the first two of eqs. (2), as in `lengths`, divided by the square of the lever's length."""
     return max(map(abs, form(x))) / x.lever**2
 
 
@@ -132,24 +132,24 @@ def collinear_off(form: list[str], x: Shaper) -> float:
 
 
 def quotient(O1: complex, A: complex, B: complex) -> float:
-    """Return the residual of the third equation (2) as printed in the paper; it divides by zero if the lever is horizontal."""
+    """Return the residual of the third of eqs. (2) as printed in the paper; it divides by zero if the lever is horizontal."""
     return (A.real - B.real) / (A.imag - B.imag) - (O1.real - B.real) / (O1.imag - B.imag)
 
 
 def product(O1: complex, A: complex, B: complex) -> float:
-    """Return the residual of the third equation (2) as a cross product of unit vectors, which is defined in every position."""
+    """Return the residual of the third of the paper's eqs. (2) as a cross product of unit vectors, defined in every position."""
     return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
 
 
-# function of O1, A and B that returns the residual of the third equation (2): the three points lie on one line
+# function of O1, A and B that returns the residual of the third of the paper's eqs. (2): the three points lie on one line
 Line3 = Callable[[complex, complex, complex], float]
 
 
 def line_off(form: Line3) -> float:
-    """Return the largest residual of the third equation (2) at true positions in which the lever is nearly parallel to an axis.
+    """Return the largest residual `form` of the third of eqs. (2) at true positions with the lever nearly parallel to an axis.
 
-    In such positions the quotients that the paper prints are ill-conditioned. The whole linkage is rotated, at four positions of
-    its turn, so that the lever has angles from NEAREST to 0.5 rad to either side of each axis.
+    If the lever is nearly horizontal, the quotients that the paper prints are ill-conditioned. The whole linkage is rotated, at
+    four positions of its turn, so that the lever has angles from NEAREST to 0.5 rad to either side of each axis.
     """
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
@@ -163,16 +163,17 @@ def line_off(form: Line3) -> float:
 
 
 def search_off(form: Line3) -> float:
-    """Return the share of positions at which Newton's method, started at the position before, does not find the pin B.
+    """Return the share of positions at which Newton's method, started at the previous position, does not find the place of pin B.
 
-    `form` is the residual of the third equation (2). The crank turns by 5 degrees from one position to the next. The shaper is
-    tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees, with its lever near the horizontal.
+    `form` is the residual of the third of the paper's eqs. (2). The crank turns by 5 degrees from one position to the next. The
+    shaper is tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees, with its lever near the
+    horizontal.
     """
     return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
 
 
 def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
-    """Return at how many positions of a turn Newton's method, started at the position before, does not find the pin B.
+    """Return at how many positions of a turn Newton's method, started at the previous position, does not find the place of pin B.
 
     Newton's method solves two equations of the paper for the two coordinates of B: |B - O1| = L_O1B, the first of the equations
     (2), and the third, whose residual is `form`. `places` are the true positions of the linkage over one turn; B counts as found if
@@ -182,7 +183,7 @@ def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
     for before, x in zip(places, [*places[1:], places[0]], strict=True):
 
         def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:  # the default keeps the x of this iteration
-            """Return the residuals (2,) of the two equations, and their Jacobian (2, 2), at the coordinates p (2,) of B.
+            """Return the residuals (2,) of the lever's length and of `form`, and their Jacobian (2, 2), with pin B at p (2,).
 
             The Jacobian is computed by central differences.
             """
@@ -211,8 +212,8 @@ def from_before() -> float:
 def starts_off(form: Callable[[], float]) -> float:
     """Return the share of random starts from which a search does not find the assembled position of the shaper.
 
-    The two searches are Gauss-Newton and Levenberg-Marquardt; the larger of their shares is returned. `form` is a function without
-    arguments, which returns the largest distance [m] of the random starts from the assembled position.
+    The methods Gauss-Newton and Levenberg-Marquardt are tested, and the larger of the two shares is returned. `form` is a function
+    without arguments, which returns the largest distance [m] of the random starts from the assembled position.
     """
     radius = form()
     searches = basins(load_shaper(), [radius], STARTS, SEED)

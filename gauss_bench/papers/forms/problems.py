@@ -55,7 +55,7 @@ class Problem:
 
     @property
     def terms(self) -> Terms:
-        """The problem in the terms M, J, Q, gamma that the suite's formulations solve: Q is the problem's Q - f, gamma is its g."""
+        """The problem as the suite's formulations solve it, M a + J^T lambda = Q, J a = gamma: their Q is Q - f, gamma is g."""
         zero = np.zeros(len(self.J))
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
@@ -105,7 +105,7 @@ def crank_problems() -> tuple[Problem, ...]:
 
 
 def all_problems() -> tuple[Problem, ...]:
-    """Return the random problems and those of the paper's example."""
+    """Return the random problems and the problems of the crank-slider, which is the paper's example."""
     return (*random_problems(), *crank_problems())
 
 
@@ -158,11 +158,11 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
 
 
 def in_millimetres(p: Problem) -> Problem:
-    """Return a problem of the crank-slider with lengths in millimetres instead of metres.
+    """Return a problem of the crank-slider converted from metres to millimetres.
 
-    With s = 1000 for each coordinate that is a length and 1 for each angle, and q' = s q: M' = M / (s s^T), f' = f / s, Q' = Q / s,
-    a' = s a. The constraint rows are lengths, so that J' = 1000 J / s and g' = 1000 g. Energies stay in J; the unit of force is
-    then J/mm = 1 kN, and that of mass is J s^2/mm^2 = 1e6 kg.
+    The scaled coordinates are q' = s q, with s = 1000 for each coordinate that is a length and 1 for each angle. In these
+    coordinates, M' = M / (s s^T), f' = f / s, Q' = Q / s, a' = s a. The constraint rows are lengths, so that J' = 1000 J / s and g'
+    = 1000 g. Energies stay in J; the unit of force is then J/mm = 1 kN, and that of mass is J s^2/mm^2 = 1e6 kg.
     """
     s = MILLIMETRES
     return replace(

@@ -5,8 +5,8 @@
 
 The equations of motion are M a + f = Q - J^T lambda, and the constraints are J a = g. The projector N has the rank n - rank J, and
 so has no inverse if there are constraints. If N^-1 was a true inverse, N N^-1 = I, eq. (16) would give M^-1 (Q - f), the
-accelerations without constraints. With Moore-Penrose inverses, N N^- = N. Then eq. (16) projects M^-1 (Q - f) on J a = g in the
-Euclidean metric instead of the metric of M. The difference of its accelerations a_(16) from the true ones is
+accelerations without constraints. With Moore-Penrose inverses, N N^- = N, so that eq. (16) projects M^-1 (Q - f) on J a = g in the
+Euclidean metric instead of the metric of M. The accelerations a_(16) by eq. (16) differ from the true ones by
 
     a_true - a_(16) = N (a_true - M^-1 (Q - f)) = -N M^-1 J^T lambda
 """
@@ -62,7 +62,7 @@ def euclidean(p: Problem) -> Array:
 
 
 def final_of_14(p: Problem) -> Array:
-    """Return the accelerations by eq. (14) of Yuan & Ge (2016), with corrected exponents of M; they are right."""
+    """Return the accelerations by eq. (14) of Yuan & Ge (2016), made right by corrected exponents of M."""
     return gauss_pinv(p.terms).a
 
 

@@ -39,7 +39,7 @@ class Constants:
 
 
 def symbols(constants: Constants) -> Arithmetic:
-    """Return the arithmetic of heyoka's symbols; constants become parameters."""
+    """Return cos, sin and square root of heyoka's symbolic expressions, and the function that makes parameters of constants."""
     import heyoka
 
     return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, constants)
@@ -92,9 +92,9 @@ class CompiledSeries:
 def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
     """Compile the equations of motion for one choice of free coordinates and one interval of time.
 
-    The compiled code has the integrator by Taylor series, whose state has all coordinates x and the speeds u of the free ones. It
-    also has a function `watch` that returns the pivots. A small pivot shows that the free coordinates hardly determine the others;
-    then another chart must be chosen.
+    The compiled code has an integrator by Taylor series, whose state has all coordinates x and the speeds u of the free
+    coordinates, and a function `watch` that returns the pivots. A small pivot shows that the free coordinates hardly determine the
+    others; then another chart must be chosen.
 
     Args:
         rows: the constraint rows of the linkage.

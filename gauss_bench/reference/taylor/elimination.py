@@ -2,7 +2,8 @@
 
 The order of pivots is chosen at one state in double precision, and then used for all states near it. Among the entries that are not
 small in their row, each pivot is the one with the least fill-in (Markowitz). In a rectangular system A x = b of full row rank, some
-unknowns remain without a pivot. These unknowns are free. With u their values, the general solution is x = x0 + N u:
+unknowns remain without a pivot. These unknowns are free. With the values u of the free unknowns, the general solution is
+x = x0 + N u:
 
     x0:   the solution in which all free unknowns are zero
     N:    each column solves A N = 0 with one free unknown equal to one and all other free unknowns zero

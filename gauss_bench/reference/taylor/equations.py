@@ -6,13 +6,14 @@ The constraint rows A x' = rate, A x'' = gamma leave some coordinates free, whos
 
 Here n0 and a0 are solutions of the rows for u = 0 and u' = 0, and the columns of N solve A N = 0.
 
-Let z_b be the position of the centre of mass and the angle of link b, J_b the Jacobian of z_b by x, m_b the mass or inertia of the
-link, F_b the force or moment on it, and bias_b the part of z_b'' that does not depend on x''. By Gauss's principle of least
-constraint, u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b. Hence u' solves
+Let z_b be the position of the centre of mass and the angle of link b, J_b the Jacobian of z_b with respect to x, m_b the mass or
+inertia of the link, F_b the force or moment on it, and bias_b the part of z_b'' that does not depend on x''. By Gauss's principle
+of least constraint, u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b. Hence u' solves
 
     T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
 
-The integrated state is (x, u). All velocities follow from u and satisfy the constraint rows to rounding. Only positions can drift.
+The integrated state is (x, u). All velocities are computed from u and satisfy the constraint rows to rounding. Only positions can
+drift.
 Source: Yuan and Ge, Multibody System Dynamics 37 (2016), and Udwadia and Kalaba, Analytical Dynamics (1996), for Gauss's principle;
 Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6, for the reduction to free coordinates.
 """
@@ -42,7 +43,8 @@ class Chart:
     Attributes:
         order: (row, column) of the pivots by which the other coordinates are eliminated.
         free: indices of the free coordinates.
-        scale: (n,) distance by which a unit of each coordinate moves the loops [m or 1]; pivots are compared in these units.
+        scale: (n,) change of the loop closures per unit change of each coordinate [m or 1]; pivots are divided by it before they
+            are compared.
     """
 
     order: Order
@@ -70,7 +72,7 @@ def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tup
 
     Args:
         rows: the constraint rows.
-        at: the coordinates and moving vectors, for a single state.
+        at: the coordinates x and the vectors l e of `moving_vectors`, at a single state.
         scale: (n,) scales of the coordinates as in `Chart`; by default the largest entry of each column of A at this state. Columns
             whose entries are smaller than REDUNDANT get the scale 1.
     """
@@ -96,7 +98,7 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     Args:
         rows: the constraint rows, whose matrix is A.
         chart: the free coordinates, and the pivots by which the others are eliminated.
-        at: the coordinates x, and the vectors of the links, turned and scaled as at x.
+        at: the coordinates x, and the vectors l e of `moving_vectors` at x.
         u: speeds of the free coordinates, in the order of `chart.free`.
         laws: value, rate and second rate that every driver prescribes.
     """
@@ -140,7 +142,7 @@ def _reduce(
     the applied force and moment.
 
     Args:
-        rows: the constraint rows; at: the coordinates, and the moving vectors there.
+        rows: the constraint rows; at: the coordinates x, and the vectors l e of `moving_vectors` at x.
         v: coordinate -> its velocity.
         N: free coordinate -> its column of the null-space matrix N, as coordinate -> value.
         a0: coordinate -> its acceleration if u' = 0.

@@ -45,7 +45,7 @@ class Wrench:
     """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
-        """Set all forces and moments to zero; `at` has the values of the coordinates, and the vectors of the links there."""
+        """Set all forces and moments to zero; `at` has the coordinates x, and the vectors l e of `moving_vectors` at x."""
         self.coordinates, self.at = coordinates, at
         links = len(coordinates.mechanism.links)
         self.force: list[Vector] = [(0, 0)] * links
@@ -56,7 +56,7 @@ class Wrench:
         return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
 
     def value(self, terms: Sum) -> Vector:
-        """Return the components (x, y) of a sum of moving vectors at this instant."""
+        """Return the components (x, y) of a sum of vectors at this instant."""
         return self.at.combine(terms)
 
     def turn(self, vector: Any, link: int) -> Vector:
@@ -64,7 +64,7 @@ class Wrench:
         return self.value(self.coordinates.turn_vector(vector, link))
 
     def gap(self, a: Point, b: Point) -> Sum:
-        """Return the vector from point a to point b, as a sum of moving vectors."""
+        """Return the vector from point a to point b, as a sum of vectors (`vector_sums`)."""
         return merge(self.coordinates.point(b), less=self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
@@ -104,7 +104,7 @@ class Loads(Wrench):
 
         Args:
             coordinates: the loop coordinates of the linkage.
-            at: the values of the coordinates, and the vectors of the links, turned and scaled accordingly.
+            at: the values x of the coordinates, and the vectors l e of `moving_vectors` at x.
             v: coordinate -> its velocity.
         """
         super().__init__(coordinates, at)

@@ -7,7 +7,7 @@ constraint is derived here a second time, independently of `mechanism/coordinate
     pin:          a force along x, then a force along y, on the point b, each with its reaction on the point a
     slide:        a force across the guide on the block, with its reaction in the same line on the guide; then a torque on the
                   block, with its reaction on the guide
-    driver:       of an angle a torque; of a slide a force along the guide; of a length a force along the line of its two points
+    driver:       on an angle a torque; on a slide a force along the guide; on a length a force along the line of its two points
     knife edge:   a force across the edge at its point
 
 The system J^T lambda = Q - M a has more rows than unknowns, so that its residual checks the whole motion.
@@ -30,8 +30,8 @@ def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value
     """Return the rows of the constraint Jacobian J in absolute coordinates at an instant, each as column -> value.
 
     A row of J equals the generalised force of a unit reaction in a joint, a driver or a knife edge. Each row is therefore built
-    from the forces and moments of such a reaction on the links (`Wrench`): `pull` adds a pair of opposite forces at two points,
-    `slide` such a pair in one line on two links, `twist` a pair of torques, and `push` a single force.
+    from the forces and moments that this unit reaction exerts on the links (`Wrench`): `pull` adds a pair of opposite forces at two
+    points, `slide` such a pair in one line on two links, `twist` a pair of torques, and `push` a single force.
     """
     mechanism, wrenches = coordinates.mechanism, list[Wrench]()
 

@@ -1,8 +1,8 @@
 """Motion laws of drivers as formulas of time, for a linkage of which only a part of the motion is driven.
 
-A motion law prescribes the value of a coordinate as a function of time. Its breaks are the times at which it is not smooth. Time is
-divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at the ends of a piece come
-from the law itself. The formulas between the ends are derived here a second time:
+A motion law prescribes the value of a coordinate as a function of time. The breaks of a law are the times at which the law is not
+smooth. Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at both ends
+of a piece are taken from the motion law of the mechanism. The formulas for the times in between are derived here a second time:
 
     constant:   value + rate (t - t0)
     table:      the cubic with value, rate and curvature at one knot and the curvature at the next
@@ -38,11 +38,11 @@ class Piece:
     number: Number
 
     def laws(self, t: Value, arithmetic: Arithmetic) -> list[Law]:
-        """Return the value, rate and second rate that each driver prescribes at a time t within this piece."""
+        """Return the value, rate and second rate that each driver prescribes at a time t within this interval of time."""
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return the value, rate and second rate that one driver prescribes at a time t within this piece.
+        """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time.
 
         The motion law is a polynomial in t - origin, except for the rises of the kinds "sine" and "cosine", which have
         trigonometric functions of time (`wave`).

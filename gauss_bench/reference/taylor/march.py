@@ -1,9 +1,9 @@
-"""Integration by Taylor series from chart to chart.
+"""Integration by Taylor series in one choice of free coordinates (chart) after the other.
 
-A chart is a choice of free (independent) coordinates. The other coordinates are eliminated from the constraint rows in an order of
-pivots that is good at the present position. After every step the pivots of the equations are computed. If a pivot has become small,
-another order of pivots is chosen, and with it another set of free coordinates: the chart changes, but not the motion. If a pivot
-changes its sign within a step, that step is repeated with half the length.
+A chart is a choice of free (independent) coordinates. The dependent coordinates are eliminated from the constraint rows in an order
+of pivots that is good at the present position. After every step the pivots of the equations are computed. If a pivot has become
+small, another order of pivots is chosen, and with it another set of free coordinates: the chart changes, but not the motion. If a
+pivot changes its sign within a step, that step is repeated with half the length.
 
 At a singular position no order of elimination has pivots that are large enough. The motion ends there, even if the Taylor series
 could continue it: two branches of the motion cross, and the equations do not determine which of them the motion follows.
@@ -79,8 +79,8 @@ class March:
         """Integrate the motion from a start x, v (1, n); return the states at the sample times, and why the motion ends early.
 
         The second result is empty if the motion reaches the last sample time. The motion is integrated with one choice of free
-        coordinates (chart) until a pivot of its elimination is smaller than `least_pivot`, and then with a better choice. At every
-        change of the chart the loops are closed again.
+        coordinates (chart) until a pivot of its elimination is smaller than `least_pivot`, and then with a better choice. Whenever
+        another choice is made, the loops are closed again.
 
         Raises:
             Unsolved: the loops cannot be closed at a position where the chart changes.
@@ -109,7 +109,7 @@ class March:
         return join(parts), ""
 
     def _other_chart(self, chart: Chart, k: int, state: Long) -> tuple[Chart, Pivots]:
-        """Return a better chart (choice of free coordinates) at a state within piece k of the motion laws, and its pivots.
+        """Return a better chart (choice of free coordinates) at a state within time interval k, and the pivots of this chart.
 
         The best chart is replaced by one that is already compiled for this piece, if the smallest pivot of the compiled chart is
         larger than GOOD_ENOUGH times that of the best chart.
@@ -123,7 +123,9 @@ class March:
         return fresh, best
 
     def _leg(self, series: CompiledSeries, t: Any, state: Long, end: Any, least_pivot: float) -> Leg:
-        """Integrate in one chart from a state at time t until the time `end` [s], or until a pivot is smaller than `least_pivot`.
+        """Integrate with one choice of free coordinates (chart) from a state at time t up to `end` [s], while all pivots are large.
+
+        The integration ends at `end`, or after the first step with a pivot smaller than `least_pivot`; then `worn` is true.
 
         A step in which a pivot changes its sign is repeated with half the length, so that no pivot passes zero. The motion stops if
         the series is not finite, if steps become extremely short, or if a pivot vanishes at the beginning of this part.
@@ -163,17 +165,18 @@ class March:
                 return Leg(now, state, samples, worn=False, stopped=text)
 
     def _series(self, chart: Chart, k: int) -> CompiledSeries:
-        """Return the compiled code of the Taylor series for a chart and for piece k of the motion laws; compile it if necessary."""
+        """Return the compiled code of the Taylor series for a chart and for time interval k; compile it if necessary."""
         key = (chart.order, k)
         if key not in self.compiled:
             self.compiled[key] = compile_series(self.rows, chart, self.pieces[k], self.number)
         return self.compiled[key]
 
     def _states(self, chart: Chart, samples: list[tuple[Any, Long]]) -> LoopStates:
-        """Return all coordinates, velocities and accelerations at samples (time, state) that were computed in one chart.
+        """Return positions, velocities and accelerations of all coordinates at samples (time, state) of one chart.
 
-        The given states have all coordinates, but only the velocities of the free ones. The values that drivers prescribe are
-        computed by the motion laws themselves, and not by the formulas for these laws in the compiled Taylor series.
+        A chart is a choice of the free coordinates, whose velocities determine all others. A given state has the positions of all
+        coordinates, and the velocities of the free coordinates. The values that drivers prescribe are computed by the motion laws
+        themselves, and not by the formulas for these laws in the compiled Taylor series.
         """
         n = self.rows.coordinates.n
         t, y = np.array([time for time, _ in samples]), np.array([state for _, state in samples])

@@ -1,13 +1,14 @@
 """The constraint rows in loop coordinates: closures of loops, drivers and knife edges, each with two time derivatives.
 
-    closure of a loop:    P = 0, two rows for x and y; P is the sum of vectors around the loop
+    closure of a loop:    P = 0, with P the sum of vectors around the loop; two rows, for x and y
     driver of an angle:   theta + turn - law(t) = 0, with a constant `turn`
     driver of a slide:    s - law(t) = 0
     driver of a length:   (d . d - law(t)^2) / 2 = 0, with d the vector from one point to the other
     knife edge:           n . P' = 0, with P the point of the edge and n its normal, which turns with the link
 
-The rows of knife edges restrict velocities, but not positions. The velocities x' of the coordinates satisfy A x' = rate, and their
-accelerations x'' satisfy A x'' = gamma.
+The rows of knife edges restrict velocities, but not positions. The time derivatives of the rows are A x' = rate and A x'' = gamma:
+A is their Jacobian, `rate` the velocities that drivers prescribe, and gamma the negative sum of all terms of the second derivative
+without x''.
 """
 
 from collections.abc import Mapping, Sequence
@@ -88,7 +89,7 @@ class LoopRows:
         """Return the rows of A, the Jacobian of the constraints, each as coordinate -> derivative; vanishing entries are left out.
 
         Args:
-            at: the coordinates x, and the vectors of the links, turned and scaled as at x.
+            at: the coordinates x, and the vectors l e of `moving_vectors` at x.
         """
         rows: list[dict[int, Value]] = []
         for closure in self.closures:  # two rows, x and y
@@ -106,7 +107,7 @@ class LoopRows:
         return [{j: x for j, x in row.items() if not vanishes(x)} for row in rows]
 
     def residuals(self, at: Instant, laws: Sequence[Law]) -> list[Value]:
-        """Return the residuals of rows with a position level, closures before drivers [m, rad, or m^2 for the row of a length]."""
+        """Return the residuals of rows that restrict positions, closures before drivers [m, rad, or m^2 for a length]."""
         residuals = [x for closure in self.closures for x in at.combine(closure)]
         for quantity, (value, _, _) in zip(self.prescribed, laws, strict=True):
             if quantity.gap:  # half the difference of squares, whose derivative d . d' needs no root
@@ -117,15 +118,15 @@ class LoopRows:
         return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side `rate` of A x' = rate, in the order of the rows."""
+        """Return the right-hand side `rate` of A x' = rate, with A the Jacobian, in the order of the rows."""
         driven = [value * rate if quantity.gap else rate for quantity, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
         return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
 
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side gamma of A x'' = gamma, in the order of the rows.
+        """Return the right-hand side gamma of A x'' = gamma, with A the Jacobian, in the order of the rows.
 
         Args:
-            at: the coordinates x, and the moving vectors there; v: coordinate -> its velocity.
+            at: the coordinates x, and the vectors l e of `moving_vectors` at x; v: coordinate -> its velocity.
             laws: value, rate and second rate that every driver prescribes.
         """
         # functions that give the time derivative of a vector, and the part of its second derivative that does not depend on x''

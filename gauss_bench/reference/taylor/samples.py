@@ -39,12 +39,12 @@ def join(parts: Sequence[LoopStates]) -> LoopStates:
 
 
 def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], zero: Long) -> Long:
-    """Return absolute coordinates (k, n) of all links, or their first or second derivatives, according to `vectors` and `angles`.
+    """Return absolute coordinates (k, n) of all links, or their time derivatives if `vectors` and `angles` are derivatives.
 
     Args:
         coordinates: the loop coordinates; at: their values at k states.
-        vectors: key -> moving vector, or a derivative of it. Centres of mass are sums of these.
-        angles: loop coordinate -> its value, or a derivative of it; the angles of links are taken from these.
+        vectors: key -> vector l e of `moving_vectors`, or a derivative of it; centres of mass are sums of such vectors.
+        angles: loop coordinate -> its value, or a derivative of it, for the angles of the links.
         zero: (k,) zeros in the type of number of the states.
     """
     values: list[Value] = []
@@ -60,7 +60,7 @@ def sample(
 
     Args:
         rows: the constraint rows of the linkage.
-        states: loop coordinates, velocities and accelerations at k times.
+        states: loop coordinates x and their time derivatives v, a at k times.
         times: these times as decimal texts [s].
         redundant: number of redundant constraint rows.
         stopped: the reason why the motion ends early, or empty; method: the method in words.
@@ -97,7 +97,7 @@ def sample(
 def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
     """Return the largest residual of positions and that of velocities, over all states and constraint rows.
 
-    Redundant rows are included. `at` has the vectors of the links, turned and scaled as at the positions of the states.
+    Redundant rows are included. `at` has the vectors l e of `moving_vectors` at the states.
     """
     laws = rows.laws(states.t)
     zero = states.t - states.t  # (k,) in the type of number of the states

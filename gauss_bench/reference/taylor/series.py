@@ -37,8 +37,8 @@ def taylor_motion(
             been merged into it.
         scenario: name of the scenario.
         times: sample times as decimal texts [s], ascending from "0".
-        double: whether to compute in double precision instead of 128-bit numbers. This suffices to compare linkages whose
-            parameters differ slightly.
+        double: whether to compute in double precision, which suffices to compare linkages with slightly different parameters,
+            instead of in 128-bit numbers.
         progress: called with the time reached [s].
 
     Raises:

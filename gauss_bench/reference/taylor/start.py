@@ -1,6 +1,6 @@
 """The start of a motion in extended precision: loop coordinates and velocities at t = 0.
 
-They satisfy the constraint rows of the linkage, and the decimal numbers that the scenario's table `start` gives, to the last digit.
+This state satisfies, to the last digit, the constraint rows of the linkage and the decimal numbers of the scenario's table `start`.
 The assembly in double precision is the first guess. Each value in the table `start` becomes an additional row: an angle or a
 displacement of a slide is prescribed as by a driver, and a position of a point is a constraint P - target = 0 with a given velocity
 of P.
@@ -24,8 +24,8 @@ from gauss_bench.terms import Array
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
     """Return the constraint rows of the mechanism together with the rows of its start, and the right-hand sides at t = 0.
 
-    Each value in the scenario's table `start` is an additional row. All rows are in this order: loops, points whose position the
-    start gives, drivers, angles and slides whose value the start gives, knife edges.
+    Each value in the scenario's table `start` adds a row to the equations. The rows are in this order: loops, points with
+    prescribed start positions, drivers, angles and slides with prescribed start values, knife edges.
 
     Returns:
         held: all these rows, whose Jacobian by the coordinates x is A.
@@ -66,7 +66,7 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
             speeds.setdefault(crank, exact(number, start["speed"]))
     held = {}
     for name, x in angles.items():
-        link, turn = mechanism.find_body(name)
+        link, turn = mechanism.find_body(name)  # turn: constant angle of the link `name` in the body that carries it
         held[link] = x - turn, speeds.get(name, number("0"))
     return held
 

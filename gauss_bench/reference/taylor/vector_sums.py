@@ -1,15 +1,15 @@
-"""Loop coordinates, in which the position P of every point of a linkage is a sum of turned vectors.
+"""Loop coordinates, in which the position P of every point of a linkage is a sum of vectors.
 
     P = sum_k c_k l_k e_k,    e_k = exp(i theta_k)
 
-Vectors of the plane are complex numbers. Here c_k is a constant vector, and l_k is 1 or a displacement. theta_k is the angle of a
-group of links; without an angle, e_k = 1. Links that are connected by slides turn together and share one angle coordinate. Links
-that slides connect to the ground cannot turn and have no angle coordinate.
+Vectors of the plane are complex numbers. In this sum, c_k is a constant vector, l_k is a displacement or 1, and theta_k is the
+angle of a group of links. A term that does not turn has e_k = 1. Links that are connected by slides turn together and share one
+angle coordinate. Links that slides connect to the ground cannot turn and have no angle coordinate.
 
-A spanning tree of links and joints is built breadth first from the ground, and takes slides before pins. Each of its steps reaches
-a new link by a joint, and adds vectors to the position of the link before. A link that is not connected to the ground has two
-displacements of its own. Every slide has a displacement s along its guide, whether the slide is in the tree or not. Each joint that
-is not in the tree closes a loop and gives a constraint, the closure:
+A spanning tree of links and joints is built breadth first from the ground, and takes slides before pins. Each step of the tree
+reaches a new link by a joint; the position of this link is that of the previous link plus some vectors. A link that is not
+connected to the ground has two displacements of its own. Every slide has a displacement s along its guide, whether the slide is in
+the tree or not. Each joint that is not in the tree closes a loop and gives a constraint, the closure:
 
     pin:     P_b - P_a = 0
     slide:   P_block - P_guide - (s + i offset) u = 0, with u the unit vector along the guide

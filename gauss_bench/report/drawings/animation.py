@@ -5,8 +5,9 @@ them an SVG transform moves the link by its centre of mass z and its angle theta
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-Between kept states the browser interpolates linearly in time. If a link turns by d_theta between two kept states, a point at a
-distance r from z leaves its circle by at most r d_theta^2 / 8. Joints look closed as long as d_theta is small.
+Between kept states the browser interpolates linearly in time. If a link turns by an angle d_theta between two kept states, a point
+at the distance r from the centre of mass z is drawn off its circular path by at most r d_theta^2 / 8. Joints look closed as long as
+all d_theta are small.
 
 Readers who ask for reduced motion, and printers, get a still picture of the start with the names of its parts.
 """
@@ -126,7 +127,7 @@ class Film:
 
 
 def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
-    """Return the film of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
+    """Return the animation of states q (f, n) at times t (f,) [s], and the factor by which it is slower than the motion."""
     states = unwrap_angles(q)
     slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower

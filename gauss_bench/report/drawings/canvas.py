@@ -34,7 +34,7 @@ class Canvas:
         return np.stack((shift[..., 0], self.height - shift[..., 1]), axis=-1)
 
     def offset(self, x: Array) -> Array:
-        """Return pixels (..., 2) of vectors (..., 2) [m] that do not start at the origin, such as positions in a link's frame."""
+        """Return vectors (..., 2) [m], such as positions in a link's frame, in pixels: scaled and mirrored, but not shifted."""
         return np.asarray(x * (self.scale, -self.scale))
 
 
@@ -84,7 +84,7 @@ class Part:
 
 
 def make_part(shapes: Iterable[str], place: Array, turn: Array | float = 0.0, **more: object) -> Part:
-    """Return a part at pixels (k, 2) or (2,), by default upright and without stretch; `more` has further fields of a part."""
+    """Return a part at pixels (k, 2) or (2,), by default neither turned nor stretched; `more` has further fields of `Part`."""
     place = np.atleast_2d(place)
     stretch = more.pop("stretch", np.ones(len(place)))
     return Part(tuple(shapes), place, np.broadcast_to(turn, len(place)), stretch, **more)  # type: ignore[arg-type]

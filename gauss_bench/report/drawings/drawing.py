@@ -56,7 +56,7 @@ def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    """Return the SVG elements of the paths of observed points over `trace` (k, n), if it is given, and of all parts above them."""
+    """Return the SVG elements of the paths of observed points over `trace` (k, n), if given, and on top of them of all parts."""
     tracks = [] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)
     return [*tracks, *(part.draw() for part in parts)]
 
@@ -82,7 +82,7 @@ class ScaleBar:
 
 
 def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
-    """Return a scale bar in the corner of the picture that is farthest from the segments `avoid` (k, 2, 2) [px]."""
+    """Return a scale bar of a round length below 120 px, in the corner farthest from the segments `avoid` (k, 2, 2) [px]."""
     length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
@@ -99,11 +99,12 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     Returns:
         The middle of the line (2,) [px].
     """
+    # middles of the line, for margins of 20 px at the sides, 18 px at the bottom and 26 px at the top
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
-        """Return the rounded distance [px] between the segments and the line, if its middle is at `corner` (2,) [px]."""
+        """Return the rounded distance [px] of the line with its middle at `corner` (2,) [px] from the segments."""
         # beyond 100 px all corners are equally good, and the first is taken
         return min(100.0, round(distance(corner + line, avoid)))
 
@@ -140,7 +141,7 @@ def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
 def linkage_parts(
     mechanism: Mechanism, states: Array, trace: Array | None, canvas: Canvas, forces: bool = True, letters: Mapping[str, str] = {}
 ) -> Iterator[Part]:
-    """Yield all parts of a linkage at states (k, n), from the background to the front.
+    """Yield all parts of the drawing of a linkage at states (k, n), from the background to the front.
 
     Args:
         trace: states (l, n) that give the travel of blocks, and so the length, of guides on the ground; if None, `states`.
@@ -176,7 +177,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield the symbols of pins and observed points at states (k, n).
+    """Yield the drawn symbols of pins and observed points at states (k, n).
 
     Args:
         letters: name of an observed point -> an SVG text that moves with it.

@@ -83,7 +83,7 @@ class Places:
 
 
 def force_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
-    """Yield the symbols of all forces and drivers of a mechanism at states (k, n)."""
+    """Yield the drawn symbols of all forces and drivers of a mechanism at states (k, n)."""
     places = Places(states, canvas)
     for item in (*mechanism.forces, *mechanism.drivers):
         yield from _symbol(item, mechanism, places)
@@ -130,8 +130,8 @@ def _sense(driver: AngleDriver | SlideDriver) -> float:
 def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
     """Return a point around which torques between links a and b are drawn.
 
-    The point is the first pin that joins both links. If there is none, it is the first pin that joins b to the ground, and if there
-    is none of these either, the centre of mass of b (of a if b is the ground).
+    The point is the first pin that joins a and b; without such a pin, the first pin that joins b to the ground; without either, the
+    centre of mass of b (of a if b is the ground).
     """
     # reversed: of several pins between the same links, the first in the file is stored last and stays
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
@@ -146,7 +146,7 @@ def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 2
 
 
 def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
-    """Return the length of a symbol that is drawn from a to b (k, 2) [px], and its motion over the k states.
+    """Return the length of a symbol that is drawn from a to b (k, 2) [px], and the motion of the symbol over the k states.
 
     Returns:
         The length at the first state [px], and the fields `place`, `turn` and `stretch` of a `Part`: the position of a [px], the
@@ -162,9 +162,9 @@ def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator
     """Yield the symbols of a spring (if k is not 0) and of a damper (if c is not 0) between a and b (n, 2) [px].
 
     Points of the lines are (share of the length, px beside the line). Spring and damper are drawn along the whole length or, if
-    there are both, side by side from LEAD to 1 - LEAD, with short lines that join them at both ends. A spring is straight up to
-    0.2, a zigzag COILS up to 0.8, then straight again. A damper is a line to the bottom of its pot at 0.4, and a line from its
-    piston at 0.52.
+    there are both, side by side from LEAD to 1 - LEAD, with short lines that join them at both ends. A spring is straight up to 0.2
+    of the length, follows the zigzag COILS up to 0.8, and then is straight again. A damper is a line to the bottom of its pot at
+    0.4, and a line from its piston at 0.52.
     """
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))
@@ -186,8 +186,8 @@ def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator
 def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
     """Yield the symbol of a hydraulic cylinder between a and b (n, 2) [px].
 
-    A rod extends from a to b, and its length changes. A barrel lies around the rod at the end a; its length is constant, BARREL
-    times the smallest distance of a and b.
+    A rod extends from a to b, and its length changes. The barrel around the rod begins at a; the length of the barrel is constant,
+    BARREL times the smallest distance of a and b.
     """
     length, motion = motion_along(a, b)
     rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'

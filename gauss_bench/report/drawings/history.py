@@ -1,4 +1,4 @@
-"""Plot a run as a column of panels over time. Lines have names at their ends; the part that is not trusted is shaded."""
+"""Plot a run as a column of panels over time. Lines have names at their ends; times in which the run is not trusted are shaded."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Lines with one unit; `limits` is the range of the axis if it is fixed."""
+    """A plot of lines with the same unit; `limits` is the range of the vertical axis if it is fixed."""
 
     title: str
     lines: tuple[Line, ...]
@@ -127,7 +127,7 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
         t: times (k,) of the samples [s].
     """
     until, trusted = caption.until, caption.trusted
-    # (k,) whether a sample is trusted: the judge has no objection to the run up to its time
+    # (k,) whether a sample is trusted: the judge has no objection to the run up to the time of the sample
     sure = t <= (until if trusted is None else max(trusted, float(t[0])))
     # values that are not trusted do not affect the limits of the axis
     low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
@@ -161,10 +161,10 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
 
 
 def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
-    """Return line -> index of its colour; among more than NAMED lines, only those with the largest trusted values have one.
+    """Return line -> index of its colour; of more than NAMED lines, only those with the largest trusted values get a colour.
 
     Args:
-        sure: (k,) whether a sample is trusted, because the judge has no objection to the run up to its time.
+        sure: (k,) whether a sample is trusted, because the judge has no objection to the run up to the time of the sample.
     """
     if len(panel.lines) <= NAMED:
         return {x: x.colour for x in panel.lines}
@@ -200,10 +200,10 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return heights (k,) for labels, between 0 and `tall`, that are nearest to the wanted ones in least squares, and `gap` apart.
+    """Return heights (k,) for labels, between 0 and `tall`, at least `gap` apart and nearest to `wanted` in least squares.
 
-    Two heights differ by at least `gap`, and are in the same order as the wanted heights. If `tall` is too small for k labels, they
-    are exactly `gap` apart, and their middle is that of `tall`.
+    The heights are in the same order as the wanted heights. If `tall` is too small for k labels, the heights are exactly `gap`
+    apart around the middle `tall` / 2.
     """
     # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
     order = np.argsort(wanted, kind="stable")

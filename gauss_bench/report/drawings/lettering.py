@@ -28,7 +28,7 @@ def width_of(name: str, size: float = 13.0) -> float:
 
 
 def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
-    """Return left, top, right and bottom (4,) [px] of a name whose middle is at `middle` (2,) [px]."""
+    """Return the edges left, top, right and bottom (4,) [px] of the text of a name whose middle is at `middle` (2,) [px]."""
     half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
     return np.concatenate([middle - half, middle + half])
 
@@ -74,7 +74,7 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
 def _beside_lines(name: str, lines: Array) -> list[Array]:
     """Return candidate places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
 
-    The first of equally good places is taken: places near a line, and near its middle, come first.
+    `_best` takes the first of equally good places: places near a line, and near the middle of the line, come first.
     """
     # the middle of a name to the right or left of a point is half the name's width farther away than that of a name above it
     wide = np.array([width_of(name) / 2, 0.0])
@@ -113,7 +113,7 @@ def _best(
         segments: lines (l, 2, 2) [px] from which the name keeps away.
         boxes: boxes (4,) [px] of the names that are placed already.
         size: width and height of the picture [px].
-        enough: room beyond which no place is better [px].
+        enough: largest room that counts [px]: places with more room are equally good.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name
@@ -121,7 +121,7 @@ def _best(
     others = np.array(boxes)
 
     def room(place: Array) -> float:
-        """Return the room [px] of the name if its middle is at `place` (2,) [px]; if it overlaps, minus ten times the overlap."""
+        """Return the room [px] of the name with its middle at `place` (2,) [px]; minus ten times the overlap if it overlaps."""
         box = box_of(name, place)
         inside = min(box[0], box[1], size[0] - box[2], size[1] - box[3]) - EDGE
         gaps = np.maximum(others[:, :2] - box[2:], box[:2] - others[:, 2:]).max(axis=1) - EDGE

@@ -47,7 +47,8 @@ def film(kind: str, caption: Caption, history: History, mechanism: Mechanism, tr
 def _gif(mechanism: Mechanism, t: Array, q: Array) -> bytes:
     """Return a GIF of the states q (k, n) at times t (k,) [s], with pictures at equal intervals.
 
-    A motion of less than SHORTEST seconds is slowed down to SHORTEST. A long motion gets MOST pictures and runs faster.
+    A motion of less than SHORTEST seconds is slowed down to SHORTEST. The GIF of a long motion has MOST pictures and runs faster
+    than the motion.
     """
     slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     count = int(np.clip(round(RATE * float(t[-1] - t[0]) * slower), 2, MOST))

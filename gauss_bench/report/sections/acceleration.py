@@ -23,7 +23,7 @@ ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines whose accelerations agree with the reference, on those whose differ, and on the negative control.
+    """Yield findings on engines whose accelerations agree with the reference, on other engines, and on the negative control.
 
     The negative control is a formulation that is wrong on purpose.
     """
@@ -57,7 +57,7 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding for each engine and settings whose accelerations differ from the reference at the same states.
+    """Yield a finding for each setting of an engine whose accelerations differ from the reference at the same states.
 
     Each finding also says whether a smaller step reduces the error of the trajectory.
     """
@@ -74,16 +74,16 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
-    """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases behind it.
+    """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases that show it.
 
     Among series of runs whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by the
     smallest factor, if this factor is below SHRINKS.
 
     Args:
-        off: acceleration rows of the engine and settings in question.
+        off: the rows of one setting of an engine whose accelerations differ from the reference.
 
     Returns:
-        The end of the sentence, and the list. They are "." and an empty list if in every series the error falls by SHRINKS or more.
+        End of the sentence, and list. The two are "." and an empty list if in every series the error falls by SHRINKS or more.
     """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]
@@ -106,8 +106,8 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
 def find_controls(run: Run) -> Iterator[Finding]:
     """Yield a finding for each negative control, which is a formulation that is wrong on purpose.
 
-    The finding states how small its constraint residuals are, how wrong its accelerations are, and whether the judge's limit for
-    accelerations rejects it.
+    The finding states how small the control's constraint residuals are, how wrong its accelerations are, and whether the judge's
+    limit for accelerations rejects its runs.
     """
     rows = [row for row in run.results if row["control"] and has_ended(row)]
     for name, group in group_by(rows, "engine").items():

@@ -12,10 +12,10 @@ RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step
 
 
 def section(run: Run) -> Section:
-    """Return the section with the finding and the table of races, linkages with the fewest unknowns first."""
+    """Return the section on the paper's claim that fewer unknowns are faster, with the table of timed comparisons."""
 
     def order(row: Row) -> tuple[float, float, str]:
-        """Return the sort key of a row: unknowns of the Gauss formulation, then of the Lagrange formulation, then the linkage."""
+        """Return the sort key of a row: numbers of unknowns of the Gauss and of the Lagrange formulation, then the linkage."""
         return number(row, "unknowns_gauss"), number(row, "unknowns_lagrange"), row["mechanism"]
 
     answers = [Text(finding.short or finding.text) for finding in findings(run)]
@@ -26,8 +26,8 @@ def section(run: Run) -> Section:
 def findings(run: Run) -> Iterator[Finding]:
     """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m, as the paper claims.
 
-    Its text begins with the paper's own formula in numpy. Then follow compiled steps, separately for linkages with one free
-    coordinate and with more; in their rows the column RACE + "verdict" says whether the claim holds.
+    The text begins with the times of the paper's own formula in numpy. The times of compiled steps follow, separately for linkages
+    with one free coordinate and with more; in the rows of compiled steps the column RACE + "verdict" says whether the claim holds.
     """
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
@@ -70,8 +70,8 @@ def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
     """Return a sentence on the paper's claim that fewer unknowns are faster, and a dictionary: linkage -> ratio of times.
 
     The ratio is the time of a step of `gauss_pinv`, which is the paper's own formula with its misprints corrected, over that of
-    `lagrange`. The two engines run in Python in the same loop over the steps. Without times the sentence and the dictionary are
-    empty.
+    `lagrange`. Both `gauss_pinv` and `lagrange` run in Python in the same loop over the steps. Sentence and dictionary are empty if
+    no times are stored.
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}
@@ -98,7 +98,7 @@ def _count_freedoms(rows: Sequence[Row]) -> str:
 def _compare_races(rows: Sequence[Row]) -> str:
     """Return in words, for each kind of step in RACES, how n - m unknowns compare with n + m.
 
-    The words name the number of linkages on which n - m unknowns are faster, the range of the ratios (time with n + m unknowns
+    The text gives the number of linkages on which n - m unknowns are faster, the range of the ratios (time with n + m unknowns
     divided by the time with n - m), and the linkages on which n - m unknowns are not faster.
     """
     parts = []

@@ -35,7 +35,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
-    """Return the cost of the engine OWN divided by that of RIVAL for each linkage; costs of steps also for each integrator.
+    """Return for each linkage the cost of the engine OWN divided by that of RIVAL; the cost of a step also for each integrator.
 
     Args:
         quantity: "step" or "acceleration".
@@ -65,8 +65,8 @@ def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
         own, rival: for each of the two engines, its time divided by that of the run's baseline engine.
 
     Returns:
-        The quotient own / rival. If RIVAL is the baseline, it is `own`; if OWN is, the reciprocal of `rival`. Only in these two
-        cases the range of the quotient is known.
+        The quotient own / rival. If RIVAL is the baseline, the quotient is `own`; if OWN is the baseline, the quotient is 1 /
+        `rival`. Only in these two cases the range of the quotient is known.
     """
     baseline = run.environment.get("baseline_engine")
     if baseline == RIVAL and rival.value == 1 and is_known(own.low) and is_known(own.high):

@@ -1,7 +1,7 @@
 """The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result.
 
-The rows are those of a run of the suite `field`, which is run separately. Its folder may be the subfolder `field` of another run's
-folder; then the report of the other run shows the section.
+The rows are those of a run of the suite `field`, which is run separately. The folder of this run may be the subfolder `field` of
+another run's folder; then the report of the other run has this section too.
 """
 
 import math
@@ -45,7 +45,7 @@ def describe_questions(run: Run) -> str:
 
 
 def describe_run(run: Run) -> str:
-    """Return sentences which say that the rows come from a separate run, and why its times differ from those on other pages."""
+    """Return sentences on the separate run of the rows, and on why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(facts(run.field_run))}). Its times are those of a brief search; the suite "
         f"`{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other settings."
@@ -67,13 +67,14 @@ def answers(run: Run, engine: str = "") -> list[Row]:
 
 
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
-    """Return the test results of a setting that follow from its accuracy cases, and whether two runs of it are equal bit by bit.
+    """Return the test results of a setting: errors and orders of its accuracy cases, and whether two runs are equal bit by bit.
 
     Args:
         row: a row of the table `field`.
 
     Returns:
-        Columns of the layout `field`. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
+        Columns of the layout `field`. `same` says whether the accelerations at given states agree with the reference; `repeats`,
+        whether two runs are equal. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
         `content.missing_reason`).
     """
     cases = [r for r in run.results if all(r[k] == row[k] for k in METHOD)]
@@ -99,7 +100,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "repeats_tone": "good" if row["same_bits"] else "warn",
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
-        "why_told_force_error": row["message"] or "none told",
+        "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
         **redundant_rows(cases, row["redundant"]),
     }
 
@@ -124,10 +125,10 @@ def describe_end(row: Row) -> str:
 
 
 def costs(run: Run, engine: str = "") -> list[Row]:
-    """Return a row for each engine, or for one if it is named: its cost at both ACCURACIES, its time to start, its installed size.
+    """Return a row for each engine, or only for `engine`: its cost at both ACCURACIES, its time to start, and its installed size.
 
-    The columns "coarse" and "fine" have costs: the time of the engine's cheapest setting [s], and in columns with the ending
-    `_range_low` and `_range_high` its range. Columns with the ending `_over` have this time divided by that of the fastest engine.
+    The columns "coarse" and "fine" have the time of the engine's cheapest setting [s]. The columns with the endings `_range_low`
+    and `_range_high` have the range of this time, and those with the ending `_over` the time divided by that of the fastest engine.
     Columns `why_*` have reasons for missing values (see `content.missing_reason`).
     """
     run = run.field_run

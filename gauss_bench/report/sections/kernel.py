@@ -1,4 +1,4 @@
-"""The native kernel: its speed, its accuracy, and the share that it reaches of the speed that the processor allows.
+"""The native kernel: its speed, its accuracy, and its speed relative to the largest that the processor allows.
 
 This file chooses the rows that a reader sees first and computes the findings; `layouts.toml` has the columns of the tables.
 """
@@ -194,8 +194,8 @@ def _list_ratios(rows: Sequence[Row]) -> str:
 def describe_batch(rows: Sequence[Row]) -> str:
     """Return a sentence that compares the time of a batch of trajectories with that of MuJoCo.
 
-    It also states how far the batch, which computes several trajectories at once in the lanes of the processor's vector registers,
-    differs from single runs.
+    The sentence also states the largest difference between the batch, which computes several trajectories at once in the lanes of
+    the processor's vector registers, and runs of one trajectory at a time.
     """
     largest_difference = max(number(r, "lanes_error") for r in rows)
     states = max(int(r["states"]) for r in rows)
@@ -207,8 +207,9 @@ def describe_batch(rows: Sequence[Row]) -> str:
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
     """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel.
 
-    The first sentence compares the kernel in its own compiled loop with Pinocchio without the time of its call from Python. The
-    second compares the two as they are called from Python. The text is empty if one of these times is missing.
+    The first sentence compares the kernel in its own compiled loop with Pinocchio, whose time is taken without that of the call
+    from Python. The second compares the two as they are called from Python. The text is empty if one of the two comparisons is
+    missing.
     """
     by_call = group_by(rows, _call)
     if IN_LOOP not in by_call or CALLED not in by_call:
@@ -239,7 +240,8 @@ def describe_long_runs(rows: Sequence[Row]) -> str:
 
 
 def describe_growth(rows: Sequence[Row]) -> str:
-    """Return a sentence on the exponents of growth with size, each in the engine's own loop if it has one, with its range."""
+    """Return a sentence on the exponents p, with ranges, of the growth N^p of each engine's time on chains of N four-bars."""
+    # of an engine that has a loop of its own only the times in this loop are given
     looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
     shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
     parts = []

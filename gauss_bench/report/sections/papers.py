@@ -18,7 +18,7 @@ VERDICTS = {
 def section(run: Run) -> Section:
     """Return the section with three tables for each paper: causes of its errors, its formulas with errors, and its right formulas.
 
-    A line of the audit is a formula or a statement of a paper. A last table has the lines with numbers of the paper's example.
+    A line of the audit is a formula or a statement of a paper. The last table has the lines about numbers in the paper's example.
     """
     audit = run.table("audit")
     if not audit:
@@ -55,7 +55,7 @@ def mark_contradiction(row: Row) -> Row:
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each cause of errors: the number of audited lines that are wrong for this cause, and their equations."""
+    """Return a row for each cause of errors: how many audited lines are wrong for this cause, and their equation numbers."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
         verdict = group[0]["verdict"]
@@ -105,6 +105,7 @@ def find_verdicts(lines: Sequence[Row]) -> Iterator[Finding]:
 
 def find_hidden_error(lines: Sequence[Row]) -> Iterator[Finding]:
     """Yield a finding on a printed formula whose accelerations satisfy all constraints and are still wrong."""
+    # `stands`: the measurement agrees with the verdict of the line; `printed_off`: error of the formula as printed
     rows = {row["name"]: row for row in lines}
     meets, off = rows.get("meets the constraints"), rows.get("with Moore-Penrose inverses")
     if meets is None or off is None or not (meets["stands"] and off["stands"]):

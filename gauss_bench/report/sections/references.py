@@ -1,4 +1,4 @@
-"""The references, which are the motions against which errors are measured, with their error bars and floors.
+"""The reference motions, against which errors are measured, with their error bars and floors.
 
 A floor is the change of the motion when every length and mass of the file is rounded to a double.
 """

@@ -44,7 +44,7 @@ def list_quantities(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
-    """Return the sentences of `layouts.toml` on whether the linkage stops, with the run's values in place of their names.
+    """Return the verdict on the paper's statement that its linkage stops, and sentences of `layouts.toml` with values of the run.
 
     Args:
         rows: key of a quantity -> the row of the table `reproduction` with this key.
@@ -60,7 +60,7 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def print_value(row: Row) -> str:
-    """Format a value with as many digits as its uncertainty `bracket` allows, at most DIGITS; "0" if it is not larger than that."""
+    """Format a value with at most DIGITS digits, as its uncertainty `bracket` allows; "0" if it is not larger than `bracket`."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return NOTHING

@@ -33,6 +33,7 @@ def section(run: Run) -> Section | None:
     blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
+        # tables of other errors than that of positions are folded; "end" is the position at the end of the run
         blocks.append(lay_out("search", winners, kind=ERRORS.get(kind, kind), folded=kind not in ("position", "end")))
     blocks += blocks_of("search_owned", list_owned(run.table("search_owned")))
     space = run.table("search_space")
@@ -44,9 +45,9 @@ def section(run: Run) -> Section | None:
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return rows of the table `search_winners` with further columns for the layout `search`.
 
-    These columns are: `within`, the requirement; `name`, the engine with marks; `size`, step or tolerance; `over`, the time divided
-    by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite wrote the engine. "base":
-    ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
+    The further columns are: `within`, the requirement; `name`, the engine with marks in brackets; `size`, step or tolerance;
+    `over`, the time divided by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite
+    wrote the engine. "base": ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -72,8 +73,8 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 def list_owned(rows: Sequence[Row]) -> list[Row]:
     """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
 
-    The first of the two has the settings by the engine's authors. The second has the settings that this suite found for the same
-    engine; the table stores them in the columns `our_*` of the same row.
+    The first of the two rows has the settings by the engine's authors. The second has the settings that this suite found for the
+    same engine; the table stores them in the columns `our_*` of the same row.
     """
     lines: list[Row] = []
     for row in rows:
@@ -88,7 +89,7 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
-    """Return in words how many evaluations a variant, and how many steps a run could have at most; ranges if linkages differ."""
+    """Return in words the largest allowed numbers of evaluations of a variant and of steps of a run; ranges if linkages differ."""
     evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
@@ -101,8 +102,8 @@ def answer_of(run: Run, row: Row) -> Reach:
 def findings(run: Run) -> Iterator[Finding]:
     """Yield findings on the searches.
 
-    One finding lists the linkages whose race (timed comparison) failed. Then there is one for each engine with settings by its
-    authors. Finally there is one for each requirement, which compares the suite's own compiled engines with the others.
+    One finding lists the linkages whose race (timed comparison) failed. A finding follows for each engine with settings by its
+    authors, and for each requirement a finding that compares the suite's own compiled engines with the others.
     """
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
@@ -134,7 +135,7 @@ def findings(run: Run) -> Iterator[Finding]:
 def compare_owned(run: Run) -> Iterator[Finding]:
     """Yield a finding for each engine with settings by its authors.
 
-    It states the time of the authors' cheapest setting divided by the time of this suite's cheapest setting for the same engine.
+    The finding states the time of the authors' cheapest setting divided by that of this suite's cheapest setting for the engine.
     """
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
@@ -152,10 +153,10 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the times of all engines at one requirement, relative to this suite's compiled formulations.
+    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations.
 
-    The sentence names the engines that need less time than the cheaper of these formulations, and gives the range of the ratios of
-    times of engines by others.
+    The sentence names the engines that are faster than the faster of the suite's two compiled formulations, and gives the range of
+    the ratios (time of an engine by other authors divided by that of this formulation).
 
     Args:
         group: rows that `over_the_cheaper` returns, at one requirement.
@@ -175,9 +176,9 @@ def _mark_engine(run: Run, engine: str) -> str:
 
 
 def _print_ratio(run: Run, row: Row) -> str:
-    """Return in words the linkage of a row, and the ratio of times of its engine and of this suite's, or why there is no ratio.
+    """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing.
 
-    The ratio is the time of the row's engine divided by that of the cheaper of this suite's compiled engines.
+    This suite's time is that of the faster of its compiled engines.
     """
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
@@ -187,10 +188,10 @@ def _print_ratio(run: Run, row: Row) -> str:
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` whose ratios are relative to the cheapest of this suite's compiled engines on each linkage.
+    """Return rows of `search_winners` whose ratios are relative to the fastest of this suite's compiled engines on each linkage.
 
-    These engines have `ours` in their rows. A stored ratio may be relative to another engine of this suite whose time is equal
-    within the spread. Division by the smallest ratio of these engines makes the ratio of the cheapest 1.
+    The rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of these engines that is
+    not the fastest, but as fast within the spread. Division by the smallest ratio of these engines gives the fastest the ratio 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):

@@ -35,7 +35,7 @@ TIED = 0.05  # relative difference within which engines are equally good
 
 def all_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """Return the table of every case of a linkage in a scenario, with errors of its measured coordinate."""
-    # the layout has the error bars in columns bar_t05, bar_t1 and bar_t2
+    # the layout has the error bars at 0.5, 1 and 2 s in columns bar_t05, bar_t1 and bar_t2
     bars = {column: f"bar_{column.rpartition('_')[2]}" for column in MEASURED_ERRORS}
     shown = [{**row, **{bar: error_bar(row, column) for column, bar in bars.items()}} for row in rows]
     return lay_out("trajectories", shown, name=name, scenario=scenario, quantity=measured_name(rows), unit=measured_unit(rows))
@@ -44,7 +44,7 @@ def all_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
 def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
     """Return the table of the most accurate case of each engine and settings.
 
-    Cases below the reference's error bar are equally accurate, and the one with the largest step counts.
+    Cases with errors below the reference's error bar count as equally accurate; of these the case with the largest step is taken.
     """
 
     def rank(row: Row) -> tuple[bool, float, float]:
@@ -100,7 +100,7 @@ def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
     """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest one by `gauss`.
 
     Args:
-        loop: the text of `_name_loop` for these cases.
+        loop: words for the loop over the steps in these cases, by `_name_loop`.
     """
     cheapest = min(rows, key=run_time)
     text = f"{describe_case(cheapest)}, {run_time(cheapest) * 1e3:.3g} ms {loop}"
@@ -126,8 +126,8 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
     """Return in words a case together with the engines that tie with it under the same settings.
 
     Args:
-        value: gives the number of a row by which cases are compared. Other engines tie with the case if their numbers differ from
-            the number of the case by at most the share TIED of it.
+        value: function that returns the number of a row by which cases are compared, such as an error. Other engines tie with the
+            case if their number differs from that of the case by at most the share TIED.
     """
     same = [r for r in rows if all(str(r[k]) == str(best[k]) for k in KEYS if k != "engine")]
     engines = sorted({r["engine"] for r in same if abs(value(r) - value(best)) <= TIED * abs(value(best))})
@@ -174,7 +174,7 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 
 def _list_flags(group: Sequence[Row]) -> str:
-    """Return the judge's reasons why the given cases are invalid as a list in words, the most frequent first.
+    """Return a list in words of the reasons why the given cases were judged invalid, the most frequent first.
 
     Reasons that differ only in their numbers count as one: "a link ends up 0.02 m from ..." becomes "a link ends up away from ...".
     """

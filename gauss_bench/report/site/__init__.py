@@ -1,1 +1,1 @@
-"""The published site: pages, charts and data from stored rows alone. It opens from a folder or from any address."""
+"""The published site: pages, charts and data from stored rows alone. It works from a local folder and from any web address."""

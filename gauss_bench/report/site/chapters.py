@@ -30,7 +30,7 @@ def chart_data(section: Section) -> dict[str, Any]:
 
 
 def chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
-    """Return a page of sections, with an entry of its own in the table of contents; `parts` are those of `plain_page`."""
+    """Return a page of sections that has its own entry in the table of contents; `parts` are further arguments of `plain_page`."""
     charts = chart_data(Section(title, name, (), contents))
     return plain_page(name, title, lead, title, charts, sections=contents, **parts)
 

@@ -1,7 +1,7 @@
 """Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification contains no data; a
-script of the page adds the rows of the chart.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. The specification of a chart contains no
+data; a script of the page adds the rows.
 """
 
 import json
@@ -33,7 +33,7 @@ def fill(part: Any, values: Mapping[str, Any]) -> Any:
 
 
 def look(engines: Sequence[str]) -> dict[str, Any]:
-    """Return the values "engines", "colours" and "shapes" of a template; markers distinguish engines without colour."""
+    """Return the values "engines", "colours" and "shapes" (of markers, for readers who see no colours) of a template."""
     colours = [f"var(--{slot})" for slot in slots(engines).values()]
     return {"engines": list(engines), "colours": colours, "shapes": [SHAPES[i % len(SHAPES)] for i in range(len(engines))]}
 
@@ -42,8 +42,8 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequ
     """Return the specification of a chart of points on two logarithmic axes, joined by lines.
 
     Args:
-        rows: the points that the page will draw, with x, y, engine, and line, which is equal for points that are joined; here only
-            the names of their engines are used.
+        rows: the points that the page will draw; of each, only the key `engine` is used here. Points with the same value of the key
+            `line` are joined.
         x, y: titles of the axes.
         height: height of the chart [px].
         engines: engines in the order of the legend; by default they are sorted by name.

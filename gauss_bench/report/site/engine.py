@@ -46,8 +46,7 @@ def engine_names(run: Run) -> list[str]:
 def runs_of_engines(run: Run) -> dict[str, Run]:
     """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows.
 
-    For an engine with rows in `run`, this run is `run` itself. For the other engines it is `run.field_run`, the run of the suite
-    `field`.
+    An engine with rows in `run` has `run` itself, the other engines have `run.field_run`, the run of the suite `field`.
     """
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
@@ -59,16 +58,16 @@ def engine_page(run: Run, name: str) -> Page:
     rows = of_engine(its_run.results, name)
     installed = its_run.environment.get("engines", {}).get(name, {})
     version = installed.get("version") if isinstance(installed, dict) else ""
-    asked = field.answers(run, name)
+    field_answers = field.answers(run, name)  # results of the same tests for all engines, from the suite `field`
     options = None  # the method page has the options of this run's own engines
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
     body = render(
         "engine.html",
         name=name,
-        asked=lay_out("field", asked, title="Its answers"),
+        asked=lay_out("field", field_answers, title="Its answers"),
         costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
-        apart=field.describe_run(run) if asked and its_run is not run.field_run else "",
+        apart=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
         home=describe_home(name, installed),
         settings=options,
         commands=list_commands(its_run, name),
@@ -103,8 +102,8 @@ def describe_home(name: str, installed: Mapping[str, Any]) -> str:
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
     """Return (purpose, command to paste) for the engine's cheapest setting on each linkage at each of the accuracies TABLED.
 
-    If no setting of the engine meets any of the accuracies, the list has the command of one case with the engine's default
-    settings. A command that serves several purposes is listed once, with the first of these purposes.
+    If no setting of the engine meets any of the accuracies, the list has the command of the last case with default settings. A
+    command that serves several purposes is listed once, with the first of these purposes.
     """
     purposes: dict[str, str] = {}  # command -> its purpose
     for linkage, scenario in scenarios(run).items():
@@ -146,8 +145,8 @@ def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
 def cheapest_table(run: Run, name: str) -> Table:
     """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
 
-    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty for an engine
-    for which no setting with its error is stored.
+    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty if no setting
+    of the engine with a known error is stored.
     """
     lines: list[Row] = []
     # linkages on which the search ran the engine, and linkages with a stored setting of the engine
@@ -168,9 +167,9 @@ def cheapest_table(run: Run, name: str) -> Table:
 def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     """Return sentences on why the engine is slower than the fastest engine, and a table with the numbers for each linkage.
 
-    The ratio of times is the ratio of numbers of steps, times the ratio of times of a step. The cheapest settings with position
-    errors of at most FIRST [m] are compared. If the engine meets FIRST on no linkage, those with errors of at most USUAL [m] are
-    compared. The result is None if the engine does not meet USUAL either.
+    The ratio of run times is the product of the ratio of numbers of steps and the ratio of times of a step. The cheapest settings
+    with position errors of at most FIRST [m] are compared or, if the engine meets FIRST on no linkage, those with errors of at most
+    the larger USUAL [m]. The result is None if the engine does not meet USUAL either.
     """
     return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
 
@@ -220,7 +219,7 @@ def list_races(run: Run, name: str) -> Table:
 def list_changes(figures: Sequence[Row]) -> list[Row]:
     """Return a row for each accepted change of the engine's numbers in the accuracy gate's baseline, the latest first.
 
-    A row has the date, the reason, and how many numbers changed. Numbers that were stored without a reason are left out.
+    A row has the date, the reason, and how many numbers changed. Numbers that were accepted without a reason are left out.
 
     Args:
         figures: rows of the baseline, one for each number, in which `accepted` is "DATE REASON".

@@ -33,7 +33,7 @@ Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # l
 
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
-    """Return the first screen.
+    """Return the site's first page: the chooser of engines, the first table, cards with charts, questions, and the main findings.
 
     Args:
         programs: function that returns a program for each choice of a setting; by default the page shows calls of this package.
@@ -97,8 +97,8 @@ def headlines(findings: Iterable[Finding]) -> list[Finding]:
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
     """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand.
 
-    This function changes `choices`: the entry `chosen` of a linkage is a list of settings; it is replaced by the entry `programs`,
-    which is the name of the file with the programs of these settings.
+    This function changes `choices`: for each linkage it replaces the entry `chosen`, a list of settings, by the entry `programs`,
+    the name of the file with the programs that run these settings.
 
     Args:
         choices: linkage -> the dictionary that `settings.answers` returns for it.
@@ -115,7 +115,7 @@ def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | No
 
 
 def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the data of the form in which a reader chooses a linkage and a requirement.
+    """Return the data of the web form in which a reader chooses a linkage and a requirement.
 
     Args:
         choices: linkage -> the dictionary that `settings.answers` returns for it. This function adds the linkage's page and

@@ -122,10 +122,10 @@ def draw_still(run: Run, name: str) -> Markup | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines without such a setting.
+    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines that have no time.
 
-    For the latter the sentences give the reason: the setting was not timed, or no setting meets the accuracy. The text is empty if
-    no setting on the linkage is stored.
+    For engines without a time the sentences give the reason: the setting was not timed, or no setting meets the accuracy. The text
+    is empty if no setting on the linkage is stored.
     """
     if name not in all_settings(run):
         return ""
@@ -143,7 +143,7 @@ def name_leaders(run: Run, name: str) -> str:
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if there is none."""
+    """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if no setting reaches any."""
     lines = []
     for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)
@@ -185,8 +185,8 @@ def toggles_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Callable[[Item], float]) -> list[Item]:
     """Return the items, cheapest first, whose error is less than BETTER times that of every cheaper item that is returned.
 
-    These are the items that no other beats in both cost and error, without those that are hardly better than a cheaper one. Items
-    of unknown cost are left out.
+    Without the factor BETTER, these items would be the Pareto front: no other item has a lower cost and a smaller error. The factor
+    drops items that are hardly more exact than a cheaper one. Items of unknown cost are left out.
     """
     front: list[Item] = []
     for item in sorted((x for x in items if is_known(cost(x))), key=lambda x: (cost(x), error(x))):
@@ -216,9 +216,9 @@ def force_chart(run: Run, name: str) -> Chart | None:
 def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     """Return for each engine a list of rows for a line of a chart over time: the values of `column` in the table `series`.
 
-    They are the values of one case of the engine. It is the case with the step nearest to STEP; of several such cases it is one
-    without stabilisation, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are
-    left out. Engines in FIRST come first.
+    The values of an engine are those of its case with the step nearest to STEP; of several such cases, one without stabilisation is
+    preferred, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are left out.
+    Engines in FIRST come first.
     """
     cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]

@@ -1,7 +1,7 @@
 """A linkage whose crank a reader turns on the page.
 
 Links are drawn once, in their own frames. A script moves the drawn links through the states of a full turn of the crank. The suite
-computes these states by closing the loops at each crank angle.
+has computed the states of the turn by closing the loops at each crank angle.
 """
 
 from dataclasses import dataclass
@@ -48,6 +48,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
             mechanism, _, trace = pose_in(run, name)
     except LinkageError:
         return None
+    # a negative index is the ground
     if trace is None or mechanism.crank is None or mechanism.crank < 0:
         return None
     turn = Turn(mechanism, unwrap_angles(trace))

@@ -86,7 +86,7 @@ def table_class(content: Table) -> str:
 
 
 def table_style(content: Table) -> Markup:
-    """Return CSS rules for all tables with the class of `content`.
+    """Return CSS rules for all tables of the same CSS class as `content`: those with the same columns.
 
     Columns of numbers are aligned right. On phones the cells of a row stand below each other, each with the heading of its column.
     One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size.

@@ -2,12 +2,12 @@
 
 The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap, where `reference` is the true pose at
 the same time. `ahead` is the part of the difference that leaves all loops closed: the linkage is ahead of or behind the true
-motion. This part is magnified along the motion of the linkage, so that a crank that is late is drawn later, together with all other
+motion. `ahead` is magnified along the motion of the linkage, so that a crank that is late is drawn later, together with all other
 links. `gap` is the rest of the difference, which opens loops; each coordinate of `gap` is multiplied by the factor of
-magnification. At a factor of one, links are drawn at their stored poses.
+magnification. With the factor one, links are drawn at their stored poses.
 
 If the crank can turn fully, turn(c) is the state with closed loops at a crank angle c. Let c be the crank angle of the reference, a
-the angle by which the crank of the run is ahead, and f the factor. The drawn pose is
+the angle by which the crank of the run is ahead, and f the factor of magnification. The drawn pose is
 
     pose(f) = turn(c + f a) + rest + f gap,    rest = reference + ahead - turn(c + a),
 
@@ -82,17 +82,16 @@ class Poses:
     """
 
     def __init__(self, rows: Iterable[Row], links: Sequence[str]):
-        """Store the rows of one run, or of the reference motion of one scenario."""
+        """Store the rows of one run or of a reference motion, by time and link, and the times at which every link has a row."""
         self.links = links
         self.rows = {(number(r, "t"), r["link"]): r for r in rows}
         every = sorted({t for t, _ in self.rows})
         self.times = [t for t in every if all((t, link) in self.rows for link in links)]
 
     def read(self, part: str) -> Array:
-        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle", each followed by `part`.
+        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle" with the ending `part`.
 
-        In the table `poses` the columns end in "_ahead" or "_gap". In the table `motions`, which has the reference, `part` is
-        empty.
+        The ending is "_ahead" or "_gap" in the table `poses`, and "" in the table `motions`, which has the reference.
         """
         columns = [f"{axis}{part}" for axis in ("x", "y", "angle")]
         values = [number(self.rows[t, link], c) for t in self.times for link in self.links for c in columns]
@@ -130,9 +129,10 @@ def label_run(row: Row) -> str:
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script.
 
-    The data have all stored runs, of which a reader chooses two. The script magnifies differences from the reference. If the crank
-    can turn fully, it does so along the turn of the crank, as at the top of this file; otherwise along straight lines. The result
-    is None if fewer than two runs or no reference are stored, or if the linkage does not load.
+    The data have all stored runs, of which a reader chooses two. The script of the page draws the differences of the runs from the
+    reference magnified. If the crank can turn fully, links move along the turn of the crank (see the top of this file); otherwise
+    each difference is multiplied by the factor that the reader chooses. The result is None if fewer than two runs or no reference
+    are stored, or if the linkage does not load.
     """
     turn = find_turn(run, name)
     try:
@@ -167,11 +167,11 @@ def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, 
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run of a linkage whose crank can turn fully: the quantities in pose(f) at the top of this file.
+    """Return the data of a run of a linkage whose crank can turn fully. The drawn pose is turn(c + f ahead) + rest + f gap.
 
     `ahead` is, at each frame, the angle a by which the crank of the run is ahead of the reference [rad]. `rest` is the difference
-    of the links from the closed pose at this crank angle, and `gap` opens the loops, both [px, px, degrees]. They are left out if
-    they are too small to be seen.
+    of the links from the closed pose at this crank angle, and `gap` opens the loops, both [px, px, degrees]. `rest` and `gap` are
+    left out if they are too small to be seen. c and f are explained at the top of this file.
 
     Args:
         reference: states (k, n) of the reference at all frames.
@@ -210,9 +210,9 @@ def _round(x: Array) -> list[Any]:
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
     """Return the contents of the part of a page that plays two runs side by side.
 
-    The contents are the picture, the names of all runs, the indices of the two runs that are shown at first, the factors by which
-    differences from the reference can be magnified, the factor that is chosen at first, and the index of the last frame. The factor
-    at first is the largest with which both runs are drawn within REACH pixels of the reference.
+    The contents of this part are the picture, the names of all runs, the indices of the two runs that are shown at first, the
+    factors by which differences from the reference can be magnified, the factor that is chosen at first, and the index of the last
+    frame. The factor at first is the largest with which both runs are drawn within REACH pixels of the reference.
 
     Args:
         scale: pixels per metre of the picture.

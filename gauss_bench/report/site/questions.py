@@ -28,10 +28,10 @@ class Question:
 
 
 def questions(run: Run, findings: Sequence[Finding], preferred: str) -> list[Question]:
-    """Return the questions that the rows of a run answer.
+    """Return frequent questions of readers, such as on MuJoCo's settings, that the rows of a run answer.
 
     Args:
-        preferred: the linkage for which settings are given.
+        preferred: the linkage for which the answer names a setting.
     """
     asked = (
         ask_setting(run, preferred, "mujoco", "MuJoCo"),

@@ -1,4 +1,4 @@
-"""Settings that meet a requirement, and their costs: the data of the first page of the site.
+"""Settings that meet a requirement, and their costs: the data of the first page of the report's website.
 
 A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. The time of a
 setting was measured in a race (a timed comparison), or it is estimated from a race of the same variant at another step, in
@@ -116,7 +116,7 @@ def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
     """
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
-        # rows with an owner have settings that the authors of the engine own; none of these is the engine as shipped
+        # rows with an `owner` have settings that the engine's authors sent; the first other row is the engine as shipped
         shipped = next((row for row in rows if not row.get("owner")), rows[0])
         first = json.loads(shipped["options"])
         for row in rows:
@@ -140,10 +140,10 @@ def variant_of(row: Row) -> tuple[str, ...]:
     return tuple(row[k] for k in VARIANT)
 
 
-def place_of(row: Row) -> tuple[Any, ...]:
+def setting_key(row: Row) -> tuple[Any, ...]:
     """Return the variant, step and tolerance of a row, which identify a setting.
 
-    The numbers are rounded, so that rows of different tables that describe the same setting give equal tuples.
+    Numbers are rounded, so that rows of different tables that describe the same setting give equal tuples; an unknown number is -1.
     """
     sizes = (round_digits(row[k], 6) if is_known(row.get(k)) else -1.0 for k in ("step", "tolerance"))
     return (*variant_of(row), *sizes)
@@ -156,44 +156,44 @@ def make_setting(row: Row, **more: Any) -> Setting:
 
 
 def race_time(row: Row) -> dict[str, float]:
-    """Return the time that a race measured [s] and its spread, as fields of a setting."""
+    """Return the time that a race measured [s] and the ends of its range, as the fields of `Setting`."""
     time = spread(row, "seconds")
     return {"seconds": time.value, "low": time.low, "high": time.high}
 
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> dict[str, list[Setting]]:
-    """Return linkage -> all its settings with known errors; some of them have no time."""
+    """Return linkage -> all settings with known errors on the linkage; some of these settings were not timed."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
     return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
 
 @lru_cache(maxsize=2)
-def _settings_by_place(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return a dictionary that maps the tuple `place_of` of a setting to the first setting with this tuple.
+def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
+    """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple.
 
     Searching through thousands of settings instead took half of the time in which the site is built.
     """
     every = [x for settings in all_settings(run).values() for x in settings]
-    return {place_of(vars(x)): x for x in reversed(every)}
+    return {setting_key(vars(x)): x for x in reversed(every)}
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings of each linkage that was searched, each with its time, measured in a race or estimated from one."""
+    """Yield the settings that a search tried on each linkage, each with its time: measured in a race, or estimated from a race."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    at_place = {place_of(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
-    steps_at = {place_of(r): number(r, "steps") for r in run.table("search_ladder")}
+    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
+    steps_at = {setting_key(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
         if row["status"] != "ok" or steps == 0:
             continue
-        raced_row = at_place.get(place_of(row))
+        raced_row = raced_at.get(setting_key(row))
         if raced_row is not None:
             time = race_time(raced_row)
         else:
             # estimate the time from that of a step, in the race of the same variant with the nearest number of steps on a log scale
-            seconds = {steps_at.get(place_of(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
+            seconds = {steps_at.get(setting_key(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
             counted = [n for n in seconds if is_known(n)]
             near = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
             time = {"seconds": seconds.get(near, math.nan) / max(near, 1.0) * steps}
@@ -237,7 +237,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
     for row in with_number(run.table("search_winners"), "seconds"):
         asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
         if asked and row["mechanism"] == mechanism and row["status"] == "ok":
-            stored = _settings_by_place(run).get(place_of(row))
+            stored = _settings_by_key(run).get(setting_key(row))
             more = {"force": stored.force, "until": stored.until} if stored else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
     return leaders
@@ -277,7 +277,7 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
         picks: requirement -> for each engine that meets it, [index in `settings`, time divided by that of the fastest engine].
         none: engine -> for each requirement, the index in `words` of the reason why the engine does not meet it, -1 if it does.
         words: the reasons.
-        until: duration of the stored run [s].
+        until: duration of the longest stored run [s].
         horizons: the durations [s] that a reader can choose.
     """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
@@ -289,8 +289,8 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
             chosen = cheapest_stored(run, mechanism, position, force)
             over = multiples({engine: x.seconds for engine, x in chosen.items()})
             line: list[Any] = []
-            for one in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
-                line.append([picked.setdefault(one, len(picked)), to_json(over.get(one.engine, math.nan))])
+            for setting in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
+                line.append([picked.setdefault(setting, len(picked)), to_json(over.get(setting.engine, math.nan))])
             picks[f"{i},{j}"] = line
             for engine, missed in engines_short_of(run, mechanism, position, force).items():
                 places = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
@@ -309,9 +309,9 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting that the page prints: engine, words, numbers that are known and not zero, perhaps `estimated`.
+    """Return the data of a setting for the page: engine, words, known numbers other than zero, and `estimated` if it is true.
 
-    `estimated` is left out if it is false, and `until`, because the page states the duration once for the linkage.
+    `until` is left out, because the page states the duration once for the linkage.
     """
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
     known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
@@ -333,8 +333,8 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
     """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-    This follows from the trials of a search. If no search has the engine on this linkage, it follows from the cases of the accuracy
-    suite.
+    The answer follows from the trials of a search. If no search has the engine on this linkage, the answer follows from the cases
+    of the accuracy suite.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.

@@ -90,6 +90,6 @@ def cite_page(run: Run) -> Page:
     entry = ENVIRONMENT.get_template("citation.txt").render(facts)
     lead = "How to cite these results, so that a reader can find the same rows."
     paragraphs = [CITED]
-    if run.beside:
+    if run.beside:  # the run of the suite `field`, whose rows the site shows too
         paragraphs.append(FIELD_CITED.format(", ".join(list_facts(run.beside)), run.beside.checksum))
     return plain_page("cite", "Cite", lead, "Cite", paragraphs=paragraphs, entry=entry)

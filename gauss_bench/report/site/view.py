@@ -3,7 +3,8 @@
 The fragment is `v1.` followed by JSON, which is compressed with zlib and encoded as base64url. The JSON has the linkage file, the
 points of all links in their own frames, and sampled poses. Positions are whole multiples of `unit` [m], and angles are whole
 multiples of 1/`ANGLES` rad. Poses are stored as second differences over time, which are small for smooth motions. The page draws
-the poses and computes no motion. Anybody can make such an address, so the page checks everything in the fragment against LIMITS.
+the poses and computes no motion. Anybody can write an address with any fragment, so the page checks everything in the fragment
+against LIMITS.
 """
 
 import base64
@@ -51,7 +52,7 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
         end: time of the last position [s].
 
     Raises:
-        TooLarge: the linkage file alone is too long, or there are too many links.
+        TooLarge: the fragment is too long even with a single pose, or there are too many links or points.
     """
     named = {"name": mechanism.name, "scenario": mechanism.scenario}
     linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
@@ -128,9 +129,9 @@ def round_place(at: Array) -> list[float]:
 def pack_poses(q: Array) -> dict[str, Any]:
     """Return the entries `unit` [m] and `poses` of a fragment, from positions (k, n) at k times.
 
-    `poses` has a list for each of the n coordinates, which are x, y and angle of each link. The coordinate is rounded to a whole
-    number: x and y to multiples of `unit`, an angle to multiples of 1/ANGLES rad, a constant that the page knows. The list has k
-    second differences of these numbers over time; two cumulative sums restore the numbers.
+    `poses` has a list for each of the n coordinates, which are x, y and angle of each link. A coordinate is stored as a whole
+    number: x and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad (the page knows ANGLES). The list has the k second
+    differences of a coordinate over time; two cumulative sums restore the coordinate.
     """
     at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]

@@ -70,12 +70,12 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 def asset_files() -> dict[str, str]:
     """Return name -> text of the files that every site has.
 
-    They are scripts, styles, licences, and the page `view.html`, which draws the linkage encoded in its own address.
+    These files are scripts, styles, licences, and the page `view.html`, which draws the linkage encoded in its own address.
     """
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
     texts["site.css"] = texts["site.css"].replace("/*light*/", hues(dark=False)).replace("/*dark*/", hues(dark=True))
-    return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}  # [0]: the page without its policy
+    return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}  # [0]: the page; [1] is its content security policy
 
 
 @cache

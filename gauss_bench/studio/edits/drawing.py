@@ -3,8 +3,8 @@
 An edit changes the tables of the document, and the poses of links that move; tables and poses determine the places of all points.
 After the edit, the file's sketch (`assembly.sketch`, places from which the joints are closed) is written anew, so that the file
 opens as it was drawn. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of
-its joint. If the pin has no joint, the id is the reference of its point; if the pin joins nothing yet, it is its name in the
-sketch.
+its joint. If the pin has a point but no joint, the id is the reference of this point; if the pin joins nothing yet, the id is the
+pin's name in the sketch.
 """
 
 import math
@@ -91,7 +91,7 @@ class Drawing:
         self.made: list[str] = []
 
     def lay(self, poses: dict[str, list[float]]) -> None:
-        """Set the poses of the links from link -> [x, y, theta]."""
+        """Set the poses of the links from a dict link -> [x, y, theta]."""
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
@@ -176,20 +176,21 @@ class Drawing:
     def set_point(self, reference: str, at: complex) -> None:
         """Move a point of a link or of the ground to a place in the world; points that are defined from it keep their places."""
         link, name = owner(reference), tail(reference)
-        known, given = self.points(link), self.written_points(link)
-        for other in given:
+        # places in the frame of the link, and the points as the file defines them
+        places, written = self.points(link), self.written_points(link)
+        for other in written:
             # `follow` returns the chain of points from which a point is defined, each by its key `from`
-            if other != name and name in given and name in follow(given, other)[0]:
-                given[other] = pair(known[other])
-        given[name] = pair(self.local(link, at))
+            if other != name and name in written and name in follow(written, other)[0]:
+                written[other] = pair(places[other])
+        written[name] = pair(self.local(link, at))
 
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
         """Return a new name: the word followed by the smallest number for which no entry of the groups has this name.
 
-        The groups are tables of the file, by default joints and cylinders. If the word is empty, the name is a number alone that
-        no pin and no point of the file has as its name.
+        The groups are names of tables of the file, by default joints and cylinders. If the word is empty, the name is just a number
+        that is not yet the name of a pin or point of the file.
         """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
@@ -245,7 +246,7 @@ class Drawing:
     def name_at(self, pin: Pin, taken: Any) -> str:
         """Return a name for a new point at a pin: the name of the pin's joint, or else of the first point at the pin.
 
-        If this name is among the names `taken`, or if it is not valid, the name is a number.
+        If that name is among the names `taken` or is not valid, a number is returned instead.
         """
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
@@ -315,7 +316,7 @@ class Drawing:
     def points_at(self, point: str) -> list[str]:
         """Return the references "LINK.POINT" of all points at the pin with the id `point`, with points of the ground last.
 
-        If no pin has this id, `point` is a reference itself, and is returned alone.
+        If no pin has the id `point`, then `point` is itself a reference "LINK.POINT", and is returned alone.
         """
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
@@ -323,12 +324,12 @@ class Drawing:
     def on_link(self, point: str) -> str:
         """Return the reference "LINK.POINT" of one point at the pin with the id `point`; prefer a link's point to the ground's.
 
-        If no pin has this id, `point` is a reference itself, and is returned unchanged.
+        If no pin has the id `point`, then `point` is itself a reference "LINK.POINT", and is returned unchanged.
 
         Raises:
             Refused: there is no such point.
         """
-        reference = next(iter(self.points_at(point)), point)
+        reference = next(iter(self.points_at(point)), point)  # the first: `points_at` puts points of the ground last
         self.place(reference)  # raises if there is no such point
         return reference
 
@@ -346,9 +347,10 @@ class Drawing:
         self.made.insert(0, f"links.{name}")  # before pins, because the first made part is the one of which callers ask
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and nothing but points is given in that frame.
+        """Tell whether a link's frame lies along its first bar, and only points are given in this frame.
 
-        Only if this is true can the link's frame be turned with the bar (`align`) without a change of anything else.
+        Only then can the link's frame be turned with the bar (`align`): no centre of mass, point mass, weld or force is given in
+        this frame.
         """
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
@@ -362,8 +364,8 @@ class Drawing:
     def align(self, link: str) -> None:
         """Put a link's frame at the first point of its first bar, along this bar, and rewrite the link's points in this frame.
 
-        This follows the move of a point, which keeps the places of all points in the world. The axes of slides in the link turn
-        with the bar.
+        It is called after a point of the link has moved. The places of all points in the world stay the same. The axes of slides on
+        the link turn with its first bar.
         """
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
@@ -414,7 +416,7 @@ class Drawing:
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
         """Return the references of points that place a link, and whether these points determine the link's angle.
 
-        They are the points of the link in `known`, or else the first point of the link. If all these points lie at one place, one
+        The points are those of the link in `known`, or else the first point of the link. If all these points lie at one place, one
         more point of the link, at another place, is added.
         """
         points = self.points(link)

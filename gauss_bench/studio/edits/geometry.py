@@ -96,9 +96,9 @@ def add_slide(d: Drawing, message: Message) -> None:
     Keys of the message:
         guide: link that carries the axis of the slide, by default the ground.
         pin, or at: id of the pin at the block, or the place of a new pin.
-        angle_deg: direction of the axis in the world [deg]. By default the direction from `through` to the pin, else that of the
-            guide's first bar, else that of the guide's frame.
-        through: place through which the axis goes. By default the pin if the guide is the ground, else the first point of the
+        angle_deg: direction of the axis in the world [deg]. The default is the direction from `through` to the pin if `through` is
+            given, else that of the guide's first bar, or of the guide's frame if the guide has no bar.
+        through: place through which the axis goes. The default is the pin if the guide is the ground, else the first point of the
             guide's first bar.
     """
     guide = message.get("guide", "ground")
@@ -148,7 +148,7 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 
 
 def join(d: Drawing, message: Message) -> None:
-    """Move a pin onto another pin, and join all points of both in one joint.
+    """Move a pin onto another pin, and join all points of both pins in one joint.
 
     The pin `pin` of the message moves onto the pin `to`. If `pin` is fixed to the ground, `to` moves onto `pin` instead.
     """
@@ -174,7 +174,7 @@ def join(d: Drawing, message: Message) -> None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
-        if d.is_written(owner(reference)):  # no joint can name the points of a cylinder's parts, which have no table
+        if d.is_written(owner(reference)):  # the parts of a cylinder have no table in the file, and no joint can name their points
             b = d.join_at_pin(b, reference)
     kept = d.joint_of(b)
     if joint is not None and kept is not None:
@@ -208,8 +208,8 @@ def _fix(d: Drawing, pin: Pin) -> None:
 def _release(d: Drawing, pin: Pin) -> None:
     """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
 
-    If the pin has no joint, it then joins nothing, and the file keeps its place in `assembly.sketch`. If it has a joint with only
-    one point left, the joint is removed.
+    A pin without a joint then joins nothing, and the file keeps the pin's place in `assembly.sketch`. A joint that has only one
+    point left is removed.
     """
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
@@ -233,9 +233,9 @@ def move(d: Drawing, message: Message) -> None:
 def _shift(d: Drawing, pin: Pin, at: complex) -> None:
     """Move a pin to a place in the world, and change the lengths of the links that it joins.
 
-    A pin that joins nothing changes only in the sketch. A point of the ground moves to the place. A link with a single point (a
-    block) moves as a whole. Of any other link the point moves. If the block of a slide is at the pin, and a point of the ground
-    serves only as the guide of this slide, this point of the ground moves by the same displacement.
+    A pin that joins nothing changes only in the sketch. A point of the ground is moved to the new place. A link with a single point
+    (a block) is translated. In any other link only the point is moved. If the block of a slide is at the pin, and a point of the
+    ground serves only as the guide of this slide, this point of the ground moves by the same displacement.
     """
     if not pin.members:
         d.group("assembly", "sketch")[pin.id] = pair(at)

@@ -111,7 +111,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        """Return the new text for a text x that is the value of `key`, or a key in the table `key`."""
+        """Return x, with the old name in it replaced by the new name; x is the value of `key`, or a key inside the table `key`."""
         if key in keys and x == old:
             return new
         # a reference to a point, "LINK.POINT", begins with the name of its link
@@ -140,7 +140,7 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
     old = joint or tail(pin.members[0])
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
-        if d.is_written(link) and point == old:
+        if d.is_written(link) and point == old:  # a part of a cylinder is not written: it has no table in the file
             if to not in d.points(link):
                 _rename_point(d, link, point, to)
             elif joint is None:
@@ -215,7 +215,7 @@ def _delete_pin(d: Drawing, name: str) -> None:
 def prune(d: Drawing) -> None:
     """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts.
 
-    A joint is incomplete with less than two points, and a scenario if it had drivers and has lost all of them.
+    A pin joint with fewer than two points is incomplete, and so is a scenario that has lost the only driver (`driver`) that it had.
     """
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
     # each pass removes one entry with a fault that the file did not have before, which may leave other entries with a missing

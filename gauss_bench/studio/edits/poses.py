@@ -25,7 +25,7 @@ def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
 
 
 def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
-    """Return the four-bar whose coupler takes the three poses of a message, and the first pose.
+    """Return the four-bar whose coupler passes through the three poses in a message, and the first pose.
 
     The message gives two places: those of the two moving `pins` at the first pose, or those of the two fixed `pivots`.
 
@@ -48,7 +48,7 @@ def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
 
 
 def describe_four_bar(message: Message) -> dict[str, Any]:
-    """Return the reply with the four-bar that `synthesize` would draw, and a sentence for each connection that could be driven."""
+    """Return the reply with the four-bar that `synthesize` would draw, and its motion if either connection is driven."""
     found, _ = find_four_bar(message)
     return {
         "connections": [describe_connection(x) for x in found.connections],
@@ -66,14 +66,14 @@ def describe_connection(connection: Connection) -> dict[str, Any]:
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar that `find_four_bar` finds for a message at the first pose: the coupler, and two bars or slides.
+    """Draw the four-bar that `find_four_bar` finds, at the first of the three poses: the coupler, and two bars or slides.
 
     The origin of the pose becomes an observed point of the coupler (in the file's table `observe`), unless it is a pin.
     """
     found, (origin, _) = find_four_bar(message)
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
-    coupler = d.made[0].removeprefix("links.")
+    coupler = d.made[0].removeprefix("links.")  # the link that `add_bar` has just made
     # the two pins of the coupler, in the order of the connections, in which `add_bar` has just made them
     pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
     for pin, connection in zip(pins, found.connections, strict=True):

@@ -1,7 +1,7 @@
 """Write the scenarios of the studio: "driven", in which motion laws prescribe coordinates, and "released", which starts at rest.
 
-Both scenarios start in the position in which the linkage is drawn. A change of the drawing also changes their start values, and
-those start values of other scenarios that were equal to the drawing.
+"driven" and "released" start in the position in which the linkage is drawn. A change of the drawing also changes their start
+values, and those start values of other scenarios that were equal to the drawing.
 """
 
 import math
@@ -32,8 +32,8 @@ UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> 
 def drive(d: Drawing, message: Message) -> None:
     """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing.
 
-    The message may give the keys of the motion law; the others have usual values. If `off` of the message is true, the driver of
-    the coordinate is removed instead, and the scenario too if it was the only driver.
+    The message may give values of keys of the motion law; all other keys have default values. If the message has `off: true`, the
+    driver of the coordinate is removed instead of set, and the scenario is removed too if it has no other driver.
     """
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
@@ -80,7 +80,7 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
 
 def _duration(driver: Mapping[str, Any]) -> float:
-    """Return the duration of a driver's motion law [s]: one turn of a link at constant speed, and 1 s for a law without an end."""
+    """Return the duration of a driver's motion law [s]; for a law without an end the time of one turn of the link, or 1 s."""
     if driver.get("law") == "constant":
         speed = driver.get("speed")
         if isinstance(speed, (int, float)) and speed != 0 and "link" in driver:
@@ -117,8 +117,8 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
     """Complete the scenario "driven" of a document, so that it starts in the drawn position.
 
     A driver without a start value gets as its start value the value of its coordinate in the drawing. The scenario's table `start`
-    gets the values in the drawing of coordinates that the drivers leave free. A single driver without such a table is written under
-    the key `driver`, all others under `drivers`.
+    gets the values in the drawing of coordinates that the drivers leave free. A single driver is written under the key `driver` if
+    there is no table `start`; otherwise the list of drivers is written under `drivers`.
 
     Args:
         document: the document, whose scenario is changed.
@@ -171,7 +171,8 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
 def release(document: Document, reading: Reading) -> None:
     """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position.
 
-    The scenario is added if the file has no scenario except "driven".
+    The scenario "released" is added if the file has no scenario except "driven". If the file has other scenarios but not
+    "released", nothing is done. If the drawn joints do not close, the present start is kept.
     """
     is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not is_wanted:
@@ -209,7 +210,7 @@ def follow(document: Document, old: Reading, new: Reading) -> None:
             return
         away = x / unit - before
         turns = away - math.remainder(away, 2 * math.pi) if "link" in coordinate else 0.0  # whole turns of an angle [rad]
-        if abs(away - turns) < FOLLOWS:
+        if abs(away - turns) < FOLLOWS:  # the start value is the value in the old drawing
             entry[key] = round_digits((after + turns) * unit)
 
     for name, scenario in items(document, "scenarios"):

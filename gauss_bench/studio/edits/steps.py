@@ -29,11 +29,12 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     1. `change` changes the tables of the document and the poses of links.
     2. If links may have moved, locked lengths are checked, and the changed places are written into the sketch of the file.
     3. The changed document is read, which closes the joints.
-    4. If links may have moved, the places with closed joints are written into the sketch, and start values of scenarios adapted.
+    4. If links may have moved, their places with closed joints are written into the sketch, and the start values of scenarios are
+       adapted.
     5. The scenario "released" is updated, and the text of the file becomes the new state of the session.
 
     Args:
-        moves: whether the change may move links; if not, the sketch of the file stays as it is.
+        moves: whether the change may move links; if not, the places in the file's table `assembly.sketch` stay as they are.
 
     Raises:
         Refused: the change cannot be made; the session is then unchanged.
@@ -88,7 +89,7 @@ def _check_pin(locks: frozenset[str], message: Message) -> None:
     Raises:
         Refused: the pin is locked.
     """
-    given = message.get("pin")
+    given = message.get("pin")  # the id of a pin, {"pin": id}, or the place of a new pin
     pin = given.get("pin") if isinstance(given, dict) else given
     if f"pins.{pin}" in locks:
         raise Refused(f"pin {pin} is locked", (f"pins.{pin}",))
