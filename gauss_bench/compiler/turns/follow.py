@@ -16,8 +16,8 @@ number for each lane:
     report:   1 + G                  number of samples closed before the first failure, and the guards at the last sample
 
 A sample is closed if the last correction was shorter than SETTLED, no correction was longer than REACH, the guess was near the
-previous sample, and no guard is below its bound in `least`. After the first sample that a lane cannot close, the numbers that it
-stores are invalid, and `tracker.py` decides how the motion is computed.
+previous sample, and no guard is below its bound in `least`. The numbers that a lane stores at and after the first sample that it
+cannot close are invalid. `tracker.py` decides how the motion is computed from this sample on.
 
 Newton's method starts at a guess whose sines are computed from scratch, so that no rounding is carried from sample to sample. A
 correction adds z to q, and sines and cosines of q + z follow from those of q by a rotation through z. Sine and cosine of z are
