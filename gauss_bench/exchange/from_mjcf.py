@@ -89,8 +89,8 @@ class Reader:
                         tag = "joint" if known["kind"] == "jnt" else known["kind"]
                         raise self.refuse(self.describe(known["kind"], k, tag), known["reason"])
         for known in FIELDS["left_out"]:  # report the elements with a field that is not 0 and that the import leaves out
-            for k in np.flatnonzero(getattr(m, known["field"])):
-                self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(k))}")
+            for index in np.flatnonzero(getattr(m, known["field"])):
+                self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(index))}")
         closures, welds = self._equalities()
         acting = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in self._enabled_actuators())]
         gravity = np.zeros(3) if "gravity" in self.disabled else np.array(m.opt.gravity)
