@@ -296,7 +296,10 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values."""
+    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values.
+
+    `reached.last` is the verdict on the hardest value that was run.
+    """
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:  # not even the easiest value passes

@@ -201,7 +201,7 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
         others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
     message = f"agree to {digits(max(x.off for x in taken.values()))}"
-    if soft:  # only `along` has a limit then; `off`, which the message has so far, is reported without a limit
+    if soft:  # errors of whole accelerations (`off`) are only reported; those along free directions (`along`) have been judged
         message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
     count = sum(len(x.given) for x in taken.values() if x.given is not None)
     message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"

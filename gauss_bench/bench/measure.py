@@ -89,7 +89,7 @@ def measure(
 
     To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if there is a
     reference so accurate that it decides whether the run is valid, and if the run's velocities and accelerations are derivatives of
-    its positions.
+    its positions. If there are states with accelerations of the reference, the engine is also asked for its accelerations at them.
 
     Args:
         store: the folder where references are stored.

@@ -128,9 +128,10 @@ class Probe:
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
     """Return the smallest share c of the velocity term in a row of J a (1: all of it, 0: none); 1 if no row can be judged.
 
-    An engine that uses only a share c of its velocity term g has J a - gamma = (c - 1) g. There are three candidates for g. With
-    each, every constraint row is fitted by J a - gamma = (c - 1) g + r f, where f is the constraint force and r an unknown
-    compliance. The c of the candidate with the smallest residual is used.
+    Exact accelerations satisfy J a = gamma. An engine that uses only a share c of its velocity term g is off by (c - 1) g. Which g
+    it has depends on its coordinates, so three candidates are tried (see `share_of_gamma`). With each, every constraint row is
+    fitted by J a - gamma = (c - 1) g + r f, where f is the constraint force and r an unknown compliance. The c of the candidate
+    with the smallest residual is used.
 
     Args:
         extra, forces: J a - gamma and the constraint forces f, (k, m) each: a number for each of m constraint rows at each of k

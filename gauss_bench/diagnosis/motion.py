@@ -59,7 +59,7 @@ class Parts:
 
     @cached_property
     def unaltered(self) -> Array:
-        """The accelerations (k, n) under these terms."""
+        """The accelerations (k, n) at the k states that follow from these terms of the equations of motion."""
         return self.accelerations()
 
     def effect(self, **terms: Any) -> Array:

@@ -128,7 +128,7 @@ class Flattened:
         self.joints_of: dict[int, list[int]] = {}
         for k, joint in enumerate(spatial.joints):
             self.joints_of.setdefault(joint.body, []).append(k)
-        self.link_of = self._group_bodies()
+        self.link_of = self._group_bodies()  # link of each body; a link has the index of one of its bodies, or WORLD
         self.moves = self._move_bodies()
         self.members: dict[int, list[Body]] = {}
         for body, link in zip(spatial.bodies, self.link_of, strict=True):

@@ -429,6 +429,7 @@ class AxisSpringDamper:
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
         """Return the spring and damper that a table describes; if the table has no `origin`, the world's origin is used."""
         origin = names.point(table["origin"]) if "origin" in table else names.world
+        # the file gives the axis's angle in the frame of the link that has `origin`, which may be turned in a body of welded links
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
         return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
 

@@ -63,8 +63,8 @@ class Line:
         measure: function that maps a form to its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a form that counts as right.
         example: function that maps a form to a number that a reader can check with pencil and paper; None if there is no example.
-        truth: function that computes the true value of the example's number without the printed and the intended form; None if
-            there is no example.
+        truth: function that computes the true value of the example's number independently of both forms; None if there is no
+            example.
     """
 
     texts: dict[str, str]

@@ -228,7 +228,7 @@ class _Part(NamedTuple):
 
 
 def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> _Part:
-    """Return the first part of a motion, in which the two computed motions agree to the required number of digits.
+    """Return a motion up to the time from which its two computations no longer agree to the required number of digits.
 
     Args:
         truth: the motion whose values are certified; bars: "q", "v" or "a" -> error bars (k,).

@@ -260,7 +260,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
         status = Status.NAN if verdict.objections[0].subject is judge.Subject.NUMBERS else Status.INCOMPLETE
         message = "; ".join(filter(None, (verdict.sentence, reached.note if reached else "")))
         return Run(status, message, None, reached, wanted, *costs)
-    if reached is None:
+    if reached is None:  # the samples are complete, so only the count of steps can be wrong
         return Run(Status.INCOMPLETE, "the engine's count of steps is no number", None, None, wanted, *costs)
     # `wanted.note` reports shortened steps; it does not apply if the integrator has chosen other steps
     notes = (reached.note, wanted.note if reached.steps == wanted.count else "")

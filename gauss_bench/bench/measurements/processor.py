@@ -3,7 +3,7 @@
 The first loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one multiply-add is
 therefore its latency. The latency is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known too.
 The second loop has CHAINS such chains, which do not depend on each other, and each multiply-add works on a vector of numbers. The
-rate of this loop, with two operations for each number in a multiply-add, is the peak rate.
+peak rate is the rate of this loop, in which a multiply-add counts as two operations for each number of the vector.
 """
 
 from collections.abc import Callable, Iterator

@@ -34,8 +34,8 @@ def rows_of(links: Links) -> list[Row]:
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
     """Return the sum of factor times row over the pairs (row, factor); it has the name of the first row.
 
-    A row that constrains velocities only, as that of a knife edge, has no residual phi, and adds nothing to the residual of the
-    summed row.
+    A row that constrains velocities only, such as that of a knife edge, has no residual phi, so it adds nothing to the residual of
+    the sum.
     """
     entries: dict[int, list[Node]] = {}
     for row, factor in parts:

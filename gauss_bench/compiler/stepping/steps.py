@@ -190,14 +190,14 @@ class Step:
         return [*self.carried.values(), *self.out, self.regular, self.regular_out, self.within, *error, *of_stages]
 
     def rewrite_into(self, into: Graph | None = None) -> "Step":
-        """Return this step with its sums and products regrouped, in the graph `into`, which may have other steps, or a new one."""
+        """Return this step with sums and products regrouped, in the graph `into` (which may contain other steps) or a new one."""
         every = [*self.roots(), *self.settled.values()]
         graph, roots = rewrite(self.graph, every, into)
         moved = dict(zip(every, roots, strict=True))  # value of the old graph -> the same value in the new one
-        carried, settled = ({name: moved[x] for name, x in leaves.items()} for leaves in (self.carried, self.settled))
+        carried, settled = ({name: moved[x] for name, x in values.items()} for values in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
-        # leaves are no roots: they are found in the new graph, or made there, by their operation and name
+        # The keys of `stages` are leaves, which are not among the roots: find or make them in the new graph by operation and name.
         stages = {
             graph.make(self.graph.operation[leaf], payload=self.graph.payload[leaf]): (moved[first], moved[following])
             for leaf, (first, following) in self.stages.items()
@@ -560,7 +560,8 @@ def rk4_looped(code: Code) -> Step:
     g, q, h = b.g, b.q, b.h
     first_v = b.correct_velocity()
     if code.projected:
-        b.acceleration(b.t, q, b.v)  # for its guards, which the corrected velocity needs
+        # the result is not used; the call adds to b.pivots the guards of the elimination, on which the corrected velocity relies
+        b.acceleration(b.t, q, b.v)
     # guards of the sample at the beginning of the step; the body of the loop collects its own in b.pivots
     out_pivots, b.pivots = list(b.pivots), []
     # variables of the loop: vectors, number and time of the stage, and a mask: all guards of the stages so far are satisfied

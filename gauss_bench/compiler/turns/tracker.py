@@ -95,15 +95,15 @@ class Tracker:
         self.q, self.least = rows[0, : self.n], LEAST * guards[0]
 
     def strides(self, u: Array) -> float:
-        """Return the largest step between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
+        """Return the largest change of an input between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
         return float((np.abs(u[1:] - u[:-1]) * self.per_stride).max(initial=0.0))
 
     def track(self, levels: Array, stride: float, rows: Array, status: NDArray[np.int8]) -> Loss | None:
-        """Compute all samples of the inputs; return where and why the motion ends before the last sample, or None if it does not.
+        """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
             levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest step between successive samples, as a multiple of STRIDE.
+            stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
             status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
         """
@@ -130,7 +130,7 @@ class Tracker:
 
         Args:
             levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest step between successive samples, as a multiple of STRIDE.
+            stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample.
         """
         k = len(rows)

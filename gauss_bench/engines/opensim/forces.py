@@ -97,7 +97,7 @@ class JointForces:
         return sign * np.array([*force, moment])
 
     def _read_pin(self, a: Point, b: Point, constraint: Any, state: Any, q: Array) -> Array:
-        """Return the force (2,) [N] of a closing pin between points a and b on the link of point b, in the world's axes.
+        """Return the force (2,) [N], in the world's axes, that the loop-closing pin of points a and b exerts on the link of b.
 
         OpenSim's entry for the first body is minus the force on this body, because OpenSim lists the forces of a constraint as they
         stand on the left side of the equations of motion. So the entry for the first body is the force on the second body. Trap:

@@ -35,7 +35,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
-    """Return for each linkage the cost of the engine OWN divided by that of RIVAL; the cost of a step also for each integrator.
+    """Return for each linkage the ratio of the cost of the engine OWN to that of RIVAL; for costs of a step, also by integrator.
 
     Args:
         quantity: "step" or "acceleration".
