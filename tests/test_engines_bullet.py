@@ -12,10 +12,8 @@ import pytest
 import gauss_bench
 from gauss_bench.engines.bullet.accelerations import Accelerations
 from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
-from gauss_bench.engines.bullet.bodies import BodyWorld
-from gauss_bench.engines.bullet.joints import TreeWorld, list_joints
 from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
-from gauss_bench.engines.bullet.world import STRONGEST
+from gauss_bench.engines.bullet.world import STRONGEST, BodyWorld, TreeWorld, list_joints
 from gauss_bench.engines.shared import drivers_by_coordinate, open_tree, unit_speeds
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.integrate.fixed_step import Stretch

@@ -2,30 +2,27 @@
 
 Bullet computes no accelerations of closed loops. From coordinates y and velocities v, a step of h [s] computes the new velocities
 v1 = P(y) (v + h a_free). Here P(y) projects velocities onto those that the loop closures at y allow, J(y) v1 = 0, and a_free are
-the accelerations of the open tree or of the free bodies, without closures. In the limit of short steps, velocities change at the
-rate
+the accelerations without closures. In the limit of short steps, velocities change at the rate
 
     y'' = P(y) a_free + d/de P(y + e v) v        at e = 0
 
 The first term is the change of v in one step at y, divided by the length h of the step, which may have any value. The second term
-is found by fourth-order finite differences of the function P(y + e v) v of e. Each value P(y + e v) v is the result of one step of
-Bullet, so short that forces have no effect and only the projection remains. So the accelerations have no error of a time step, and
-no error of closing gaps (erp = 0). For the steps of this module, the options CONVERGED let Bullet's solver iterate until it has
-converged. Runs use Bullet's usual limits of iterations, with which the solver stops before it has converged, and sooner for shorter
-steps.
+is found by fourth-order finite differences of the function P(y + e v) v of e. Each of its values is the result of a step so short
+that forces have no effect and only the projection remains. So the accelerations have no error of a time step, and no error of
+closing gaps (erp = 0). The options CONVERGED let Bullet's solver iterate until it has converged; runs use Bullet's usual limits of
+iterations, with which it stops before.
 
 The function `tree_model.acceleration_by_steps` is unsuitable for Bullet, because it divides the error of the iterative solver by
-the length of a very short time step. The finite differences of this file divide the solver's error by the distance e between their
-points, a much larger number.
+the length of a very short time step. Here it is divided by the distance e between the points of the differences, a much larger
+number.
 """
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.engines.bullet.bodies import BodyWorld
-from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import BodyForces
+from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
@@ -38,10 +35,7 @@ INSTANT = 1e-15  # [s] length of a step that only projects
 
 
 class Accelerations:
-    """A function (t, y, dy) -> accelerations (n,) of a simulation world's coordinates y, at a state that meets the constraints.
-
-    The accelerations are P(y) a_free + d/de P(y + e v) v at e = 0, with v = dy. P(y) projects velocities onto those that the closed
-    loops allow, and a_free are the accelerations without closures; the docstring of the module derives the formula.
+    """A function (t, y, dy) -> accelerations (n,) of a world's coordinates y, at a state that meets the constraints.
 
     Attributes:
         world: a world that no run uses, with the options CONVERGED.
@@ -49,11 +43,10 @@ class Accelerations:
     """
 
     def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
-        """Take a world with the options CONVERGED, the forces of its linkage, and the motion laws of driven joints."""
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at time t [s] and the state y, dy (n,)."""
+        """Return P(y) a_free + d/de P(y + e v) v at e = 0 (n,), at time t [s] and the state y, v = dy (n,)."""
         tau = self.forces(t, y, dy)
         # speeds of the driven joints at the beginning of the step, and at its end by law''(t)
         before = {joint: float(dy[joint]) for joint in self.laws}
@@ -71,8 +64,7 @@ class Accelerations:
     def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
         """Return the velocities (n,) after one step of length `step` [s] from y, dy (n,) under the forces tau (n,).
 
-        Args:
-            driven: index of a driven joint -> the speed that its motor reaches in the step.
+        `driven` maps the index of a driven joint to the speed that its motor reaches in the step.
         """
         self.world.set_step(step)
         # Bullet's solver stops when the squared error of a velocity is as small as this rounding error squared

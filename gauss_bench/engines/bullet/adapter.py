@@ -4,8 +4,6 @@ A step follows the semi-implicit Euler method: the forces at the beginning of th
 the new velocities, and these give the new positions. Bullet finds the impulses one by one, in many rounds (sequential impulses, a
 projected Gauss-Seidel method), or by Dantzig's direct method. The constraints hold for the new velocities at the old positions, so
 at the new positions the velocities of a run miss them by the change over one step.
-
-Before a model is used, its accelerations are compared with those that the suite computes, at states at which loops are open.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,18 +15,19 @@ import numpy as np
 from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.body_model import BodyModel
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
-from gauss_bench.engines.bullet.bodies import BodyWorld
-from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.program import write
-from gauss_bench.engines.bullet.translate import BodyForces, joint_forces, refusal
+from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
+from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.engines.shared import (
     LibraryEngine,
+    beyond_a_tree,
     drivers_by_coordinate,
     finite_acceleration,
     joint_tree,
     require_agreement,
     size,
+    undriven,
 )
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
@@ -61,7 +60,13 @@ class Bullet(LibraryEngine, file=VARIANTS):
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         options = VARIANTS.options(choice.settings)
-        return refusal(mechanism, joint_tree(mechanism, options), options["coordinates"])
+        if reason := beyond_a_tree(mechanism, "Bullet"):
+            return reason
+        if options["coordinates"] == "bodies":
+            if mechanism.slides:
+                return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
+            return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
+        return undriven(mechanism, joint_tree(mechanism, options), "Bullet")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return "a call for every step, and the forces, which Bullet forgets after every step"
@@ -71,7 +76,7 @@ class Bullet(LibraryEngine, file=VARIANTS):
         return FreeBodies(mechanism, choice) if has_bodies else JointModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        return write(mechanism, choice, VARIANTS)
+        return write(mechanism, choice, VARIANTS.options(choice.settings))
 
 
 def step_through(
@@ -81,14 +86,12 @@ def step_through(
     plan: Sequence[Stretch],
     samples: tuple[Array, Array],
 ) -> None:
-    """Take all steps of a plan, and store the states at the samples.
+    """Take all steps of a plan, and store the states in `samples`, the arrays x and dx (k, n) in the world's coordinates.
 
     Args:
         laws: index of a driven joint -> its motion law.
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
-            end of the stretch, or None. No force is evaluated later than `last`, a time just before the jump of a force at the end
-            of the stretch; infinite without a jump.
-        samples: arrays x and dx (k, n) for the states in the world's coordinates, which are filled.
+            end of the stretch, or None. No force is evaluated later than `last`, just before a jump of a force.
     """
     # forces that never change need no call of Python between the steps
     constant = forces.constant.tolist() if forces.are_constant and not laws else None
@@ -115,47 +118,37 @@ class JointModel(TreeModel):
 
     Attributes:
         laws: index of a driven joint -> its motion law.
+        accelerations: they have a world of their own, whose solver iterates until it has converged.
     """
 
     library = "Bullet"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build the model, compare its open tree with the linkage, and build a world that only evaluates accelerations.
-
-        The solver of this second world iterates until it has converged; runs make a world of their own in `prepare`.
-        """
+        """Build the model, after its open tree has been compared with the linkage."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
-        self._verify()
-        self.accelerations = Accelerations(self._world({**self.options, **CONVERGED}), self.forces, self.laws)
-
-    def _world(self, options: Mapping[str, Any], closed: bool = True) -> TreeWorld:
-        """Return a new world that holds the linkage, with given options; if `closed` is false, the loops stay open."""
-        world = TreeWorld(self.pybullet, self.mechanism, self.tree, options, closed)
-        world.damp(self.forces.joint_damping)
-        return world
-
-    def _verify(self) -> None:
-        """Compare the model's open tree with the linkage.
-
-        Raises:
-            RunFailure: gaps of joints or accelerations differ.
-        """
-        world = self._world({**self.options, **UNDAMPED}, closed=False)
-        world.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
+        open_tree = self._world(UNDAMPED, closed=False)
+        open_tree.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops and Bullet's accelerations at t = 0 and a tree state y, dy (n,)."""
-            world.put(y, dy)
-            gaps = world.gaps()  # before the step, which moves the links
-            world.step(self.forces(0.0, y, dy).tolist())
-            return OpenModel(gaps, accelerations=world.state()[1] - dy)  # the step is 1 s: the change is the acceleration
+            open_tree.put(y, dy)
+            gaps = open_tree.gaps()  # before the step, which moves the links
+            open_tree.step(self.forces(0.0, y, dy).tolist())
+            return OpenModel(gaps, accelerations=open_tree.state()[1] - dy)  # the step is 1 s
 
-        verify(self.mechanism, self.tree, describe, AGREEMENT)
+        verify(mechanism, self.tree, describe, AGREEMENT)
+        self.accelerations = Accelerations(self._world(CONVERGED), self.forces, self.laws)
+
+    def _world(self, changes: Mapping[str, Any], closed: bool = True) -> TreeWorld:
+        """Return a new world that holds the linkage, with changed options; if `closed` is false, the loops stay open."""
+        world = TreeWorld(self.pybullet, self.mechanism, self.tree, {**self.options, **changes}, closed)
+        world.damp(self.forces.joint_damping)
+        return world
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return self.accelerations(t, y, dy)
@@ -163,8 +156,7 @@ class JointModel(TreeModel):
     def accelerate(self, t: float, y: Array, dy: Array) -> Array:
         """Return the absolute accelerations (3 links,) at the state nearest to y, dy (n,) that satisfies all constraints.
 
-        The given tree state is first projected onto the constraints: at a state with open loops, redundant closures would
-        contradict each other, and Bullet's solver would not converge.
+        At a state with open loops, redundant closures would contradict each other, and Bullet's solver would not converge.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
         return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
@@ -172,11 +164,10 @@ class JointModel(TreeModel):
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
-        self.world = self._world(self.options)  # a new world, so that no run depends on the one before
+        self.world = self._world({})  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:
-        """Take all steps, and store the tree states at the samples."""
         step_through(self.world, self.forces, self.laws, self.plan, (self.y, self.dy))
 
 
@@ -184,42 +175,31 @@ class FreeBodies(BodyModel):
     """A mechanism as free bodies in Bullet, run with one setting of the engine (`Choice`)."""
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build the model, compare its free bodies with the links, and build a world that only evaluates accelerations."""
+        """Build the model, after Bullet's forces on free bodies have been compared with the linkage's, over one step of SHORT."""
         import pybullet
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
-        self._verify()
-        # accelerations need a solver that converges, whatever the settings; runs make a world of their own in `prepare`
-        converging_world = BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED})
-        self.accelerations = Accelerations(converging_world, self.forces, {})
-
-    def _verify(self) -> None:
-        """Compare Bullet's forces on the unconnected bodies with those on the links, at the start, over one step of SHORT.
-
-        Raises:
-            RunFailure: the forces differ.
-        """
-        q, v = self.mechanism.q0, self.mechanism.v0
-        world = BodyWorld(self.pybullet, self.mechanism, {**self.options, **UNDAMPED}, closed=False)
+        q, v = mechanism.q0, mechanism.v0
+        world = BodyWorld(pybullet, mechanism, {**self.options, **UNDAMPED}, closed=False)
         world.set_step(SHORT)  # short, because Bullet turns no rigid body by more than a quarter of a turn in a step
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
         # Bullet's force is mass times change of velocity over the step
         loads, own = self.evaluator.mass * (world.state()[1] - v) / SHORT, self.evaluator.applied.generalised(q, v, 0.0)
         require_agreement({"forces on free bodies": (loads, own, size(own))}, AGREEMENT)
+        # accelerations need a solver that converges, whatever the settings
+        self.accelerations = Accelerations(BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED}), self.forces, {})
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (3 links,) at the state on the constraints that is nearest to q, v (3 links,)."""
         return finite_acceleration(t, self.accelerations(t, *self.evaluator.project(t, q, v)), "Bullet")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
         self.world = BodyWorld(self.pybullet, self.mechanism, self.options)
         self.world.put(self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
-        """Take all steps, and store the absolute states at the samples."""
         step_through(self.world, self.forces, {}, self.plan, (self.q, self.v))

@@ -1,14 +1,14 @@
 """Write a program for Bullet: the calls that build the tree of joints, and a loop in Python that takes the steps."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.bullet.joints import TreeWorld
 from gauss_bench.engines.bullet.translate import joint_forces
+from gauss_bench.engines.bullet.world import TreeWorld
 from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script
-from gauss_bench.engines.variants import Variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
@@ -42,16 +42,12 @@ RUN = """    joints = range(len(Y0))
 """
 
 
-def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
-    """Return the text of a program that runs a mechanism with one `Choice`.
-
-    TreeWorld is built with a stand-in for PyBullet, which records all calls; `script.lines` then holds these calls as program text.
-    The stand-in `step` stands for the program's variable of this name, the length of a step.
+def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
+    """Return the text of a program that runs a mechanism: the recorded calls of TreeWorld, and a loop that takes the steps.
 
     Raises:
         RunFailure: the links are free bodies, or the program would need forces that only this suite computes.
     """
-    options = variants.options(choice.settings)
     tree = joint_tree(mechanism, options)
     forces = joint_forces(mechanism, tree)
     if options["coordinates"] == "bodies":
@@ -64,7 +60,7 @@ def write(mechanism: Mechanism, choice: Choice, variants: Variants) -> str:
     world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)
     world.damp(forces.joint_damping)
     world.put(*tree.relative(mechanism.q0, mechanism.v0))
-    step: Any = script.stand_in("step")
+    step: Any = script.stand_in("step")  # the program's variable for the length of a step
     world.set_step(step)
     numbers = force_numbers(forces, mechanism, tree)
     # CARRIERS: for each link of the linkage, the index of the link in Bullet that carries it

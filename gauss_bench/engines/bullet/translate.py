@@ -1,4 +1,4 @@
-"""Reasons why Bullet cannot model a linkage, and the forces that the adapter gives to Bullet.
+"""The forces that the adapter gives to Bullet.
 
 Bullet has no springs, and forgets every force after a step. Therefore the adapter computes all forces in Python at the beginning of
 each step, as users of PyBullet do, and applies them as forces and torques tau of the tree's joints:
@@ -14,26 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
-from gauss_bench.engines.shared import beyond_a_tree, undriven
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
-
-
-def refusal(mechanism: Mechanism, tree: Tree, coordinates: str) -> str | None:
-    """Return the reason why Bullet cannot model a mechanism, or None if it can.
-
-    Args:
-        coordinates: "tree" for a tree of joints, or "bodies" for free bodies.
-    """
-    if reason := beyond_a_tree(mechanism, "Bullet"):
-        return reason
-    if coordinates == "bodies":
-        if mechanism.slides:
-            return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
-        return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
-    return undriven(mechanism, tree, "Bullet")
 
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
@@ -42,10 +26,7 @@ def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
 
 
 class BodyForces:
-    """A function (t, q, v) -> forces (3 links,) on the links as free bodies: fx, fy and torque of each link, without gravity.
-
-    Bullet adds gravity itself.
-    """
+    """A function (t, q, v) -> forces and torques (3 links,) on the links as free bodies, without gravity, which Bullet adds."""
 
     are_constant = False  # so that a run reads the state after every step, as it must to count the turns of links
 
@@ -54,5 +35,4 @@ class BodyForces:
         self.constant = np.zeros(mechanism.n)
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
-        """Return the forces and torques (3 links,) at time t [s] and a state q, v (3 links,)."""
         return self.applied.generalised(q, v, t)

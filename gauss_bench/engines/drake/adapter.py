@@ -5,15 +5,12 @@ Only the solver SAP of discrete plants handles constraints. A continuous plant a
 evaluation; so loops of continuous plants are closed by bushings. SAP's contact approximations kSap, kSimilar and kLagged and its
 near-rigid threshold change no bit of a run without contacts, and kTamsi refuses constraints, so none of them is a knob.
 
-A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. Drake's accelerations at a state
-with exactly closed loops are therefore those of the tree without closures. In a simulated motion, the accelerations approach those
-of the linkage with exactly closed loops only after some periods of the bushing's vibration.
-
-Before Drake's tree is used, its accelerations are compared with those that the suite computes, at states at which loops are open.
+A bushing is a stiff spring and damper, so it exerts no force at a state with exactly closed loops. Drake's accelerations at such a
+state are therefore those of the tree without closures. In a simulated motion, they approach those of the linkage only after some
+periods of the bushing's vibration.
 """
 
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +19,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
 from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
-from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, gaps, load_library, refusal
+from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, load_library, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -56,7 +53,6 @@ class Drake(LibraryEngine, file=VARIANTS):
         return f"Drake {version('drake')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Drake cannot run a mechanism with a given setting, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
             return reason
         options = VARIANTS.options(choice.settings)
@@ -69,7 +65,6 @@ class Drake(LibraryEngine, file=VARIANTS):
         return DrakeModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return a Python program that runs the mechanism in Drake; only integrators that choose their steps have an accuracy."""
         options = VARIANTS.options(choice.settings)
         tree = joint_tree(mechanism, options)
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
@@ -86,24 +81,30 @@ class DrakeModel(TreeModel):
     """A mechanism in Drake, run with one setting of the engine (`Choice`).
 
     Attributes:
-        closure: how loops are closed; the kind of closure is OPEN if there are no loops.
+        closure: how loops are closed; its kind is OPEN if there are no loops.
         runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
-        steppers: longest step [s] -> list of `Stepper`, one for each of several discrete plants with this step and shorter ones.
+        steppers: step size [s], or 0 for a continuous plant -> plant that is evaluated at given states.
         continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
     library = "Drake"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build the plants, after the open tree has been compared with the linkage."""
+        """Build the plants, after the open tree has been compared with the linkage, at states at which loops are open."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.drake = load_library()
         self.builder = Builder(self.drake, mechanism, self.tree)
         open_tree = Stepper(self._build(0.0, Closure()))  # a continuous plant without closures
-        verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
+
+        def describe(y: Array, dy: Array) -> OpenModel:
+            """Return gaps and accelerations of the open tree at a tree state y, dy (n,), as Drake computes them."""
+            accelerations = open_tree.reported_acceleration(y, dy)
+            return OpenModel(open_tree.built.gaps(open_tree.context), accelerations=accelerations)
+
+        verify(mechanism, self.tree, describe, AGREEMENT)
         self.closure = choose_closure(self.tree, self.options)
         self.runners: dict[float, Runner] = {}
-        self.steppers: dict[float, list[Stepper]] = {}
+        self.steppers: dict[float, Stepper] = {}
         self.continuous: ContinuousRunner | None = None
         if (choice.integrator or SAP) != SAP:  # an empty name stands for SAP
             self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
@@ -120,11 +121,6 @@ class DrakeModel(TreeModel):
         except (RuntimeError, ValueError) as error:
             raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
 
-    def _describe(self, open_tree: Stepper, y: Array, dy: Array) -> OpenModel:
-        """Return gaps and accelerations of the open tree at a tree state y, dy (n,), by Drake's own kinematics and dynamics."""
-        accelerations = open_tree.reported_acceleration(y, dy)
-        return OpenModel(gaps(open_tree.built, open_tree.context), accelerations=accelerations)
-
     def _runner(self, size: float) -> Runner:
         """Return the simulation that takes steps of `size` [s]; a discrete plant is built at the first call for each step size."""
         if self.continuous:
@@ -134,41 +130,30 @@ class DrakeModel(TreeModel):
             self.runners[key] = Runner(self.drake, self._build(size, self.closure))
         return self.runners[key]
 
-    def _short_steppers(self, longest: float) -> list[Stepper]:
-        """Return HALVINGS + 1 steppers: the first has the step size `longest` [s], each other one half that of its predecessor.
-
-        The steppers are built at the first call with the value `longest`, and stored in `self.steppers`.
-        """
-        if longest not in self.steppers:
-            lengths = [longest / 2**k for k in range(HALVINGS + 1)]
-            self.steppers[longest] = [Stepper(self._build(x, self.closure)) for x in lengths]
-        return self.steppers[longest]
-
-    @cached_property
-    def _still(self) -> Stepper:
-        """A continuous plant that only evaluates accelerations at given states."""
-        return Stepper(self._build(0.0, self.closure))
+    def _stepper(self, size: float) -> Stepper:
+        """Return the plant with steps of `size` [s], or the continuous one if it is 0, that is evaluated at given states."""
+        if size not in self.steppers:
+            self.steppers[size] = Stepper(self._build(size, self.closure))
+        return self.steppers[size]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) at a tree state y, dy (n,).
 
         If constraints close the loops, the accelerations are extrapolated from the steps of discrete plants; otherwise a continuous
         plant reports them.
-
-        Raises:
-            RunFailure: Drake finds no accelerations.
         """
         try:
             if self.closure.kind == BALL:
-                return settled_acceleration(self._short_steppers, y, dy)
-            return self._still.reported_acceleration(y, dy)
+                shorter = [2**k for k in range(HALVINGS + 1)]
+                return settled_acceleration(lambda longest: [self._stepper(longest / x) for x in shorter], y, dy)
+            return self._stepper(0.0).reported_acceleration(y, dy)
         except RunFailure:  # is a RuntimeError too
             raise
         except RuntimeError as error:
             raise RunFailure(Status.ERROR, f"t = {t:.6g} s: Drake: {in_a_sentence(error)}") from error
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start, and build all plants that the run needs; `native` has no effect, because Drake takes the steps."""
+        """Reset to the start; `native` has no effect, because Drake takes the steps."""
         super().prepare(times, native)
         for stretch in self.plan:
             self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
@@ -178,11 +163,6 @@ class DrakeModel(TreeModel):
             self.continuous.set_integrator(self.drake, SCHEMES[name], accuracy if name in Drake.adaptive else None)
 
     def run(self) -> None:
-        """Step to every sample and store the tree states.
-
-        Raises:
-            RunFailure: Drake gives up.
-        """
         # a runner has one step size; another runner starts from the present state when the step size changes
         y, dy = self.y0, self.dy0
         running: Runner | None = None
@@ -200,7 +180,7 @@ class DrakeModel(TreeModel):
                 self.y[stretch.row], self.dy[stretch.row] = y, dy
 
     def count_steps(self) -> int:
-        return self.continuous.count_steps() if self.continuous else super().count_steps()
+        return int(self.continuous.integrator.get_num_steps_taken()) if self.continuous else super().count_steps()
 
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.

@@ -20,10 +20,8 @@ STATEMENTS = {
     "DiagramBuilder": "builder",
     "AddSystem": "system_",
     "Build": "diagram",
-    **dict.fromkeys(
-        ["SetUseSampledOutputPorts", "set_gravity_vector", "set_default_damping_vector", "AddForceElement", "WeldFrames"], ""
-    ),
-    **dict.fromkeys(["AddBallConstraint", "Finalize", "Connect", "FixValue"], ""),
+    **dict.fromkeys(["SetUseSampledOutputPorts", "set_gravity_vector", "set_default_damping_vector", "AddForceElement"], ""),
+    **dict.fromkeys(["WeldFrames", "AddBallConstraint", "Finalize", "Connect", "FixValue"], ""),
 }
 RUN = """    context = plant.GetMyMutableContextFromRoot(root)
     place, speed, motors = np.empty((3, len(Y0)))
@@ -42,9 +40,7 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism with one `Choice`.
-
-    Builder is given stand-ins for Drake's modules, which record all calls; `script.lines` then holds these calls as program text.
+    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and a simulation.
 
     Args:
         scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.
@@ -60,17 +56,10 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
     script.lines.append("root = simulator.get_mutable_context()")
     built.set_forces_at_points(script.stand_in("root"))
     if scheme:
-        script.lines += _set_integrator(scheme, accuracy)
+        longest = "step" if accuracy is None else LONGEST_STEP
+        script.lines.append(f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})")
+        script.lines.append(f"integrator.set_fixed_step_mode({accuracy is None})")
+        if accuracy is not None:
+            script.lines.append(f"integrator.set_target_accuracy({accuracy!r})")
     imports = [f"import {module} as drake_{name}" for name, module in MODULES.items()]
     return write_tree_program(mechanism, tree, choice, Parts(imports, {"MOTORS": built.motors}, script.lines, RUN))
-
-
-def _set_integrator(scheme: str, accuracy: float | None) -> list[str]:
-    """Return the statements that set the integrator of a continuous plant; given `accuracy`, the integrator chooses its steps."""
-    # program text of the fixed step size, or of the largest step
-    longest = "step" if accuracy is None else LONGEST_STEP
-    lines = [
-        f"integrator = drake_analysis.ResetIntegratorFromFlags(simulator, {scheme!r}, {longest})",
-        f"integrator.set_fixed_step_mode({accuracy is None})",
-    ]
-    return lines if accuracy is None else [*lines, f"integrator.set_target_accuracy({accuracy!r})"]

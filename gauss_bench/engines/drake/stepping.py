@@ -19,20 +19,21 @@ SETTLED = 1e-3  # an extrapolation counts if it changes relatively by less when 
 
 
 class Stepper:
-    """A plant that is evaluated at given states and takes steps from them."""
+    """A plant that is evaluated at given states and takes steps from them; `length` [s] is its step, 0 of a continuous plant."""
 
     def __init__(self, built: Built):
-        """Make a context for steps of the plant; a context is Drake's object that holds a state."""
         self.built = built
-        self.length = float(built.plant.time_step())  # [s]; 0 of a continuous plant
-        # context of the whole diagram, and the part of it that belongs to the plant
-        self.root = built.system.CreateDefaultContext()
-        self.context = built.connect(self.root)
+        self.length = float(built.plant.time_step())
+        self.context = built.connect(built.system.CreateDefaultContext())
 
     def reported_acceleration(self, y: Array, dy: Array) -> Array:
-        """Return the accelerations y'' (n,) that Drake reports at a tree state y, dy (n,)."""
+        """Return the accelerations y'' (n,) at a tree state y, dy (n,) that Drake's output port reports.
+
+        A discrete plant reports the change of the speeds in the next step, divided by the step length.
+        """
         self.built.set_state(self.context, y, dy)
-        return self.built.reported_acceleration(self.context)
+        reported = self.built.plant.get_generalized_acceleration_output_port().Eval(self.context)
+        return np.asarray(np.array(reported)[self.built.order])
 
     def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
         """Take `steps` >= 2 steps from a tree state y, dy (n,).
@@ -48,10 +49,9 @@ class Stepper:
 
 
 class Runner:
-    """A simulation of a discrete plant (Drake's multibody model), with equal time steps."""
+    """A simulation of a discrete plant, with equal time steps."""
 
     def __init__(self, drake: Any, built: Built):
-        """Make a simulator of the plant."""
         self.built = built
         self.simulator: Any = drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
@@ -85,7 +85,6 @@ class ContinuousRunner(Runner):
             self.integrator.set_target_accuracy(accuracy)
 
     def start(self, y: Array, dy: Array) -> None:
-        """Begin at a tree state y, dy (n,) and at time 0, and count steps from there."""
         super().start(y, dy)
         self.integrator.ResetStatistics()
 
@@ -96,53 +95,35 @@ class ContinuousRunner(Runner):
         self.simulator.AdvanceTo(self.root.get_time() + steps * size)
         return self.built.state(self.context)
 
-    def count_steps(self) -> int:
-        """Return the number of steps since the start."""
-        return int(self.integrator.get_num_steps_taken())
-
 
 def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Array, dy: Array) -> Array:
     """Return the acceleration (n,) at a tree state y, dy (n,) with closed loops, found from steps of discrete plants.
 
-    SAP is the solver of discrete plants. A step of SAP makes the velocities of the two points of each closing pin equal, evaluated
-    with the positions at the beginning of the step. At the end of the step a gap is therefore left between the points. The step
-    also closes half of the gap that the previous step left. Let D_k be the change of the speeds in step k, divided by the step
-    length h. If the loops are closed in the initial state, D_k approaches a limit D(h) for large k. The difference between D_k and
-    this limit is halved in every step, so that
+    A step of SAP, the solver of discrete plants, makes the velocities of both points of a closing pin equal, evaluated with the
+    positions at the beginning of the step. So the step leaves a gap at its end, and it closes half of the gap that the step before
+    left. Let D_k be the change of the speeds in step k, divided by the step length h. Its distance from the limit D(h) is halved in
+    every step, so that
 
         D(h) = 2 D_k - D_(k-1),    a = D(0)
 
-    The acceleration a is D(0), which is extrapolated from several step lengths h. Drake treats some forces implicitly; this changes
-    D(h), but not the limit D(0).
+    The acceleration D(0) is extrapolated from several lengths h. Forces that Drake treats implicitly change D(h), but not D(0).
 
     Trap: if a step would change the speeds by less than a millionth, SAP does not change them at all. So if the results of short
-    steps do not agree, longer steps are tried: LENGTHS lists the longest step of each attempt.
+    steps do not agree, longer steps are tried.
 
     Args:
-        steppers: function of a step size [s]; it returns a list of `Stepper`, one for each of several plants with this step size
-            and shorter ones, the longest first.
+        steppers: longest step size [s] of LENGTHS -> plants with this step size and shorter ones, the longest first.
 
     Raises:
         RunFailure: the extrapolation changes if the shortest steps are left out.
     """
     for longest in LENGTHS:
-        found, change = extrapolate_changes(steppers(longest), y, dy)
+        chosen = steppers(longest)
+        pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in chosen]
+        changes = [2 * last - before for before, last in pairs]
+        lengths = [stepper.length for stepper in chosen]
+        found = extrapolate(lengths, changes)
+        change = float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
         if change <= SETTLED * size(found):
             return found
     raise RunFailure(Status.NOT_CONVERGED, f"Drake's changes of speed in short steps do not settle: they differ by {change:.1e}")
-
-
-def extrapolate_changes(steppers: Sequence[Stepper], y: Array, dy: Array) -> tuple[Array, float]:
-    """Return the acceleration (n,) extrapolated to step size zero from the results of all steppers, and its uncertainty.
-
-    The uncertainty is the largest change of a component of the acceleration if the result of the shortest step size is left out.
-
-    Args:
-        steppers: one for each step size, the longest first; each takes SETTLING steps from the tree state y, dy (n,).
-    """
-    pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in steppers]
-    # D(h) = 2 D_k - D_(k-1), because the distance from the limit D(h) halves in every step
-    changes = [2 * last - before for before, last in pairs]
-    lengths = [stepper.length for stepper in steppers]
-    found = extrapolate(lengths, changes)
-    return found, float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))

@@ -5,15 +5,14 @@ One of two kinds of element closes each pin that is no joint of the tree:
     ball:       AddBallConstraint, a constraint of discrete plants, for which the solver SAP finds impulses
     bushing:    LinearBushingRollPitchYaw without torques, a stiff spring and damper, for discrete and continuous plants
 
-Drake's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. The adapter
-translates a force only if an element of Drake expresses it exactly, and refuses all other forces by name. A force of the linkage on
-the left becomes the element or input of Drake on the right:
+Drake's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. A force of the
+linkage on the left becomes the element or input of Drake on the right; a force that none expresses exactly is refused by name:
 
     constant generalised force:                    input port of generalised forces
     spring on one hinge or slide:                  RevoluteSpring, PrismaticSpring
     damper on one tree coordinate:                 damping of the coordinate's joint
     spring and damper between points:              LinearSpringDamper, whose free length must be positive
-    force at a point, fixed in the world:          input port of spatial forces
+    force at a point, fixed in the world:          input port of spatial forces ("wind")
     force at a point, fixed in the point's link:   Propeller with thrust but no moment
 
 Trap: a constraint on a point of the world ends the process at the first step (Drake 1.51.1, segmentation fault). A constrained
@@ -32,10 +31,11 @@ from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
 from gauss_bench.mechanism.coordinates import velocity
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, Point, PointForce
+from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, PointForce
 from gauss_bench.terms import Array
 
 BALL, BUSHING, OPEN = "ball", "bushing", "open"  # kinds of closures; OPEN closes no pin
+PointLoad = tuple[int, Array, Array]  # link, point (2,) in its frame [m], and force (2,) [N]
 
 
 def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
@@ -76,9 +76,8 @@ class Closure:
     """How the pins that are no joints of the spanning tree are closed.
 
     Attributes:
-        kind: kind of the elements that close pins: BALL, BUSHING or OPEN (no elements).
-        period: shortest undamped period of a bushing's vibration [s]; only for BUSHING.
-        damping_ratio: damping of a bushing relative to critical damping; only for BUSHING.
+        kind: BALL, BUSHING or OPEN.
+        period, damping_ratio: of a bushing: shortest undamped period of its vibration [s], and damping relative to critical damping.
     """
 
     kind: str = OPEN
@@ -117,15 +116,12 @@ class Built:
 
     Attributes:
         plant: Drake's object MultibodyPlant.
-        system: the Drake system that is simulated: the plant itself, or a diagram of the plant and propellers.
+        system: the plant itself, or a diagram of the plant and propellers.
         bodies: Drake's bodies, in the order of the links.
         order: (n,) index of each tree coordinate in Drake's coordinates.
         pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
         motors: (n,) constant generalised forces on the tree coordinates.
-        winds: constant forces at points whose direction is fixed in the world, as Drake's objects ExternallyAppliedSpatialForce;
-            they are values of the input port `wind_port`.
-        thrusts: (propellers,) forces of the propellers [N], whose directions are fixed in a link; they are values of the input port
-            `thrust_port`.
+        ports: pairs of an input port for forces at points and its values: winds, then thrusts of the propellers [N].
     """
 
     plant: Any
@@ -134,10 +130,7 @@ class Built:
     order: Any
     pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
     motors: Array
-    winds: list[Any]
-    thrusts: Array
-    wind_port: Any = None
-    thrust_port: Any = None
+    ports: list[tuple[Any, Any]]
 
     def connect(self, root: Any) -> Any:
         """Set the constant forces in the context `root` of the system, and return the plant's context in it."""
@@ -148,7 +141,7 @@ class Built:
 
     def set_forces_at_points(self, root: Any) -> None:
         """Set the constant forces at points in the context `root` of the system."""
-        for port, values in ((self.wind_port, self.winds), (self.thrust_port, self.thrusts)):
+        for port, values in self.ports:
             if len(values):
                 port.FixValue(port.get_system().GetMyMutableContextFromRoot(root), values)
 
@@ -167,20 +160,21 @@ class Built:
         """Return the tree state y, dy (n,) of a context of the plant."""
         return self.plant.GetPositions(context)[self.order], self.plant.GetVelocities(context)[self.order]
 
-    def reported_acceleration(self, context: Any) -> Array:
-        """Return the accelerations y'' (n,) that Drake's output port reports.
+    def gaps(self, context: Any) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by Drake's own kinematics."""
+        world = self.plant.world_frame()
+        return measure_gaps(self.pins, lambda end: self.plant.CalcPointsPositions(context, *end, world)[:, 0])
 
-        A discrete plant reports the change of the speeds in the next step, divided by the step length.
-        """
-        accelerations: Array = np.array(self.plant.get_generalized_acceleration_output_port().Eval(context))[self.order]
-        return accelerations
+
+def in_space(x: Array) -> Array:
+    """Return a vector (2,) of the plane as a vector (3,) of space."""
+    return np.array(spatial(x))
 
 
 class Builder:
-    """Builds plants of a mechanism."""
+    """Builds plants of a mechanism, whose links hang on a joint tree; `drake` has Drake's modules as attributes."""
 
     def __init__(self, drake: Any, mechanism: Mechanism, tree: Tree):
-        """Take an object with Drake's modules as attributes (`load_library`), a mechanism, and the joint tree of its links."""
         self.drake, self.mechanism, self.tree = drake, mechanism, tree
 
     def build(self, step: float, closure: Closure) -> Built:
@@ -198,13 +192,12 @@ class Builder:
         for i, link in enumerate(self.mechanism.links):
             # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
             self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
-        # both tables have the index of a branch's first tree coordinate as their key; a branch is a link with its joint
+        # index of a branch's first tree coordinate -> its joint, and the damping of each of its coordinates
         self.joints = {b.at: self._add_joint(b) for b in self.tree.branches}
         self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in self.tree.branches}
-        # a wind is a force whose direction is fixed in the world, a thrust one whose direction is fixed in its link
-        self.winds: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the world's directions
-        self.thrusts: list[tuple[int, Array, Array]] = []  # link, point (2,) and force (2,) in the link's directions
-        self.forces = np.zeros(self.tree.n)  # constant generalised forces on the tree coordinates
+        self.winds: list[PointLoad] = []  # their directions are fixed in the world
+        self.thrusts: list[PointLoad] = []  # their directions are fixed in their links
+        self.motors = np.zeros(self.tree.n)  # constant generalised forces on the tree coordinates
         turns = turning(self.tree)
         for load in sort_loads(self.mechanism, self.tree):
             self._add_load(load, turns)
@@ -212,51 +205,44 @@ class Builder:
             if damping.any():
                 self.joints[at].set_default_damping_vector(damping)
         # frames of the closing pins; like bodies, they must be added before Finalize
-        pins = [((self._frame(a), self._vector(a)), (self._frame(b), self._vector(b))) for a, b in closing_pins(self.tree)]
+        ends = [[(self.bodies[x.link].body_frame(), in_space(x.local)) for x in pin] for pin in closing_pins(self.tree)]
         if closure.kind == BALL:
             self._add_balls()
         if closure.kind == BUSHING:
             self._add_bushings(closure)
         self.plant.Finalize()
-        return self._assemble(pins)
-
-    def _assemble(self, pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]) -> Built:
-        """Return the finalised plant; if there are thrusts, return it in a diagram with one propeller for each of them.
-
-        A wind is a force whose direction is fixed in the world, a thrust one whose direction is fixed in its link.
-
-        Args:
-            pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
-        """
-        order = []  # Drake's index of each tree coordinate
-        for at in sorted(self.joints):
-            # a joint has one damping for each of its coordinates
-            order += [self.joints[at].position_start() + k for k in range(len(self.dampings[at]))]
+        # a joint has one damping for each of its coordinates
+        order = [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
         bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
-        winds = [self._spatial_force(*wind) for wind in self.winds]
-        thrusts = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
-        system, wind_port, thrust_port = self.plant, self.plant.get_applied_spatial_force_input_port(), None
-        if self.thrusts:
-            system, wind_port, thrust_port = self._add_propellers(wind_port)
-        return Built(self.plant, system, bodies, np.array(order), pins, self.forces, winds, thrusts, wind_port, thrust_port)
+        system, ports = self._add_point_forces()
+        return Built(self.plant, system, bodies, np.array(order), [(a, b) for a, b in ends], self.motors, ports)
 
-    def _add_propellers(self, port: Any) -> tuple[Any, Any, Any]:
-        """Return a Drake diagram of the plant and its propellers, and the diagram's input ports for winds and for thrusts.
-
-        A wind is a force whose direction is fixed in the world. A thrust is a force whose direction is fixed in its link; Drake's
-        system Propeller exerts it.
-
-        Args:
-            port: the plant's input port for forces at points; the diagram combines winds and thrusts for this port.
-        """
+    def _add_point_forces(self) -> tuple[Any, list[tuple[Any, Any]]]:
+        """Return the system and the `ports` of `Built`: the plant, in a diagram with one propeller for each thrust if there are any."""
+        tools, math, winds, propellers = self.drake.plant, self.drake.math, [], []
+        for link, at, force in self.winds:
+            wind = tools.ExternallyAppliedSpatialForce()
+            wind.body_index = self.bodies[link].index()
+            wind.p_BoBq_B = in_space(at)
+            wind.F_Bq_W = self.drake.vectors.SpatialForce(np.zeros(3), in_space(force))
+            winds.append(wind)
+        port = self.plant.get_applied_spatial_force_input_port()
+        if not self.thrusts:
+            return self.plant, [(port, winds)]
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
-        propellers = builder.AddSystem(self.drake.plant.Propeller([self._propeller(*thrust) for thrust in self.thrusts]))
-        builder.Connect(self.plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
-        both = builder.AddSystem(self.drake.plant.ExternallyAppliedSpatialForceMultiplexer(2))
-        builder.Connect(propellers.get_spatial_forces_output_port(), both.get_input_port(0))
+        for link, at, force in self.thrusts:
+            pose = math.RigidTransform(
+                math.RotationMatrix.MakeFromOneVector(in_space(force), 2), in_space(at)
+            )  # pushes along axis 2
+            propellers.append(tools.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0))
+        thrusters = builder.AddSystem(tools.Propeller(propellers))
+        builder.Connect(self.plant.get_body_poses_output_port(), thrusters.get_body_poses_input_port())
+        both = builder.AddSystem(tools.ExternallyAppliedSpatialForceMultiplexer(2))
+        builder.Connect(thrusters.get_spatial_forces_output_port(), both.get_input_port(0))
         builder.Connect(both.get_output_port(), port)
-        return builder.Build(), both.get_input_port(1), propellers.get_command_input_port()
+        sizes = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
+        return builder.Build(), [(both.get_input_port(1), winds), (thrusters.get_command_input_port(), sizes)]
 
     def _add_body(self, name: str, mass: float, unit_inertia: float) -> Any:
         """Add a body with equal moments of inertia about all axes, `unit_inertia` [m^2] times the mass [kg], and return it."""
@@ -264,18 +250,10 @@ class Builder:
         inertia = tree.SpatialInertia(mass, np.zeros(3), tree.UnitInertia.TriaxiallySymmetric(unit_inertia))
         return self.plant.AddRigidBody(name, inertia)
 
-    def _vector(self, point: Point) -> Array:
-        """Return a point (3,) in the frame of its body."""
-        return np.array(spatial(point.local))
-
-    def _frame(self, point: Point) -> Any:
-        """Return the frame of a point's body."""
-        return self.bodies[point.link].body_frame()
-
     def _offset(self, link: int, at: Array, turn: float = 0.0) -> Any:
         """Add a frame fixed in a link at a point (2,) [m], turned by an angle [rad], and return it."""
         math = self.drake.math
-        pose = math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), np.array(spatial(at)))
+        pose = math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), in_space(at))
         self.frames += 1
         return self.plant.AddFrame(self.drake.tree.FixedOffsetFrame(f"frame{self.frames}", self.bodies[link].body_frame(), pose))
 
@@ -284,62 +262,32 @@ class Builder:
         tree, name = self.drake.tree, f"joint{b.at}"
         near, far = self._offset(b.parent, b.parent_anchor + b.base), self._offset(b.link, b.anchor, -b.turn)
         if b.kind == "prismatic":
-            return self.plant.AddJoint(tree.PrismaticJoint(name, near, far, np.array(spatial(b.axis))))
+            return self.plant.AddJoint(tree.PrismaticJoint(name, near, far, in_space(b.axis)))
         if b.kind == "revolute":
             return self.plant.AddJoint(tree.RevoluteJoint(name, near, far, np.array([0.0, 0.0, 1.0])))
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load to the plant; store a load that enters the plant through an input port during the run.
-
-        All other loads were refused by `load_refusal`.
-
-        Args:
-            turns: the links' angles in terms of the tree coordinates.
-        """
+        """Add the elements of a load that `load_refusal` accepts to the plant; store a load that enters through an input port."""
+        tree = self.drake.tree
         match load:
             case Steady():
-                self.forces += load.value * load.force
-            case OnJoints():
-                self._add_joint_spring(load)
-            case OtherLoad(_, PointForce() as force):
-                self._add_point_force(force, turns)
+                self.motors += load.value * load.force
+            case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
+                for at in np.flatnonzero(load.row).tolist():
+                    branch = branch_of(self.tree, at)
+                    self.dampings[branch.at][at - branch.at] += load.c
+                    if load.k:
+                        rest = float((load.rest - load.constant) * load.row[at])
+                        spring = tree.PrismaticSpring if branch.kind == "prismatic" else tree.RevoluteSpring
+                        self.plant.AddForceElement(spring(self.joints[branch.at], rest, load.k))
+            case OtherLoad(_, PointForce(point=point) as force):
+                in_world, value = turn_force(force, turns)
+                if value.any():
+                    (self.winds if in_world else self.thrusts).append((point.link, point.local, value))
             case OtherLoad(_, Law(coordinate=Distance(a, b)) as law):
-                ends = self.bodies[a.link], self._vector(a), self.bodies[b.link], self._vector(b)
-                self.plant.AddForceElement(self.drake.tree.LinearSpringDamper(*ends, law.rest, law.k, law.c))
-
-    def _add_joint_spring(self, load: OnJoints) -> None:
-        """Add a spring and damper on L = row . y + constant, where the row has at most one entry, 1 or -1."""
-        tree = self.drake.tree
-        for at in np.flatnonzero(load.row).tolist():
-            branch = branch_of(self.tree, at)
-            joint = self.joints[branch.at]
-            self.dampings[branch.at][at - branch.at] += load.c
-            if load.k:
-                rest = float((load.rest - load.constant) * load.row[at])
-                spring = tree.PrismaticSpring if branch.kind == "prismatic" else tree.RevoluteSpring
-                self.plant.AddForceElement(spring(joint, rest, load.k))
-
-    def _add_point_force(self, force: PointForce, turns: Turning) -> None:
-        """Store a force whose direction is fixed in the world (a wind), or in the link on which it acts (a thrust)."""
-        in_world, value = turn_force(force, turns)
-        if value.any():
-            kept = self.winds if in_world else self.thrusts
-            kept.append((force.point.link, force.point.local, value))
-
-    def _spatial_force(self, link: int, at: Array, force: Array) -> Any:
-        """Return Drake's object for a force (2,) in the world's directions at a point (2,) of a link."""
-        applied = self.drake.plant.ExternallyAppliedSpatialForce()
-        applied.body_index = self.bodies[link].index()
-        applied.p_BoBq_B = np.array(spatial(at))
-        applied.F_Bq_W = self.drake.vectors.SpatialForce(np.zeros(3), np.array(spatial(force)))
-        return applied
-
-    def _propeller(self, link: int, at: Array, force: Array) -> Any:
-        """Return a propeller at a point (2,) of a link that pushes in the direction of a force (2,), given in the link's frame."""
-        direction = self.drake.math.RotationMatrix.MakeFromOneVector(np.array(spatial(force)), 2)  # a propeller pushes along axis 2
-        pose = self.drake.math.RigidTransform(direction, np.array(spatial(at)))
-        return self.drake.plant.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0)
+                ends = self.bodies[a.link], in_space(a.local), self.bodies[b.link], in_space(b.local)
+                self.plant.AddForceElement(tree.LinearSpringDamper(*ends, law.rest, law.k, law.c))
 
     def _add_balls(self) -> None:
         """Close the pins that are not in the tree by ball constraints; a body that is welded to the world stands for the ground."""
@@ -349,47 +297,34 @@ class Builder:
             holders[GROUND] = self._add_body("ground", 1.0, 1.0)
             self.plant.WeldFrames(self.plant.world_frame(), holders[GROUND].body_frame())
         for a, b in pairs:
-            self.plant.AddBallConstraint(holders[a.link], self._vector(a), holders[b.link], self._vector(b))
+            self.plant.AddBallConstraint(holders[a.link], in_space(a.local), holders[b.link], in_space(b.local))
 
     def _add_bushings(self, closure: Closure) -> None:
-        """Close the pins outside the tree by bushings with equal stiffness and damping in all directions, and without torques."""
-        twist = np.zeros(3)
-        for (a, b), mass in zip(closing_pins(self.tree), self._pin_masses(), strict=True):
-            ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
-            stiffness, damping = (np.full(3, x) for x in closure.constants(mass))
-            self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
+        """Close the pins outside the tree by bushings with equal constants in all directions, and without torques.
 
-    def _pin_masses(self) -> list[float]:
-        """List for each closing pin its least effective mass [kg] at the start, when the loops are open.
-
-        Opposite forces of the same size act along a line on the two points that the pin joins. The effective mass in the direction
-        of the line is the force divided by the points' relative acceleration along it; the least effective mass is the smallest
-        over all directions.
+        The period and damping of a bushing are those of the pin's least effective mass at the start, when the loops are open.
         """
-        tree = self.tree
+        tree, twist = self.tree, np.zeros(3)
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
         speeds = unit_speeds(tree, y)  # (n, 3 links)
         q = np.tile(own.q, (tree.n, 1))  # the same positions with each unit speed of a tree coordinate
-        # for each pin, the relative velocity (n, 2) of its ends at these speeds: the transposed Jacobian of the gap
-        rows = [velocity(q, speeds, b) - velocity(q, speeds, a) for a, b in closing_pins(tree)]
-        return [least_mass(J.T, own.mass) for J in rows]
+        for a, b in closing_pins(tree):
+            # relative velocity (n, 2) of the pin's ends at the unit speeds: the transposed Jacobian of the gap
+            rows = velocity(q, speeds, b) - velocity(q, speeds, a)
+            stiffness, damping = (np.full(3, x) for x in closure.constants(least_mass(rows.T, own.mass)))
+            ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
+            self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
 
 def least_mass(J: Array, M: Array) -> float:
     """Return the least effective mass [kg] of a gap, the vector between the two points that a closing pin joins.
 
-    The effective mass in a direction is the force on the two points divided by the acceleration of the gap. The inverse of the
-    least effective mass is the largest eigenvalue of J M^-1 J^T.
+    The effective mass in a direction is the force on both points, in opposite directions, divided by the acceleration of the gap.
+    The inverse of the least effective mass is the largest eigenvalue of J M^-1 J^T.
 
     Args:
         J: (2, n) Jacobian of the gap with respect to the tree coordinates.
         M: (n, n) mass matrix of the open tree.
     """
     return float(1 / np.linalg.eigvalsh(J @ np.linalg.solve(M, J.T)).max())
-
-
-def gaps(built: Built, context: Any) -> Array:
-    """Return point b minus point a of every closing pin (pins, 2) [m], by Drake's own kinematics."""
-    plant, world = built.plant, built.plant.world_frame()
-    return measure_gaps(built.pins, lambda end: plant.CalcPointsPositions(context, *end, world)[:, 0])
