@@ -23,7 +23,6 @@ class Kind:
         engine: engine of the suite whose model the file holds.
         settings, integrator, stabilization, tolerance: the setting of that engine in the file.
         what: the kind of file in words, such as "a Python script".
-        suffix: the usual suffix of such files.
     """
 
     writer: str
@@ -70,9 +69,8 @@ def export_linkage(
 
     Args:
         step: step size of the integration in the file [s]; ignored if `choice` is given.
-        remarks: sentences for the head of the file, such as measured errors.
-        choice: setting of the engine; by default the setting that KINDS has for this kind of file.
-        warning: first sentence of the head.
+        remarks: sentences for the head of the file, below the `warning`.
+        choice: setting of the engine; by default that of KINDS.
 
     Raises:
         ExchangeError: files of this kind cannot express the linkage; the message names the part.
@@ -92,11 +90,7 @@ def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
 
 
 def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return a phrase for each part of the linkage file that the exported file leaves out.
-
-    These are the other scenarios, and each dry friction with coefficient 0: it has no effect. A linkage with a
-    larger coefficient is refused.
-    """
+    """Return a phrase for each part that the exported file leaves out: other scenarios, and dry friction with coefficient 0."""
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []
     left_out += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]
@@ -128,7 +122,7 @@ def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[st
     Args:
         head: sentences for the comment at the head of the file.
         refusal: beginning of the error message if the linkage cannot be exported.
-        reason: a reason, known beforehand, why the linkage cannot be exported; None if there is none, and then `writer` is called.
+        reason: why the linkage cannot be exported, if this is known beforehand.
 
     Raises:
         ExchangeError: `reason` is given, or the engine's adapter cannot model the linkage.

@@ -21,13 +21,7 @@ PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c
 
 
 def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **own: Any) -> str:
-    """Return the text of a program.
-
-    Args:
-        template: name of a file in templates/.
-        head: sentences for the comment at the beginning of the program.
-        own: variables that this template alone uses.
-    """
+    """Return the text of a program, from a file in templates/; `own` are the variables that this template alone uses."""
     common = {"mechanism": mechanism, "choice": choice, "head": head, "samples": SAMPLES, "laws": write_laws(mechanism)}
     common |= {"names": coordinates(mechanism), "rates": rates(mechanism), "title": TITLE, "plan": PLAN, "main": MAIN}
     return PROGRAMS.get_template(template).render(**common, **own)

@@ -21,26 +21,19 @@ def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> b
 
 
 def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
-    """Return a Python program that runs a linkage in an engine.
-
-    If the engine is one of WRITERS, the program needs only the engine's library, and not this package. Otherwise the program calls
-    this package.
+    """Return a Python program that runs a linkage: by an engine's library alone if it is one of WRITERS, else by this package.
 
     Args:
-        linkage: name or file of the linkage, for a program that calls this package.
-        choice: the engine's settings that the program uses.
-        until: end time of the run in a program that calls this package [s].
+        linkage, until: name or file of the linkage, and end time of the run [s], for a program that calls this package.
         remarks: sentences for the comment at the beginning of the program.
 
     Raises:
-        ExchangeError: a program that calls the library cannot express the linkage with these settings; the message gives the
-            reason.
+        ExchangeError: a program that calls the library cannot express the linkage with these settings.
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:
         variables = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
-    # `refusal` begins the error message; `reason` says why the linkage cannot be expressed: forces that vary with time or direction
     refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
     return write_model(f"to_{engine}", mechanism, choice, write_head(mechanism, remarks), refusal, reason)
 

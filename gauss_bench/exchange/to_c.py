@@ -50,10 +50,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
-    """Return a kernel whose first choice of independent coordinates is valid for the whole motion.
-
-    An exported program contains only one choice of independent coordinates. The choice that the compiler makes by default is tested
-    first, then all other choices.
+    """Return a kernel whose first choice of independent coordinates, the only one of a program, is valid for the whole motion.
 
     Raises:
         KernelError: no code can be generated for the linkage.
@@ -84,10 +81,9 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
     """Return the time [s] at which a kernel's first choice of independent coordinates becomes invalid, or None if it stays valid.
 
-    The choice is invalid from the time at which a pivot of its elimination changes its sign. A run with the step size of the file
-    may by chance jump over a state at which a pivot is zero, but a run with a user's smaller step would meet this state. Therefore
-    the test takes small steps. The returned time is NaN if no pivot changes its sign but the run with the file's step stops early,
-    as with a step that is too long.
+    The choice is invalid when a pivot of its elimination changes its sign. The test takes small steps, because a run with the file's
+    step may by chance jump over a zero that a user's smaller step would meet. The time is NaN if no pivot changes its sign but the
+    run with the file's step stops early.
     """
     tested = min(mechanism.duration, TRIED)  # [s]
     steps = int(np.ceil(tested / choice.step))

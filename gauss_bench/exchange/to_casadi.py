@@ -17,7 +17,7 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the script; `head` are the sentences of its first comment.
+    """Return the script.
 
     Raises:
         RunFailure: a script for CasADi cannot be written with this integrator or stabilisation.

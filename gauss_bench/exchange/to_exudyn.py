@@ -21,9 +21,7 @@ STATEMENTS = {  # function of Exudyn -> variable of the script for its result (s
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return a Python script that builds the mechanism in Exudyn and simulates it; `head` are the sentences of its first comment.
-
-    The adapter's code that builds the model is run with recording stand-ins for Exudyn; the recorded calls are lines of the script.
+    """Return a Python script that builds the mechanism in Exudyn by the recorded calls of the adapter, and simulates it.
 
     Raises:
         RunFailure: Exudyn rejects the model, or the model differs from the linkage.
@@ -37,21 +35,16 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with comments for links and joints."""
 
         def _add_link(self, i: int) -> None:
-            """Write the lines that add link i to the model, below a comment with the link's name."""
             script.comment(f"link {self.mechanism.links[i].name}")
             super()._add_link(i)
 
         def _add_joint(self, joint: Any) -> None:
-            """Write the lines that add a joint to the model, below a comment with the joint's name."""
             script.comment(f"joint {joint.name}")
             super()._add_joint(joint)
 
         def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
-            """Add a line to the script that defines the constraint equation of a driven slide or length, and its Jacobian.
-
-            Return two stand-ins, for the functions of the equation and of the Jacobian, which the adapter passes to Exudyn.
-            """
-            # for both ends [is on the ground, x, y]; `laws` has the script's function of each motion law, by id() of the law
+            """Define the equation of a driven slide or length and its Jacobian in the script, and return stand-ins for both."""
+            # for both ends [is on the ground, x, y]
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
             angle = float(driver.joint.angle) if isinstance(driver, SlideDriver) else None
             law = laws[id(driver.law)]
@@ -65,7 +58,6 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     built = ExudynModel(mechanism, choice)  # raises if the real model differs from the linkage
     script, laws = Script(STATEMENTS), name_laws(mechanism)
     exu = script.stand_in("exu")
-    # the adapter builds its system with stand-ins for Exudyn's modules, which record each call as a line of the script
     Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)

@@ -9,7 +9,7 @@ from gauss_bench.mechanism.model import Mechanism, PointForce, Torque
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return the text of the MJCF document; `head` are the sentences of its first comment.
+    """Return the text of the MJCF document.
 
     Raises:
         RunFailure: MJCF cannot hold the mechanism.
@@ -36,12 +36,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def describe_controls(root: Element, mechanism: Mechanism, controlled: Collection[str]) -> list[str]:
-    """Return sentences on the motors of a document, and on forces that no control can change.
-
-    Args:
-        root: root element of the document.
-        controlled: names of the forces that the document expresses as motors.
-    """
+    """Return sentences on the motors of a document, which express the forces `controlled`, and on forces that no control changes."""
     actuators, key = root.findall("actuator/*"), root.find("keyframe/key")
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]
     slides = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "slide"}

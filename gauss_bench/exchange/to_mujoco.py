@@ -10,7 +10,7 @@ from gauss_bench.mechanism.model import Mechanism
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return a Python script that simulates the mechanism in MuJoCo; `head` are the sentences of its first comment.
+    """Return a Python script that simulates the mechanism in MuJoCo.
 
     Raises:
         RunFailure: MuJoCo cannot model the mechanism.

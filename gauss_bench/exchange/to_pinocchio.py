@@ -1,8 +1,7 @@
 """Export for Pinocchio: the calls with which the adapter builds its model, the forces, and an integrator.
 
-Pinocchio has no springs and no integrator for constrained systems. For forces that are affine functions of the
-joint coordinates, the script contains the stiffness and damping matrices that the adapter computed. For all other forces, the
-script contains tables, which a function in the script evaluates.
+Pinocchio has no springs and no integrator for constrained systems. The script has the adapter's matrices for forces that are affine
+in the joint coordinates, and tables for all others, which a function in the script evaluates.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -35,7 +34,7 @@ METHODS = {
 
 
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
-    """Return a Python script that simulates the mechanism with Pinocchio; `head` are the sentences of its first comment.
+    """Return a Python script that simulates the mechanism with Pinocchio.
 
     Raises:
         RunFailure: Pinocchio rejects the model, the model differs from the linkage, or a driver prescribes a length.
@@ -73,12 +72,9 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float, float]) -> list[str]:
-    """Return the lines of a script that build the adapter's model `built` and define the numbers that the rest of the script uses.
+    """Return the lines of a script that build the adapter's model again and define the numbers that the rest of the script uses.
 
-    The adapter's code builds the model a second time, with a recording stand-in for the library.
-
-    Args:
-        gains: Baumgarte's gains of position [1/s^2] and velocity [1/s].
+    `gains` are Baumgarte's of position [1/s^2] and velocity [1/s].
     """
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.engines.tree import Branch
@@ -88,12 +84,10 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
         """The model that the adapter builds; its calls of Pinocchio are recorded as lines of `script`, with comments for links."""
 
         def _add_link(self, mechanism: Mechanism, b: Branch) -> None:
-            """Write the lines that add the link of a branch of the tree to the model, below a comment with the link's name."""
             script.comment(f"link {mechanism.links[b.link].name}")
             super()._add_link(mechanism, b)
 
     script, forces, drive = Script(STATEMENTS), built.forces, built.stabilized.drive
-    # the adapter builds its model with a stand-in for the module `pin`, which records each call as a line of the script
     recorded = Transcribed(script.stand_in("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
     recorded.constraints(gains)

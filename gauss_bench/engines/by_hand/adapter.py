@@ -1,10 +1,8 @@
 """Two kinds of linkage, with equations derived on paper and written in C, as an expert would do to make one linkage fast.
 
 The derivations are `crank_slider.c` and `four_bar.c`: trigonometry closes the loop, and Lagrange's equation is written in the angle
-of the crank, the only degree of freedom. No code is generated. These equations cover only crank-sliders and four-bars, with the
-loads that the head of `loops.py` names; every other linkage is skipped. Each model is compared with the suite's equations of the
-linkage before it is used. The velocities and accelerations of the other links follow from those of the crank by the linkage's
-constraint equations J v = 0 and J a = gamma.
+of the crank, the only degree of freedom. The head of `loops.py` names the loads that they cover. The velocities and accelerations
+of the other links follow from those of the crank by the constraint equations J v = 0 and J a = gamma.
 """
 
 import ctypes
@@ -46,7 +44,6 @@ class ByHand:
         return f"C by {compiler()}" if compiler() else NO_COMPILER
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why no derivation by hand covers a mechanism, or None if one does."""
         if reason := unsteady(mechanism, "the derivation by hand"):
             return reason
         try:
@@ -63,16 +60,14 @@ class ByHand:
 
 
 class ByHandModel(CompiledSteps):
-    """The model of a linkage in one coordinate, the angle of its crank.
+    """The model of a linkage in one coordinate, the angle of the line between the crank's two pins.
 
-    This crank angle x is the angle of the line between the crank's two pins. So it is the angle of the crank's frame plus
-    `loop.lines[0]`, the constant angle of this line in the crank's frame.
+    It is the angle of the crank's frame plus `loop.lines[0]`.
     """
 
     note = "one coordinate, derived by hand, in C"
 
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
-        """Compile the C source of the derived equations with the numbers of the linkage, and check the resulting motion."""
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", n=1)
@@ -86,9 +81,6 @@ class ByHandModel(CompiledSteps):
         """Compare the equations derived by hand with the suite's, at the start and CHECKED [rad] before and after this angle.
 
         Each entry of `pairs` is (value, expected value, scale of the difference). The crank speeds 1 and -10 rad/s are arbitrary.
-
-        Raises:
-            RunFailure: accelerations differ, joints have gaps, or the start differs.
         """
         angle, speed = self.start
         for turn, rate in ((0.0, speed), (-CHECKED, np.ones(1)), (CHECKED, -10.0 * np.ones(1))):
@@ -123,15 +115,10 @@ class ByHandModel(CompiledSteps):
         return np.asarray(np.linalg.solve(np.concatenate([J, row], axis=1), ends[..., None])[..., 0])
 
     def _place_links(self, th: Array) -> Array:
-        """Return q (k, n) at crank angles th (k,): each link is placed at the pin that joins it to the previous link of the chain.
-
-        The ground comes before the crank.
-        """
+        """Return q (k, n) at crank angles th (k,): each link is placed at its pin with the previous link of the chain."""
         loop, q = self.loop, np.zeros((len(th), self.mechanism.n))
         start_angles = np.array([angle_at(self.mechanism.q0, link) for link in loop.links])
-        # `_angles` gives exact angles up to multiples of 2 pi. `follow` returns approximate angles that are continuous from the
-        # crank angle start[0][0] at the start; `wind` adds to the exact angles the multiples of 2 pi that bring them nearest to
-        # these.
+        # `_angles` gives exact angles up to whole turns, and `wind` adds the turns that bring them nearest to continuous ones
         unwrapped = wind(self._angles(th), follow(self._angles, float(self.start[0][0]), th, start_angles))  # (k, 3)
         for link, angle, pin in zip(loop.links, unwrapped.T, loop.pins, strict=True):
             # the pin's point on the previous link is placed already; the pin's point on this link must coincide with it

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Law, Mechanism, Point, Prismatic, Revolute, loads
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Law, Mechanism, Point, Revolute, loads
 from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
@@ -54,10 +54,7 @@ class Loop:
 
 
 def loop_of(mechanism: Mechanism) -> Loop:
-    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers for the equations in C.
-
-    Names of the numbers: OX, OY are the crank's pin on the ground, R is the crank's length, DX, DY are the rocker's pin on the
-    ground, and S is the rocker's length. SIDE is the sign that selects the one of two closures in which the linkage starts.
+    """Recognise a linkage as a crank-slider or a four-bar, and return its numbers, whose names the files in C explain.
 
     Raises:
         Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.
@@ -76,12 +73,17 @@ def loop_of(mechanism: Mechanism) -> Loop:
     numbers = {"R": float(np.linalg.norm(crank_line))}
     numbers |= _vector("O", pivot.before.local) | _vector("G", mechanism.gravity)
     numbers |= _weights("1", mechanism, crank, pivot.own, crank_pin.before)
-    numbers |= _second_link(mechanism, second, crank_pin.own, second_line)
+    # of the second link, length, mass, inertia and centre of mass in a frame at the crank's pin along the line to the other pin
+    body, centre = mechanism.links[second], turn_vector(-crank_pin.own.local, -_angle(second_line))
+    numbers |= {"L": float(np.linalg.norm(second_line)), "M2": body.mass, "I2": body.inertia}
+    numbers |= {"A2": float(centre[0]), "B2": float(centre[1])}
     lines = [_angle(crank_line), _angle(second_line)]
     if mechanism.slides:
-        source = "crank_slider.c"
+        source, slide = "crank_slider.c", mechanism.slides[0]
         lines.append(-float(angle_at(mechanism.q0, third)))
-        numbers |= _slider(mechanism, mechanism.slides[0], third, far_pin.own)
+        if slide.guide.link != GROUND or slide.block.link != third or abs(np.sin(slide.angle)) > LEVEL:
+            raise Underived("only a slider on a level guide of the ground is derived by hand")
+        numbers |= {"E": float(position(mechanism.q0, far_pin.own)[1]), "M3": mechanism.links[third].mass}
         numbers |= _loads(mechanism, crank, third, far_pin.own)
         side = np.cos(angle_at(mechanism.q0, second) + lines[1])  # of the second link's line with the x axis
     else:
@@ -121,12 +123,9 @@ def _vector(name: str, x: Array) -> dict[str, float]:
 
 
 def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) -> dict[str, float]:
-    """Return the numbers J, WC and WS of a link: its inertia about the pivot, and two coefficients of the moment of its weight.
+    """Return the numbers of link k ("1" or "3"): its inertia Jk about the pivot, and the coefficients WkC, WkS of its weight.
 
-    At the angle th of the line from pivot to tip, the moment of the weight about the pivot is WC cos(th) - WS sin(th).
-
-    Args:
-        k: "1" for the crank or "3" for the rocker; a part of the names, as in J1, W1C, W1S.
+    At the angle th of the line from pivot to tip, the moment of the weight about the pivot is WkC cos(th) - WkS sin(th).
     """
     body, (gx, gy) = mechanism.links[link], mechanism.gravity
     # mass times the vector from pivot to centre of mass [kg m], in a frame whose x axis runs from pivot to tip
@@ -135,31 +134,10 @@ def _weights(k: str, mechanism: Mechanism, link: int, pivot: Point, tip: Point) 
     return {f"J{k}": inertia, f"W{k}C": float(gy * x - gx * y), f"W{k}S": float(gx * x + gy * y)}
 
 
-def _second_link(mechanism: Mechanism, link: int, crank_pin: Point, line: Array) -> dict[str, float]:
-    """Return length, mass, inertia and centre of mass of the second link.
-
-    The centre of mass (A2, B2) is given in a frame at the crank's pin, whose x axis runs along the line to the other pin.
-    """
-    body, (x, y) = mechanism.links[link], turn_vector(-crank_pin.local, -_angle(line))
-    return {"L": float(np.linalg.norm(line)), "M2": body.mass, "I2": body.inertia, "A2": float(x), "B2": float(y)}
-
-
-def _slider(mechanism: Mechanism, slide: Prismatic, link: int, pin: Point) -> dict[str, float]:
-    """Return the height E [m] of the slider's pin and the slider's mass M3 [kg], by their names in the equations.
-
-    Raises:
-        Underived: the slide is not level, or not on the ground.
-    """
-    if slide.guide.link != GROUND or slide.block.link != link or abs(np.sin(slide.angle)) > LEVEL:
-        raise Underived("only a slider on a level guide of the ground is derived by hand")
-    return {"E": float(position(mechanism.q0, pin)[1]), "M3": mechanism.links[link].mass}
-
-
 def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> dict[str, float]:
-    """Return the torque T and damping D on the crank, and K, C and X0 of the spring along x at the slider's pin.
+    """Return the torque T and damping D on the crank, and stiffness K, damping C and rest position X0 of a spring along x.
 
-    K, C and X0 are the stiffness, damping and rest position of the slider's spring; a four-bar (`slider` is None) has none of the
-    three. Only one spring may act, and its line must be horizontal within LEVEL.
+    The spring acts at the slider's pin; a four-bar (`slider` is None) has none.
 
     Raises:
         Underived: another load acts.

@@ -6,10 +6,9 @@
     cvodes_adams  the same by Adams' method and functional iteration
     rk4, dop853_fixed   the closed form at equal steps, in CasADi's generated C (`equal_steps`)
 
-H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. The suite projects the state onto the
-constraints at every sample. After each projection the method starts again with order 1 and a small step, so it takes more steps.
-Multipliers and accelerations are left out of the error test, as the documentation of IDAS advises for algebraic variables beyond
-index 1.
+H holds the holonomic rows of J. SUNDIALS chooses steps and orders, so `step` has no effect. With projection, the method starts
+again with order 1 and a small step after every sample. Multipliers and accelerations are left out of the error test, as the
+documentation of IDAS advises for algebraic variables beyond index 1.
 
 Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equations with constraints, J. Comput. Appl. Math.
 12-13 (1985); Hindmarsh et al., SUNDIALS, ACM Trans. Math. Softw. 31 (2005).
@@ -66,7 +65,6 @@ class Casadi(LibraryEngine, file=VARIANTS):
         return f"CasADi {casadi.CasadiMeta.version()} with SUNDIALS"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why CasADi cannot run a mechanism with a given setting, or None if it can."""
         if choice.integrator == "idas_ggl" and choice.stabilization != "none":
             return "the stabilised index 2 form keeps the constraints by itself"
         if choice.integrator in METHODS and choice.stabilization == "projection":
@@ -95,7 +93,6 @@ class CasadiModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Write the equations of a mechanism as CasADi's expressions."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution
@@ -108,14 +105,9 @@ class CasadiModel:
         self.system = self._write_system(e)
 
     def _write_system(self, e: Any) -> dict[str, Any]:
-        """Return the system for CasADi's integrators: one of the three forms of M a + J^T multipliers = Q, J a = gamma.
+        """Return the system for CasADi's integrators, in the form of the head of this file; `e` are the `Equations`.
 
-        The head of this file lists the forms: ordinary equations (cvodes_...), index 1 (idas), and stabilised index 2 (idas_ggl).
         The start time of the system is a parameter, so that intervals of equal length share an integrator.
-
-        Args:
-            e: `Equations` of `equations.py`; c (m,) are the residuals of the constraints on velocities, J v = 0, and phi are those
-                of the constraints on positions, which knife edges do not have.
         """
         from gauss_bench.engines.casadi.equations import solution, stabilize
 
@@ -142,10 +134,7 @@ class CasadiModel:
         return finite_acceleration(t, np.array(self.solve(t, q, v)[0])[:, 0], "CasADi")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start and make the integrators; `native` has no effect.
-
-        With projection there is an integrator for each length of an interval between samples, otherwise one for the whole run.
-        """
+        """Reset to the start and make the integrators; `native` has no effect."""
         self.times, self.steps, self.evaluations = times, 0, 0
         (self.x,) = sample_arrays(times, np.concatenate([self.mechanism.q0, self.mechanism.v0]))
         grids: dict[float, list[float]] = {}  # length of an interval -> times [s] at which its integrator returns states
@@ -158,11 +147,7 @@ class CasadiModel:
         self.integrators = {x: self._make_integrator(grid) for x, grid in grids.items()}
 
     def _make_integrator(self, grid: list[float]) -> Any:
-        """Return CasADi's integrator from time 0 that returns the states at the times `grid` [s], relative to the start.
-
-        Algebraic variables get the absolute tolerance LOOSE (see its comment) in two cases: stabilised index 2 (ggl), and IDAS that
-        starts again after every projection.
-        """
+        """Return CasADi's integrator from time 0 that returns the states at the times `grid` [s], relative to the start."""
         relative, absolute = self.choice.tolerances(self.options["reltol"], self.options["abstol"])
         options: dict[str, Any] = {"reltol": relative, "abstol": absolute}
         kind, _, method = self.choice.integrator.partition("_")
@@ -178,10 +163,7 @@ class CasadiModel:
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
     def _solve_algebraic(self, t: float, x: Array) -> Array:
-        """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and corrections mu = 0.
-
-        A system of ordinary differential equations has no algebraic variables, so the returned array is empty.
-        """
+        """Return the algebraic variables at time t [s] and a state x (2n,): accelerations, multipliers, and corrections mu = 0."""
         if "z" not in self.system:
             return np.zeros(0)
         n, size = self.mechanism.n, self.system["z"].shape[0]
@@ -190,15 +172,9 @@ class CasadiModel:
 
     def run(self) -> None:
         """Integrate the whole run in one call, or from sample to sample with projection."""
-        # spans: lengths of the intervals between projections; both tables are empty if there is nothing to integrate
-        if self.spans:
-            self._run_with_projection()
-        elif self.integrators:
-            self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
-
-    def _run_with_projection(self) -> None:
-        """Integrate from sample to sample, and project each sample onto the constraints."""
         n = self.mechanism.n
+        if self.integrators and not self.spans:
+            self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
         for k, span in enumerate(self.spans):
             x = self._integrate(span, float(self.times[k]), self.x[k])[-1]
             if not np.isfinite(x).all():
@@ -208,11 +184,7 @@ class CasadiModel:
     def _integrate(self, span: float, t: float, x: Array) -> Array:
         """Return the states (k, 2n) at the k times of an integrator's grid, from the state x (2n,) at time t [s].
 
-        Args:
-            span: key of the integrator in `integrators`.
-
-        Raises:
-            RunFailure: SUNDIALS gave up.
+        `span` is the key of the integrator in `integrators`. RunFailure is raised if SUNDIALS gives up.
         """
         integrator = self.integrators[span]
         try:

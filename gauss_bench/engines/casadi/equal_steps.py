@@ -1,8 +1,6 @@
 """Integration with steps of fixed size: CasADi gives the accelerations in closed form, as generated C or in its virtual machine.
 
-Users who want speed from CasADi write such steps, without an integrator of SUNDIALS. The accelerations are generated as C, and
-compiled together with the steps. If there is no C compiler, or if a variant asks for it, CasADi's virtual machine takes the steps.
-The note of a run names the method that took the steps.
+The virtual machine takes the steps if a variant asks for it, or if there is no C compiler. The note of a run names which one did.
 """
 
 from collections.abc import Mapping
@@ -32,7 +30,6 @@ class EqualSteps(CompiledSteps):
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Prepare both functions of accelerations, and the loop over steps: generated C if a compiler exists, else interpreted."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution, stabilize
@@ -51,11 +48,7 @@ class EqualSteps(CompiledSteps):
             self.note += f": {NO_COMPILER}"
 
     def _compile_steps(self) -> Advance:
-        """Return the function `advance`, compiled from generated C.
-
-        CasADi generates the C function `used` for the attribute `integrated`; its work arrays hold numbers (`work`) and integers
-        (`whole`).
-        """
+        """Return the function `advance`, compiled from generated C; the C function `used` is `integrated`."""
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.integrated)
         f, n = self.integrated, self.mechanism.n

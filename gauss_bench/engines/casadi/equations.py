@@ -1,17 +1,16 @@
 """The equations of motion of a linkage in CasADi's symbols: `mechanism/equations.py`, evaluated with symbols instead of numbers.
 
-CasADi differentiates the motion laws. CasADi could differentiate the constraints too, but evaluating the Jacobian and the bias of
-`mechanism/equations.py` takes fewer instructions.
+CasADi differentiates the motion laws. It could differentiate the constraints too, but the Jacobian and the bias of
+`mechanism/equations.py` take fewer instructions.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from gauss_bench.mechanism.equations import Given, Motion, Row, energies, generalise, rows
+from gauss_bench.mechanism.equations import Given, Motion, energies, generalise, rows
 from gauss_bench.mechanism.model import Mechanism, loads
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import slots
@@ -79,7 +78,11 @@ def equations(mechanism: Mechanism) -> Equations:
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", n), ca.SX.sym("v", n)
     at = Symbols(t, q, v)
     every = list(rows(mechanism, at))  # m constraint rows
-    J, gamma = jacobian(every, n), stack([row.gamma for row in every])
+    J, gamma = ca.SX(len(every), n), stack([row.gamma for row in every])
+    for i, row in enumerate(every):
+        for k, x in row.entries.items():
+            J[i, k] = x
+    J = ca.sparsify(J)
     Q, potential, power = ca.SX(n, 1), ca.SX(0), ca.SX(0)
     for i, link in enumerate(mechanism.links):
         # the slots of a link are x, y and angle; gravity has no entry for the angle
@@ -97,15 +100,6 @@ def equations(mechanism: Mechanism) -> Equations:
     return Equations(t, q, v, phi, c, mass, J, gamma, Q, potential, power)
 
 
-def jacobian(every: Sequence[Row], n: int) -> Symbol:
-    """Return the sparse Jacobian J (m, n) of m constraint rows."""
-    J = ca.SX(len(every), n)
-    for i, row in enumerate(every):
-        for k, x in row.entries.items():
-            J[i, k] = x
-    return ca.sparsify(J)
-
-
 def stabilize(e: Equations, rate: float) -> Equations:
     """Return the equations with Baumgarte's terms: gamma - 2 alpha c - beta^2 phi, where alpha = beta = rate [1/s]."""
     phi = ca.vertcat(e.phi, ca.SX(e.c.shape[0] - e.phi.shape[0], 1))  # (m,): rows of knife edges have no phi
@@ -113,10 +107,7 @@ def stabilize(e: Equations, rate: float) -> Equations:
 
 
 def solution(e: Equations) -> tuple[Symbol, Symbol]:
-    """Return accelerations (n,) and multipliers (m,) in closed form.
-
-    A sparse L D L^T decomposition solves J M^-1 J^T lambda = J M^-1 Q - gamma.
-    """
+    """Return accelerations (n,) and multipliers (m,) in closed form, by an L D L^T decomposition of J M^-1 J^T."""
     weighted = e.J / ca.repmat(e.mass.T, e.J.shape[0], 1)
     D, L, order = ca.ldl(weighted @ e.J.T)
     multipliers = ca.ldl_solve(weighted @ e.Q - e.gamma, D, L, order)

@@ -48,7 +48,6 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
     """Return the functions of a linkage.
 
     Args:
-        mechanism: a linkage in one scenario, as `gauss_bench.linkage.load.load` returns it.
         parameters: names of the numbers that become parameters: gravity.x, gravity.y, links.LINK.mass, links.LINK.inertia,
             forces.FORCE.value (or .value.x, .value.y), forces.FORCE.k, .c, .rest and joints.SLIDE.offset.
 
@@ -108,10 +107,7 @@ def reason_to_refuse(mechanism: Mechanism) -> str | None:
 
 
 def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechanism, float]:
-    """Return the mechanism with `symbol` in the place of the number called `name`, and the value of this number.
-
-    Args:
-        name: "gravity.x", or TABLE.ITEM.FIELD, as in "links.crank.mass"; a component of a vector has ".x" or ".y" at the end.
+    """Return the mechanism with `symbol` in the place of the number called `name`, as in `functions`, and its value.
 
     Raises:
         ValueError: the mechanism has no number of that name.
@@ -134,11 +130,7 @@ def replace_number(mechanism: Mechanism, name: str, symbol: Any) -> tuple[Mechan
 
 
 def _replace_field(item: Any, key: str, symbol: Any) -> tuple[Any, float]:
-    """Return a copy of a dataclass, in which a symbol replaces a number, and the replaced number.
-
-    Args:
-        key: name of the field that holds the number; for a component of a vector, this name with ".x" or ".y" added.
-    """
+    """Return a copy of a dataclass with a symbol in the field `key`, or in its component FIELD.x or .y, and the replaced number."""
     field, _, axis = key.partition(".")
     old = getattr(item, field)
     if not axis:

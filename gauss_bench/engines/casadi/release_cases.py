@@ -31,11 +31,7 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), with one linear solver.
-
-    Args:
-        name: name of a case of `list_probes`; its last word is the linear solver.
-    """
+    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`."""
     import casadi as ca
 
     solver = name.rpartition(" ")[2]
@@ -48,10 +44,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     """Return a CasADi function (q, v) -> accelerations (n,) of the four-bar FOUR_BAR, in absolute coordinates x, y, angle per bar.
 
-    The function solves M a + J^T lambda = Q, J a = -(d(J v)/dq) v; CasADi computes the derivatives.
-
-    Args:
-        solver: CasADi's name of the linear solver.
+    It solves M a + J^T lambda = Q, J a = -(d(J v)/dq) v by CasADi's linear solver `solver`; CasADi computes the derivatives.
     """
     n = 3 * len(FOUR_BAR)
     q, v = ca.MX.sym("q", n), ca.MX.sym("v", n)
@@ -98,8 +91,7 @@ def defaults() -> dict[str, str]:
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
     """Integrate van der Pol's oscillator; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    Runs show the defaults of options: if a run without an option equals a run with the option set to a value, this value is the
-    default. CasADi's built-in documentation is of no use here: before release 3.7 it describes options of much older releases.
+    Runs show the defaults, because CasADi's built-in documentation describes much older releases before release 3.7.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])

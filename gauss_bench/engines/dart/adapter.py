@@ -5,9 +5,7 @@ keeps the gaps of the loops, or reduces them by the share `erp`:
 
     M (v1 - v) = h f + J^T impulse,    J v1 = -erp gap / h,    y1 = y + h v1
 
-So DART computes no accelerations of closed loops; the adapter finds them from differences of velocities over short steps. Before
-DART's model of the tree (its skeleton) is used, its gaps of joints and its accelerations are compared with those that the suite
-computes, at tree states at which the loops are open.
+So DART computes no accelerations of closed loops; the adapter finds them from differences of velocities over short steps.
 """
 
 from pathlib import Path
@@ -45,19 +43,14 @@ class Dart(LibraryEngine, file=VARIANTS):
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why DART cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Name what Python computes in every step of a timed run; an empty text if there is nothing."""
         options = VARIANTS.options(choice.settings)
         forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
-        names = []
-        if mechanism.drivers:
-            names.append("motion laws")
-        if not forces.are_constant:
-            names.append("forces that are none of DART's own")
+        changing = {"motion laws": bool(mechanism.drivers), "forces that are none of DART's own": not forces.are_constant}
+        names = [name for name, is_there in changing.items() if is_there]
         return f"{' and '.join(names)}, once a step" if names else ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
@@ -79,7 +72,7 @@ class DartModel(TreeModel):
     library = "DART"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compare DART's model of the open tree with the linkage, and build the simulation worlds `moving` and `still`."""
+        """Build the worlds, after DART's model of the open tree has been compared with the linkage."""
         import dartpy
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -87,12 +80,18 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # the world that is compared with the linkage has open loops, because only `Built.restart` adds closures, and no
-            # motors; its step INSTANT is so short that DART's implicit springs and dampers give the accelerations of this state
+            # in a step of INSTANT, DART's implicit springs and dampers give the accelerations of this state
             open_tree = self._build(motors=False)
             open_tree.world.setTimeStep(INSTANT)
-            verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
-            # two equal worlds: runs step one, and the accelerations at given states are measured in the other
+
+            def describe(y: Array, dy: Array) -> OpenModel:
+                """Return gaps and accelerations of the open tree at a tree state y, dy (n,), as DART computes them."""
+                open_tree.put(y, dy)
+                self._push(open_tree, t=0.0)
+                open_tree.skeleton.computeForwardDynamics()
+                return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
+
+            verify(mechanism, self.tree, describe, AGREEMENT)
             self.moving, self.still = self._build(), self._build()
             messages.check()
 
@@ -103,18 +102,10 @@ class DartModel(TreeModel):
             select_pgs(self.dartpy, built, self.options["pgs_iterations"])
         return built
 
-    def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
-        """Return the gaps of the loops and the accelerations of the open tree at a tree state y, dy (n,), as DART computes them."""
-        open_tree.put(y, dy)
-        self._push(open_tree, t=0.0)  # applies the forces of this state at t = 0
-        open_tree.skeleton.computeForwardDynamics()
-        return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
-
     def _set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
 
-        Trap: the options of closures are static variables in DART. So all closures in a process have the values that were set last,
-        even by another model.
+        Trap: these are static variables in DART, so that all closures in a process have the values that were set last.
         """
         closures = self.dartpy.constraint.BallJointConstraint
         closures.setErrorReductionParameter(erp)
@@ -126,8 +117,7 @@ class DartModel(TreeModel):
         """Apply to a world the forces that belong to time t [s] and to its present state."""
         y, dy = built.y, built.dy
         built.command(self.forces.on_joints(y, dy))
-        on_links = self.forces.on_links(t, y, dy)
-        if on_links is not None:
+        if (on_links := self.forces.on_links(t, y, dy)) is not None:
             built.push(on_links)
 
     def _command(self, built: Built, t: float, end: float) -> None:
@@ -154,13 +144,7 @@ class DartModel(TreeModel):
         return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) of the closed loops at a tree state y, dy (n,), from changes of velocity over short steps.
-
-        DART itself computes accelerations only for trees without closures.
-
-        Raises:
-            RunFailure: DART prints a message.
-        """
+        """Return the accelerations (n,) of the closed loops at a tree state y, dy (n,), from short steps."""
         with Messages() as messages:
             measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
             messages.check()
@@ -173,13 +157,7 @@ class DartModel(TreeModel):
         self._command(self.moving, times[0], times[0])
 
     def run(self) -> None:
-        """Take all steps, and store the samples.
-
-        Raises:
-            RunFailure: DART prints a message.
-        """
-        # a stretch of the plan: begin [s], number of steps, their size [s], the time `last` [s] after which no force may be
-        # evaluated, because a force may jump at the end of the stretch, and the row of the sample at its end (or None)
+        # no force may be evaluated after `last` [s], because a force may jump at the end of a stretch
         self._set_options(self.options["erp"])
         built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
         step = built.world.step

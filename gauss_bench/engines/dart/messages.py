@@ -21,7 +21,6 @@ class Messages:
     """A context in which the process's standard streams go to a file; `check` raises a failure if something was printed."""
 
     def __enter__(self) -> "Messages":
-        """Redirect the standard output and error of the process, including those of C++ code, to a temporary file."""
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         self.file = tempfile.TemporaryFile()
@@ -31,18 +30,13 @@ class Messages:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Restore the output streams of the process, and close the file with the messages."""
         for stream, kept in zip(STREAMS, self.kept, strict=True):
             os.dup2(kept, stream)
             os.close(kept)
         self.file.close()
 
     def check(self) -> None:
-        """Check that DART printed nothing.
-
-        Raises:
-            RunFailure: DART printed a message; the failure quotes its first line.
-        """
+        """Raise RunFailure with the first line of DART's messages if it printed any."""
         if os.fstat(self.file.fileno()).st_size:
             first = os.pread(self.file.fileno(), FIRST, 0).decode(errors="replace").strip().partition("\n")[0]
             raise RunFailure(Status.WARNING, f"DART: {in_a_sentence(COLOURS.sub('', first))}")

@@ -54,9 +54,7 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the text of a program that runs a mechanism with one `Choice`; `options` are the option values of its settings.
-
-    Builder runs with a stand-in for DART, which records all calls; `script.lines` then holds them as lines of the program.
+    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and a loop that takes the steps.
 
     Raises:
         RunFailure: the program would need forces that only this suite computes.
@@ -76,9 +74,6 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     closures = [[[body for body, _ in pin if body is not None], *pin[0]] for pin in built.pins]
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
-    numbers = force_numbers(forces, mechanism, tree) | {
-        "ERP": options["erp"],
-        "CFM": options["cfm"],
-        "FASTEST": options["max_error_reduction_velocity"],
-    }
+    numbers = force_numbers(forces, mechanism, tree)
+    numbers |= {"ERP": options["erp"], "CFM": options["cfm"], "FASTEST": options["max_error_reduction_velocity"]}
     return write_tree_program(mechanism, tree, choice, Parts(["import dartpy"], numbers, script.lines, RUN))

@@ -2,11 +2,10 @@
 
 DART's coordinates are the tree coordinates y in another order. Frames of links lie at their centres of mass. Springs and dampers
 that act on one coordinate become elements of DART, which treats them implicitly, unless the knob `joint_forces` is "explicit". The
-adapter computes all forces that are no elements of DART, and passes them to DART before each step. A driven joint uses DART's
-velocity actuator.
+adapter passes all other forces to DART before each step. A driven joint uses DART's velocity actuator.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
 from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, measure_gaps, spatial
 from gauss_bench.engines.tree import Branch, Tree
-from gauss_bench.mechanism.model import Mechanism, Point
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
@@ -46,7 +45,7 @@ class Built:
     order: Array
     pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
     start: Array
-    closures: list[Any]
+    closures: list[Any] = field(default_factory=list)
 
     def put(self, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,)."""
@@ -80,10 +79,7 @@ class Built:
     def restart(self, constraint: Any) -> None:
         """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run.
 
-        Trap: a closure connects the points that coincide when it is made, so it must be made at the start.
-
-        Args:
-            constraint: DART's module of constraints.
+        Trap: a closure connects the points that coincide when it is made. `constraint` is DART's module of constraints.
         """
         self.world.reset()
         self.put(*self.start)
@@ -104,17 +100,17 @@ class Builder:
     """Builds a DART world of a mechanism, whose loops are still open.
 
     Attributes:
-        forces: the applied loads; DART itself models some of them, the springs and dampers in `forces.own`.
-        motors: whether driven joints have motors, which DART needs to follow motion laws; joints without motors move freely.
-        skeleton: DART's tree of joints and bodies; DART's `bodies` are listed by link.
+        forces: the applied loads; DART itself models the springs and dampers in `forces.own`.
+        motors: whether driven joints follow motion laws; otherwise they move freely.
+        bodies: link -> DART's body.
+        coordinates: index of a tree coordinate -> DART's joint, and the index within it.
     """
 
     def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, motors: bool = True):
-        """Begin with an empty skeleton; `build` adds the links."""
         self.dartpy, self.mechanism, self.tree, self.forces, self.motors = dartpy, mechanism, tree, forces, motors
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.bodies: dict[int, Any] = {}
-        self.coordinates: dict[int, tuple[Any, int]] = {}  # index of a tree coordinate -> DART's joint, and the index within it
+        self.coordinates: dict[int, tuple[Any, int]] = {}
 
     def build(self) -> Built:
         """Return the simulation world with open loops; `Built.restart` adds the constraints that close them."""
@@ -129,14 +125,13 @@ class Builder:
         self._add_springs()
         if self.motors:
             for at in drivers_by_coordinate(mechanism, self.tree):
-                joint, _ = self.coordinates[at]
-                joint.setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
+                self.coordinates[at][0].setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
         world.addSkeleton(self.skeleton)
         order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
-        pins = [(self._end(a), self._end(b)) for a, b in closing_pins(self.tree)]
+        ends = [[(self.bodies.get(x.link), np.array(spatial(x.local))) for x in pin] for pin in closing_pins(self.tree)]
         start = np.array(self.tree.relative(mechanism.q0, mechanism.v0))
         bodies = [self.bodies[i] for i in range(len(mechanism.links))]
-        return Built(world, self.skeleton, bodies, order, pins, start, closures=[])
+        return Built(world, self.skeleton, bodies, order, [(a, b) for a, b in ends], start)
 
     def _add_link(self, b: Branch) -> None:
         """Add the joint and the rigid body of one branch of the tree (a link with the joint that carries it)."""
@@ -172,8 +167,7 @@ class Builder:
     def _add_springs(self) -> None:
         """Add the springs and dampers of joints.
 
-        In DART a coordinate has only one spring, so all springs on a coordinate are combined into one. The rest position of this
-        combined spring is the mean of the springs' rest positions, weighted by their stiffness.
+        In DART a coordinate has only one spring; its rest position is the mean of those of all springs, weighted by stiffness.
         """
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
@@ -185,10 +179,6 @@ class Builder:
                 joint.setSpringStiffness(k, stiffness[at])
                 joint.setRestPosition(k, preload[at] / stiffness[at])
 
-    def _end(self, point: Point) -> tuple[Any, Array]:
-        """Return DART's body of a point (None for the ground), and the point (3,) in the body's frame [m]."""
-        return self.bodies.get(point.link), np.array(spatial(point.local))
-
 
 def place(body: Any, point: Array) -> Array:
     """Return the place (3,) in the world [m] of a point (3,) given in the frame of a body; the body None is the ground."""
@@ -198,9 +188,8 @@ def place(body: Any, point: Array) -> Array:
 def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
     """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses in place of Dantzig's method.
 
-    DART's solvers have no constructor in Python. However, every DART world has a PGS solver as its secondary solver, which solves
-    the problems on which the primary solver fails. A world does not accept its own secondary solver as its primary solver, so the
-    PGS solver is taken from a new world.
+    DART's solvers have no constructor in Python, but every world has a PGS solver as its secondary solver. A world does not accept
+    its own secondary solver as its primary one, so the solver is taken from a new world.
     """
     solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
     solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))

@@ -1,8 +1,6 @@
 """MJX: MuJoCo's tree of links and soft `connect` constraints between sites, computed in JAX on one processor core.
 
-The model is that of `engines/mjcf`, which the engine `mujoco` runs too. Before the model is used, the terms that MJX computes are
-compared with those that the suite computes: the mass matrix, the sum of velocity terms and all forces, and the gaps of the loops,
-at tree states with open loops.
+The model is that of `engines/mjcf`, which the engine `mujoco` runs too.
 
 Trap: MJX leaves out the velocity term gamma = -dJ/dt v of a closure. A closure is the constraint J a = r, where r is the reference
 acceleration:
@@ -49,7 +47,6 @@ class Mjx(LibraryEngine, file=VARIANTS):
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why MJX cannot model a mechanism, or None if it can."""
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
         if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
             return reason
@@ -68,7 +65,6 @@ class MjxModel(TreeModel):
 
     Attributes:
         draft: the specification from which MuJoCo compiles the model.
-        device: the model on JAX's device.
         uploaded_step: step [s] for which the numbers on the device were computed.
         bodies: MuJoCo's indices of the links' bodies.
     """
@@ -96,7 +92,7 @@ class MjxModel(TreeModel):
         self.uploaded_step = self.choice.step
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return the mass matrix and forces that MJX computes for the open tree at a tree state y, dy (n,), without drivers."""
+        """Return what MJX computes for the open tree without drivers at a tree state y, dy (n,)."""
         x = self.device.evaluate(y, dy)
         return OpenModel(-x.gaps[:, :2], x.mass, x.forces, positions=x.centres[self.bodies][:, :2])  # MJX's gaps are a minus b
 
@@ -104,10 +100,7 @@ class MjxModel(TreeModel):
         return self.device.evaluate(y, dy).acceleration
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; if `native`, a compiled loop of JAX takes the steps, otherwise Python calls JAX for each step.
-
-        A stretch of the plan is an interval of time with steps of equal size; it may end at a sample.
-        """
+        """Reset to the start; if `native`, a compiled loop of JAX takes the steps, otherwise Python calls JAX for each step."""
         super().prepare(times, native)
         if self.choice.step != self.uploaded_step:
             self._upload_for_step()
@@ -117,14 +110,11 @@ class MjxModel(TreeModel):
             self.device.take_steps(model, self.state, 0)
 
     def run(self) -> None:
-        """Take all steps, and store the tree states at the samples."""
         take_steps, state = self.device.take_steps, self.state
         for stretch in self.plan:
             model = self.models[stretch.size]
-            if self.native:
-                state = take_steps(model, state, stretch.steps)
-            else:
-                for _ in range(stretch.steps):
-                    state = take_steps(model, state, 1)
+            calls, steps = (1, stretch.steps) if self.native else (stretch.steps, 1)
+            for _ in range(calls):
+                state = take_steps(model, state, steps)
             if stretch.row is not None:
                 self.y[stretch.row], self.dy[stretch.row] = self.device.tree_state(state)

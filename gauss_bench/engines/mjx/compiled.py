@@ -15,10 +15,7 @@ def compile_model(
 ) -> tuple[Any, Sequence[Drive]]:
     """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
 
-    Args:
-        draft: MuJoCo's specification of the model.
-        options: name of an option of the engine -> value, for the settings that `choice` names.
-        driven: whether driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
+    If `driven`, driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
     """
     model = draft.spec.compile()
     share = float(options["armature_of_a_driven_hinge_over_inertia"])

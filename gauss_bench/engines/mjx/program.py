@@ -50,18 +50,9 @@ RUN = """    for k in range(every, steps + 1, every):
 
 
 class OnMujoco:
-    """The same model that MJX gets, but compiled and evaluated by MuJoCo.
-
-    This class has the members of `Built` in `engines/mjcf/document.py`, from which the MJCF document is written; see there for
-    their meaning.
-    """
+    """The same model that MJX gets, but compiled and evaluated by MuJoCo: the `Built` of `engines/mjcf/document.py`."""
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Compile the model with the integrator and the step of `choice`.
-
-        `y0`, `dy0` are the tree coordinates and rates at the start, `draft` is MuJoCo's specification of the model, `drives` are
-        the driven coordinates, and `still` is a copy of the model that only evaluates accelerations.
-        """
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -70,11 +61,7 @@ class OnMujoco:
         self.still = copy_to_evaluate(mujoco, self.model)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate the model `still` at a tree state y, dy (n,), and return MuJoCo's data, with the accelerations.
-
-        `still` is a copy of the model that only evaluates accelerations. `draft.torque` (n,) is the sum of constant generalised
-        forces, which MuJoCo takes from its data.
-        """
+        """Return MuJoCo's data, with the accelerations, at a tree state y, dy (n,)."""
         data = self.mujoco.MjData(self.still)
         data.qpos[:], data.qvel[:], data.qfrc_applied[:] = y, dy, self.draft.torque
         self.mujoco.mj_forward(self.still, data)
@@ -82,7 +69,7 @@ class OnMujoco:
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the text of a program that runs a mechanism with one `Choice`; `options` are the option values of its settings.
+    """Return the text of a program that runs a mechanism.
 
     Raises:
         RunFailure: an MJCF document cannot hold the mechanism.

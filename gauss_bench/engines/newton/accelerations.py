@@ -12,13 +12,12 @@ forces, at the positions q + k e v for k = -2, -1, 1, 2. So the accelerations ha
 rounding error, although the library computes in single precision. The four displaced copies have loop gaps of the order e^2, which
 Kamino must not close.
 
-Trap: after a step, the velocities do not satisfy J v = 0 exactly; on a crank-slider about a thousandth of J v remains. In a run
-every step leaves nearly the same part of J v, which cancels in the change of velocities from step to step. In the formula for a,
-this rest of J v would appear as an acceleration, so a second step without forces projects the velocities again.
+Trap: after a step, about a thousandth of J v remains on a crank-slider. In the formula for a, this rest would appear as an
+acceleration, so a second step without forces projects the velocities again. In a run every step leaves nearly the same part of
+J v, which cancels in the change of velocities from step to step.
 
-Kamino's solver PADMM often stops before it has converged. Runs with PADMM contain the resulting error, but accelerations at given
-states must not. So the steps of this module always use Kamino's solver DVI, which solves for the impulses directly, whatever solver
-the settings name.
+Kamino's solver PADMM often stops before it has converged. So the steps of this module always use its solver DVI, which solves for
+the impulses directly.
 """
 
 import numpy as np
@@ -42,20 +41,13 @@ class Accelerations:
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
-        """Build a world of six copies of the linkage, with the options CONVERGED."""
         self.weight = AppliedForces(mechanism).gravity  # (n,)
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
-        """Return the accelerations (n,) at q, v (n,) under gravity and the additional `forces` (n,).
-
-        The first copy of the linkage starts from the position q with forces, and the second copy from q without forces. The other
-        copies start without forces from the displaced positions q + k e v, one for every factor k in WEIGHTS; e is a small number.
-        """
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]
-        weightless = -self.weight  # cancels gravity, which Newton adds to all copies
-        without_forces = [weightless] * len(places)
+        without_forces = [-self.weight] * len(places)  # cancels gravity, which Newton adds to all copies
         speeds = np.tile(v, len(places))
         for given in ([forces, *without_forces[1:]], without_forces):  # the second step only projects
             self.world.put(np.concatenate(places), speeds)

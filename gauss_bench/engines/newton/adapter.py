@@ -41,7 +41,6 @@ class Newton(LibraryEngine, file=VARIANTS):
         return f"newton {version('newton')} (warp {version('warp-lang')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why the library Newton, with its solver Kamino, cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Newton"):
             return reason
         if mechanism.knife_edges:
@@ -57,7 +56,6 @@ class Newton(LibraryEngine, file=VARIANTS):
         return "" if are_compiled() else "Newton's kernels, which takes minutes"
 
     def build_once(self) -> None:
-        """Compile the kernels of every solver that a setting of the engine uses; Warp stores the kernels in the user's cache."""
         for options in VARIANTS.settings.values():
             compile_kernels(options)
         mark_compiled()
@@ -96,12 +94,10 @@ class NewtonModel(BodyModel):
             self.world.record(size)  # so that no step is recorded in a timed run
 
     def run(self) -> None:
-        """Take all steps of the plan, and store the samples; forces are evaluated no later than `last`, just before a jump."""
         q, v = self.mechanism.q0, self.mechanism.v0
-        for begin, count, h, last, row in self.plan:
+        for begin, count, h, last, row in self.plan:  # forces are evaluated no later than `last`, just before a jump
             for k in range(count):
-                converged = self.world.step(self.forces(q, v, min(begin + k * h, last)), h)
-                self.unconverged += not converged
+                self.unconverged += not self.world.step(self.forces(q, v, min(begin + k * h, last)), h)
                 q, v = self.world.state()
             if row is not None:
                 self.q[row], self.v[row] = q, v

@@ -51,10 +51,7 @@ def load_libraries() -> Libraries:
 
 
 def find_mark() -> Path | None:
-    """Return the path of the file whose existence says that the kernels of the installed library versions are compiled.
-
-    Return None if there is no safe folder in which compiled kernels can be stored.
-    """
+    """Return the path of the file that marks the kernels of the installed versions as compiled, or None without a safe folder."""
     folder = trusted_folder()
     return folder / FOLDER / MADE.format("-".join(map(version, PACKAGES))) if folder else None
 

@@ -1,8 +1,7 @@
 """A linkage in the library Newton: rigid bodies in absolute coordinates, and joints that its solver Kamino takes as constraints.
 
-An articulation, an object of Newton, lists the joints of the spanning tree. Joints that close loops are not in the articulation,
-but are defined in the same way as the joints in it. Frames of links lie at the links' centres of mass, and the linkage lies in the
-plane z = 0.
+An articulation, an object of Newton, lists the joints of the spanning tree, and not those that close loops. Frames of links lie at
+the links' centres of mass, and the linkage lies in the plane z = 0.
 
 A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, and the semi-implicit Euler method:
 
@@ -18,7 +17,7 @@ Traps: Newton computes in single precision only. For models without shapes, Kami
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -35,39 +34,28 @@ PLANE = slice(0, 2)  # x and y of a position, velocity or force
 TURN = 5  # index of the rotation about z in a velocity or force (6,); a pose (7,) has sin and cos of half the angle at 5 and 6
 
 
-class Frame(NamedTuple):
-    """A frame in the plane: its origin (2,) [m] and its angle [rad]."""
-
-    origin: Array
-    angle: float
-
-
-def joint_frames(joint: Joint) -> tuple[Frame, Frame]:
-    """Return a joint's frame in the first link, and its frame in the second link.
+def joint_frames(joint: Joint) -> tuple[tuple[Array, float], tuple[Array, float]]:
+    """Return origin (2,) [m] and angle [rad] of a joint's frame in the first link, and of its frame in the second link.
 
     A pin lets the second frame turn about the first, and a slide lets it move along the first one's x axis.
     """
     first, second = joint.ends
     if not isinstance(joint, Prismatic):
-        return Frame(first.local, 0.0), Frame(second.local, 0.0)
+        return (first.local, 0.0), (second.local, 0.0)
     on_the_line = first.local + joint.offset * unit(joint.angle, across=True)
-    return Frame(on_the_line, joint.angle), Frame(second.local, joint.angle - joint.turn)
+    return (on_the_line, joint.angle), (second.local, joint.angle - joint.turn)
 
 
 class World:
-    """A linkage, or several equal copies of it, modelled in the library Newton and integrated by the library's steps.
+    """A linkage, or several equal copies of it that do not touch each other, in the library Newton.
 
-    Newton can step several copies of a linkage at once; the copies do not touch each other. States q, v and forces
-    (3 * links * copies,) hold the entries of the first copy, then those of the second copy, and so on.
+    States q, v and forces (3 * links * copies,) hold the entries of the first copy, then those of the second copy, and so on.
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
-        """Build a number of equal copies of a linkage, and set all of them to its start state.
+        """Build the copies at the start of the linkage.
 
-        Args:
-            options: name of an option -> value: "dynamics_solver", "alpha", the share of a gap that a step closes, and "contacts",
-                the number of contacts for which Kamino makes room in each copy.
-            copies: number of copies.
+        Of `options`, "alpha" is the share of a gap that a step closes, and "contacts" the room for contacts in each copy.
         """
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
@@ -77,21 +65,8 @@ class World:
             inertia = self.warp.mat33(*(link.inertia * np.eye(3)).ravel().tolist())
             pose = self._frame(places(mechanism.q0)[k], angles(mechanism.q0)[k])
             self.bodies[k] = self.builder.add_link(xform=pose, mass=link.mass, inertia=inertia, lock_inertia=True)
-        self._add_joints(mechanism)
-        all_copies.replicate(self.builder, copies)
-        model = all_copies.finalize(device="cpu")
-        model.rigid_contact_max = options["contacts"] * copies
-        settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
-        settings.constraints.alpha = options["alpha"]
-        self.solver = self.newton.solvers.SolverKamino(model, config=settings)
-        self.control, self.now = model.control(), model.state()
-        self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
-        self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
-
-    def _add_joints(self, mechanism: Mechanism) -> None:
-        """Add the joints of a spanning tree, each from parent to child, as an articulation; then add all other joints."""
         tree = spanning_tree(mechanism)
-        inside = []  # the library's indices of the articulation's joints
+        inside = []  # the library's indices of the articulation's joints, each from parent to child
         for branch in tree.branches:
             if branch.joint is None:
                 inside.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
@@ -101,6 +76,15 @@ class World:
         for joint in tree.closures:
             # Newton refuses joints whose child is the ground
             self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
+        all_copies.replicate(self.builder, copies)
+        model = all_copies.finalize(device="cpu")
+        model.rigid_contact_max = options["contacts"] * copies
+        settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
+        settings.constraints.alpha = options["alpha"]
+        self.solver = self.newton.solvers.SolverKamino(model, config=settings)
+        self.control, self.now = model.control(), model.state()
+        self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
+        self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
 
     def _add_joint(self, joint: Joint, backwards: bool) -> int:
         """Add a joint and return the library's index of it; if `backwards`, the joint's second link is the parent."""
@@ -128,10 +112,7 @@ class World:
         self.now.body_qd.assign(speeds.astype(np.float32))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more.
-
-        A pose gives an angle up to whole turns; `wind` adds the whole turns that bring it nearest to the angle of the last call.
-        """
+        """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more."""
         poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
         q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
         places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
@@ -149,11 +130,7 @@ class World:
         return self.graphs[size]
 
     def step(self, forces: Array, h: float) -> bool:
-        """Take a step of h [s], and tell whether the solver converged.
-
-        Args:
-            forces: (3 * links * copies,) forces and torques at the centres of mass of the links of all copies, without gravity.
-        """
+        """Take a step of h [s] under forces (3 * links * copies,) besides gravity, and tell whether the solver converged."""
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)
         self.now.body_f.assign(wrenches)

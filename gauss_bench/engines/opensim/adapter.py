@@ -1,8 +1,7 @@
 """OpenSim: a tree of Simbody's mobilised bodies, closed by point constraints; every evaluation solves for their multipliers.
 
 Simbody's integrators project states onto the constraints. The setting `accuracy` decides when the integrators project, even if
-their steps are equal. Before the model is used, its accelerations are compared with those of the suite, at tree states at which
-loops are open.
+their steps are equal.
 """
 
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.program import write
-from gauss_bench.engines.opensim.translate import Builder, Built, gaps, refusal
+from gauss_bench.engines.opensim.translate import Builder, Built, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
@@ -34,9 +33,8 @@ AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or facto
 class OpenSim(LibraryEngine, file=VARIANTS):
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
-    Simbody's integrator CPodes is not offered. Even with a tenth of the tolerance, CPodes is less accurate than the method of
-    Runge, Kutta and Merson: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of the other method
-    is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and goes on.
+    Simbody's integrator CPodes is not offered: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of
+    Merson's method is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and goes on.
     """
 
     name = "opensim"
@@ -59,7 +57,6 @@ class OpenSim(LibraryEngine, file=VARIANTS):
         return OpenSimModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return the text of a program in Python that runs the mechanism in OpenSim."""
         options, method = VARIANTS.options(choice.settings), choice.integrator or OpenSim.integrators[0]
         # OpenSim has one accuracy and no absolute tolerance; only integrators that choose their steps have the setting's tolerance
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
@@ -79,14 +76,15 @@ class OpenSimModel(TreeModel):
         self.opensim: Any = opensim
         opensim.Logger.setLevelString("Off")
         open_tree = Builder(opensim, mechanism, self.tree, constrained=False).build()
-        verify(mechanism, self.tree, lambda y, dy: self._describe(open_tree, y, dy), AGREEMENT)
-        self.built = Builder(opensim, mechanism, self.tree).build()
 
-    def _describe(self, open_tree: Built, y: Array, dy: Array) -> OpenModel:
-        """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
-        state = self._state(open_tree, 0.0, y, dy)
-        accelerations = self._accelerations(open_tree, state)
-        return OpenModel(gaps(open_tree, state), accelerations=accelerations)
+        def describe(y: Array, dy: Array) -> OpenModel:
+            """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
+            state = self._state(open_tree, 0.0, y, dy)
+            accelerations = self._accelerations(open_tree, state)
+            return OpenModel(open_tree.gaps(state), accelerations=accelerations)
+
+        verify(mechanism, self.tree, describe, AGREEMENT)
+        self.built = Builder(opensim, mechanism, self.tree).build()
 
     def _state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
         """Return OpenSim's state at time t [s] and a tree state y, dy (n,)."""
@@ -98,11 +96,7 @@ class OpenSimModel(TreeModel):
         return state
 
     def _accelerations(self, built: Built, state: Any) -> Array:
-        """Return the accelerations (n,) of the tree coordinates.
-
-        Raises:
-            RunFailure: Simbody finds none.
-        """
+        """Return the accelerations (n,) of the tree coordinates; RunFailure is raised if Simbody finds none."""
         try:
             built.model.realizeAcceleration(state)
         except RuntimeError as error:
@@ -117,7 +111,6 @@ class OpenSimModel(TreeModel):
         return JointForces(self.mechanism, self.tree, self.built)
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
-        """Return the forces in joints that OpenSim computes, as `ModelDefaults.joint_forces` describes."""
         state = self._state(self.built, t, *self.tree.relative(q, v))
         self._accelerations(self.built, state)  # OpenSim has forces only after accelerations
         return self._joint_forces.read(state, q, v)
@@ -127,11 +120,7 @@ class OpenSimModel(TreeModel):
         self.manager = self._manager(recorded=False)
 
     def _manager(self, recorded: bool) -> Any:
-        """Return a manager of OpenSim, the object that integrates from the start.
-
-        Args:
-            recorded: whether OpenSim's manager stores the state after every step, which takes time and memory.
-        """
+        """Return OpenSim's manager, which integrates from the start; if `recorded`, it stores the state after every step."""
         manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
         manager.setWriteToStorage(recorded)
         manager.setPerformAnalyses(False)
@@ -151,11 +140,7 @@ class OpenSimModel(TreeModel):
         self._step_through(self.manager, self.y, self.dy)
 
     def _step_through(self, manager: Any, y: Array, dy: Array) -> None:
-        """Integrate to every sample time, and store tree coordinates and rates in y, dy (k, n), whose first row is the start.
-
-        Raises:
-            RunFailure: Simbody gives up.
-        """
+        """Integrate to every sample time, and store tree coordinates and rates in y, dy (k, n), whose first row is the start."""
         for k, t in enumerate(self.times[1:], start=1):
             try:
                 state = manager.integrate(float(t))
@@ -168,8 +153,7 @@ class OpenSimModel(TreeModel):
     def count_steps(self) -> int:
         """Return the number of steps of the run.
 
-        OpenSim does not count the steps of an integrator that chooses its steps. A run that chooses its steps is therefore repeated
-        with all states recorded, and the recorded states are counted.
+        OpenSim does not count steps that an integrator chooses. Such a run is repeated, and its recorded states are counted.
 
         Raises:
             RunFailure: the repeated run differs.

@@ -1,8 +1,7 @@
 """Joint forces by OpenSim: reactions in the tree's joints, and forces of the point constraints that close its loops.
 
-Both kinds of joint forces are converted to the suite's convention: fx, fy on the second link of a joint, and the moment about the
-joint's point on this link. The joint reaction that OpenSim reports includes two kinds of forces that the joint of the linkage does
-not exert. They are subtracted:
+The suite's convention is fx, fy on the second link of a joint, and the moment about the joint's point on this link. The reaction
+that OpenSim reports includes two kinds of forces that the joint of the linkage does not exert. They are subtracted:
 
     loads on coordinates:   A torque, slide motor, spring or damper is a force on a coordinate in OpenSim, and is transmitted by
                             the coordinate's joint. In the linkage, it acts directly on the links that the load's entry names.
@@ -29,52 +28,52 @@ from gauss_bench.terms import Array
 class JointForces:
     """Reads joint forces from states of a mechanism's OpenSim model.
 
-    If redundant constraint rows leave the force in a joint undetermined, the joint is left out, because the multipliers that
-    Simbody finds are then one of many solutions.
+    A joint whose force redundant constraint rows leave undetermined is left out.
 
     Attributes:
         joints: pairs of a branch of the tree (a link with its joint) and OpenSim's object for the joint.
         pins: pairs of a pin that closes a loop and OpenSim's object for its constraint.
         on_bodies: loads that OpenSim applies to bodies; all other loads are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
-        beyond: link -> the link itself and all its descendants in the tree. OpenSim's joint of the link transmits the loads on
-            coordinates of all these links.
+        beyond: link -> the link itself and all its descendants in the tree.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
-        """Collect those joints and constraints of an OpenSim model whose forces are uniquely determined.
-
-        The model's constraints are in the order of `tree.closures`.
-        """
-        self.mechanism, self.tree = mechanism, tree
+        self.mechanism = mechanism
         determined = list_determined(mechanism)
         joints, constraints = built.model.getJointSet(), built.model.getConstraintSet()
         self.joints = [(b, joints.get(f"joint{b.at}")) for b in tree.branches if b.joint and b.joint.name in determined]
         self.pins = [(pin, constraints.get(k)) for k, pin in enumerate(tree.closures) if pin.name in determined]
         self.on_bodies = [x.load for x in sort_loads(mechanism, tree) if isinstance(x, OtherLoad)]
         self.driven = drivers_by_coordinate(mechanism, tree)
-        self.beyond = links_beyond(tree)  # link -> the link itself and all its descendants in the tree
+        self.beyond = beyond = {b.link: [b.link] for b in tree.branches}
+        for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
+            if b.parent != GROUND:
+                beyond[b.parent] += beyond[b.link]
 
     def read(self, state: Any, q: Array, v: Array) -> Mapping[str, Array]:
         """Return name of a joint -> (3,) fx, fy [N] on its second link and moment [N m] about the joint's point.
 
-        Args:
-            state: OpenSim's state, after its accelerations were computed.
-            q, v: (n,) the same state in absolute coordinates.
+        `state` is OpenSim's, with accelerations, and q, v (n,) is the same state in absolute coordinates.
         """
         # (n,) generalised forces of the loads that OpenSim applies to coordinates: all loads minus those on bodies
         on_coordinates = generalised(loads(self.mechanism.forces), q, v) - generalised(self.on_bodies, q, v)
         found = {b.joint.name: self._read_joint(b, joint, state, q, on_coordinates) for b, joint in self.joints if b.joint}
         for pin, constraint in self.pins:
-            found[pin.name] = np.array([*self._read_pin(*pin.ends, constraint, state, q), 0.0])
+            # OpenSim's entry for the first body is minus the force on this body, as forces of constraints stand on the left side of
+            # the equations of motion, so it is the force on the second body. Trap: its components are given in the frame of the
+            # nearest common ancestor of both bodies in the tree, which may be turned.
+            values, (a, b) = constraint.getRecordValues(state), pin.ends
+            common = [link for link, hanging in self.beyond.items() if a.link in hanging and b.link in hanging]
+            nearest = min(common, key=lambda link: len(self.beyond[link]), default=GROUND)
+            force = turn_with(nearest, np.array([values.get(0), values.get(1)]), q)
+            found[pin.name] = np.array([*force, 0.0])
         return found
 
     def _read_joint(self, b: Branch, joint: Any, state: Any, q: Array, on_coordinates: Array) -> Array:
         """Return (3,) fx, fy [N] on the second link of a branch's joint, and the moment [N m] about the joint's point on this link.
 
-        Args:
-            joint: OpenSim's joint.
-            on_coordinates: (n,) the forces and torques on the links by those loads that are forces on coordinates in OpenSim.
+        `joint` is OpenSim's; `on_coordinates` (n,) are the forces on the links by loads that are forces on coordinates in OpenSim.
         """
         assert b.joint
         second = b.joint.ends[1]
@@ -96,18 +95,6 @@ class JointForces:
         sign = 1.0 if second.link == b.link else -1.0  # a joint used backwards has its second link as parent
         return sign * np.array([*force, moment])
 
-    def _read_pin(self, a: Point, b: Point, constraint: Any, state: Any, q: Array) -> Array:
-        """Return the force (2,) [N], in the world's axes, that the loop-closing pin of points a and b exerts on the link of b.
-
-        OpenSim's entry for the first body is minus the force on this body, because OpenSim lists the forces of a constraint as they
-        stand on the left side of the equations of motion. So the entry for the first body is the force on the second body. Trap:
-        the entry's components are given in the frame of the nearest common ancestor of both bodies in the tree, and this frame may
-        be turned.
-        """
-        values = constraint.getRecordValues(state)
-        force = np.array([values.get(0), values.get(1)])
-        return turn_with(nearest_common(self.beyond, a.link, b.link), force, q)
-
 
 def turn_with(link: int, vector: Array, q: Array) -> Array:
     """Return the components (2,) in the world of a vector (2,) in the frame of a link or of the ground."""
@@ -126,22 +113,3 @@ def generalised(acting: Iterable[Load], q: Array, v: Array) -> Array:
         for k, x in generalise(at, load).items():
             Q[k] += x
     return Q
-
-
-def links_beyond(tree: Tree) -> dict[int, list[int]]:
-    """Return link -> the link itself and all its descendants in the tree."""
-    beyond = {b.link: [b.link] for b in tree.branches}
-    for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
-        if b.parent != GROUND:
-            beyond[b.parent] += beyond[b.link]
-    return beyond
-
-
-def nearest_common(beyond: Mapping[int, list[int]], a: int, b: int) -> int:
-    """Return the nearest common ancestor of links a and b in the tree (possibly a or b itself); GROUND if there is none.
-
-    Args:
-        beyond: link -> the link itself and all its descendants.
-    """
-    both = [link for link, hanging in beyond.items() if a in hanging and b in hanging]
-    return min(both, key=lambda link: len(beyond[link]), default=GROUND)

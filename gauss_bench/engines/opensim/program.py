@@ -10,13 +10,7 @@ from gauss_bench.engines.transcript import Script, python
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
 
-FORCES = (
-    "CoordinateActuator",
-    "SpringGeneralizedForce",
-    "PointToPointSpring",
-    "ExpressionBasedPointToPointForce",
-    "PrescribedForce",
-)
+SPRINGS = ("SpringGeneralizedForce", "PointToPointSpring", "ExpressionBasedPointToPointForce")
 OF_MODELS = ("setUseVisualizer", "setGravity", "addBody", "addJoint", "addForce", "addConstraint", "finalizeConnections")
 OF_COORDINATES = ("setName", "set_clamped", "set_range", "setPrescribedFunction", "setDefaultIsPrescribed")
 OF_FORCES = ("setOptimalForce", "setStiffness", "setViscosity", "setRestLength", "overrideActuation", "setOverrideActuation")
@@ -26,7 +20,7 @@ STATEMENTS = {
     "Body": "body_",
     **dict.fromkeys(["PinJoint", "SliderJoint", "PlanarJoint"], "joint_"),
     "updCoordinate": "coordinate_",
-    **dict.fromkeys(FORCES, "force_"),
+    **dict.fromkeys(["CoordinateActuator", *SPRINGS, "PrescribedForce"], "force_"),
     "PointConstraint": "closure_",
     "initSystem": "state",
     **dict.fromkeys([*OF_MODELS, *OF_COORDINATES, *OF_FORCES, *OF_PRESCRIBED], ""),
@@ -51,13 +45,9 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism in OpenSim with one setting of the engine (`Choice`).
-
-    Builder is given a stand-in for OpenSim's module, which records all calls; `script.lines` then holds these calls as program
-    text.
+    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and an integration.
 
     Args:
-        options: name of an option of the engine -> value, for the settings of the run.
         method: name of Simbody's integrator, a member of `opensim.Manager`.
         accuracy: accuracy of an integrator that chooses its steps. With steps of fixed size `accuracy` is None, and the option
             "accuracy" only decides when the integrator projects states onto the constraints.

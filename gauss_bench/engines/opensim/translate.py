@@ -1,8 +1,7 @@
 """A linkage as an OpenSim model: links hang on a tree of joints, and a PointConstraint closes each pin that the tree leaves open.
 
-OpenSim's coordinates are the tree coordinates y. Frames of links lie at their centres of mass. The adapter translates a force or
-driver only if an element of OpenSim expresses it exactly, and refuses all other forces and drivers by name. A force or driver of
-the linkage on the left becomes the element of OpenSim on the right:
+OpenSim's coordinates are the tree coordinates y. Frames of links lie at their centres of mass. A force or driver of the linkage on
+the left becomes the element of OpenSim on the right; one that no element expresses exactly is refused by name:
 
     constant generalised force:                     CoordinateActuator, whose actuation is overridden by the force
     spring and damper on one tree coordinate:       SpringGeneralizedForce
@@ -20,7 +19,7 @@ import numpy as np
 from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, measure_gaps, spatial, undriven
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
-from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, PointForce
+from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 
 FAR = 1e9  # [rad, m] ends of a coordinate's range; by default the range ends after some turns
@@ -40,7 +39,6 @@ class Built:
     """An OpenSim model.
 
     Attributes:
-        model: OpenSim's model.
         coordinates: OpenSim's coordinates, in the order of the tree coordinates.
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
@@ -55,26 +53,30 @@ class Built:
     bodies: list[Any]
     elements: list[Any]
 
+    def gaps(self, state: Any) -> Array:
+        """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
+
+        def place(end: tuple[Any, Any]) -> Array:
+            """Return the place (2,) [m] in the world of a point of a body."""
+            body, point = end
+            found = body.findStationLocationInGround(state, point)
+            return np.array([found.get(0), found.get(1)])
+
+        return measure_gaps(self.pins, place)
+
 
 class Builder:
-    """Builds the OpenSim model of a mechanism.
+    """Builds the OpenSim model of a mechanism, whose links hang on a tree of joints.
 
     Attributes:
         constrained: whether the model closes its loops and follows its drivers; otherwise it is the open tree without drivers.
         bodies: link -> OpenSim's body.
         coordinates: index of a tree coordinate -> OpenSim's coordinate.
-        elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
+        elements: as in `Built`.
         motors: constant forces on coordinates: pairs of OpenSim's actuator and its force [N] or torque [N m].
     """
 
     def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, constrained: bool = True):
-        """Begin a model without links; `build` adds them.
-
-        Args:
-            opensim: OpenSim's module.
-            tree: the tree of joints of the mechanism; its other joints close loops.
-            constrained: whether the pins that close loops become constraints, and drivers prescribe coordinates.
-        """
         self.opensim, self.mechanism, self.tree, self.constrained = opensim, mechanism, tree, constrained
         self.model = opensim.Model()
         self.model.setUseVisualizer(False)
@@ -100,7 +102,10 @@ class Builder:
         if self.constrained:
             for a, b in pins:
                 self.model.addConstraint(opensim.PointConstraint(*a, *b))
-            self._prescribe()
+            for at, driver in drivers_by_coordinate(mechanism, self.tree).items():
+                speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
+                self.coordinates[at].setPrescribedFunction(opensim.LinearFunction(speed, start))
+                self.coordinates[at].setDefaultIsPrescribed(True)
         self.model.finalizeConnections()
         start = self.model.initSystem()
         for motor, force in self.motors:
@@ -114,25 +119,25 @@ class Builder:
         """Return a vector (2,) of the plane as OpenSim's vector of space."""
         return self.opensim.Vec3(*spatial(x))
 
-    def _place(self, point: Any) -> tuple[Any, Any]:
+    def _place(self, point: Point) -> tuple[Any, Any]:
         """Return the OpenSim body to which a point belongs, and the point in the body's frame."""
         return self.bodies[point.link], self._vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:
         """Add the joint of a branch of the tree (a link with its joint to the parent), and name the joint's coordinates."""
-        opensim, name = self.opensim, f"joint{b.at}"
-        match b.kind:
-            case "prismatic":  # OpenSim slides along x of both frames
-                direction = float(np.arctan2(b.axis[1], b.axis[0]))
-                joint = opensim.SliderJoint(name, *self._frames(b, direction))
-                coordinates = [joint.updCoordinate()]
-            case "revolute":
-                joint = opensim.PinJoint(name, *self._frames(b))
-                coordinates = [joint.updCoordinate()]
-            case _:
-                joint = opensim.PlanarJoint(name, *self._frames(b))
-                kinds = (joint.Coord_TranslationX, joint.Coord_TranslationY, joint.Coord_RotationZ)
-                coordinates = [joint.updCoordinate(kind) for kind in kinds]
+        opensim = self.opensim
+        # angle [rad] of the x axis of both joint frames in the parent's frame: OpenSim slides along x of both
+        direction = float(np.arctan2(b.axis[1], b.axis[0])) if b.kind == "prismatic" else 0.0
+        # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
+        near = self.bodies[b.parent], self._vector(b.parent_anchor + b.base), opensim.Vec3(0, 0, direction)
+        far = self.bodies[b.link], self._vector(b.anchor), opensim.Vec3(0, 0, direction - b.turn)
+        kinds = {"prismatic": opensim.SliderJoint, "revolute": opensim.PinJoint, "free": opensim.PlanarJoint}
+        joint = kinds[b.kind](f"joint{b.at}", *near, *far)
+        if b.kind == "free":
+            kinds_of_coordinates = (joint.Coord_TranslationX, joint.Coord_TranslationY, joint.Coord_RotationZ)
+            coordinates = [joint.updCoordinate(kind) for kind in kinds_of_coordinates]
+        else:
+            coordinates = [joint.updCoordinate()]
         self.model.addJoint(joint)
         self.elements.append(joint)
         for k, coordinate in enumerate(coordinates, start=b.at):
@@ -142,37 +147,36 @@ class Builder:
             coordinate.set_range(1, FAR)
             self.coordinates[k] = coordinate
 
-    def _frames(self, b: Branch, direction: float = 0.0) -> tuple[Any, ...]:
-        """Return the frames of a joint as OpenSim's joints take them: parent, origin, angles, link, origin, angles.
-
-        The first origin and angles are those of the joint's frame in the parent's frame, the second those in the link's frame.
-
-        Args:
-            direction: angle [rad] of the x axis of both joint frames, measured in the parent's frame.
-        """
-        # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
-        near = self._vector(b.parent_anchor + b.base), self.opensim.Vec3(0, 0, direction)
-        far = self._vector(b.anchor), self.opensim.Vec3(0, 0, direction - b.turn)
-        return self.bodies[b.parent], *near, self.bodies[b.link], *far
-
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add OpenSim's elements for a load.
-
-        A constant force on tree coordinates becomes an actuator for each coordinate, whose force `build` sets later. The other
-        loads become a spring and damper on a coordinate, a force at a point, or an element between two points.
-        """
+        """Add OpenSim's elements for a load; `build` sets the forces of actuators later."""
+        opensim = self.opensim
         match load:
             case Steady():
                 for at in np.flatnonzero(load.force):
-                    motor = self._add_force(self.opensim.CoordinateActuator(f"y{at}"))
+                    motor = self._add_force(opensim.CoordinateActuator(f"y{at}"))
                     motor.setOptimalForce(1.0)
                     self.motors.append((motor, load.value * float(load.force[at])))
-            case OnJoints():
-                self._add_joint_spring(load)
+            case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
+                for at in np.flatnonzero(load.row):
+                    spring = self._add_force(opensim.SpringGeneralizedForce(f"y{at}"))
+                    spring.setStiffness(float(load.k))
+                    spring.setViscosity(float(load.c))
+                    spring.setRestLength(float((load.rest - load.constant) * load.row[at]))
             case OtherLoad(_, PointForce() as force):
-                self._add_point_force(force, turns)
-            case OtherLoad(_, Law() as law):
-                self._add_law_between(law)
+                in_world, value = turn_force(force, turns)
+                element = self._add_force(opensim.PrescribedForce("", self.bodies[force.point.link]))
+                element.setForceFunctions(*map(opensim.Constant, spatial(value)))
+                element.setForceIsInGlobalFrame(in_world)
+                element.setPointFunctions(*map(opensim.Constant, spatial(force.point.local)))
+                element.setPointIsInGlobalFrame(False)
+            case OtherLoad(_, Law(Distance() as distance, k, c, rest, bias)):
+                a, b = self._place(distance.a), self._place(distance.b)
+                if c or bias:
+                    # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
+                    text = f"{float(k)!r}*(d-({float(rest)!r}))+{float(c)!r}*ddot-({float(bias)!r})"
+                    self._add_force(opensim.ExpressionBasedPointToPointForce(a[0].getName(), a[1], b[0].getName(), b[1], text))
+                else:
+                    self._add_force(opensim.PointToPointSpring(*a, *b, float(k), float(rest)))
 
     def _add_force(self, element: Any) -> Any:
         """Add a force element to the model under a name of its own, and return it."""
@@ -180,51 +184,3 @@ class Builder:
         self.model.addForce(element)
         self.elements.append(element)
         return element
-
-    def _add_joint_spring(self, load: OnJoints) -> None:
-        """Add a spring and damper on L = row . y + constant, where the row has at most one entry, 1 or -1."""
-        for at in np.flatnonzero(load.row):
-            spring = self._add_force(self.opensim.SpringGeneralizedForce(f"y{at}"))
-            spring.setStiffness(float(load.k))
-            spring.setViscosity(float(load.c))
-            spring.setRestLength(float((load.rest - load.constant) * load.row[at]))
-
-    def _add_point_force(self, force: PointForce, turns: Turning) -> None:
-        """Add a force that is fixed in the world or in the link of its point."""
-        in_world, value = turn_force(force, turns)
-        element = self._add_force(self.opensim.PrescribedForce("", self.bodies[force.point.link]))
-        element.setForceFunctions(*map(self.opensim.Constant, spatial(value)))
-        element.setForceIsInGlobalFrame(in_world)
-        element.setPointFunctions(*map(self.opensim.Constant, spatial(force.point.local)))
-        element.setPointIsInGlobalFrame(False)
-
-    def _add_law_between(self, law: Law) -> None:
-        """Add a law on a distance: an element with an expression, or OpenSim's spring if the law is no more than a spring."""
-        assert isinstance(law.coordinate, Distance)
-        a, b = self._place(law.coordinate.a), self._place(law.coordinate.b)
-        if law.c or law.bias:
-            # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
-            text = f"{float(law.k)!r}*(d-({float(law.rest)!r}))+{float(law.c)!r}*ddot-({float(law.bias)!r})"
-            ends = a[0].getName(), a[1], b[0].getName(), b[1]
-            self._add_force(self.opensim.ExpressionBasedPointToPointForce(*ends, text))
-        else:
-            self._add_force(self.opensim.PointToPointSpring(*a, *b, float(law.k), float(law.rest)))
-
-    def _prescribe(self) -> None:
-        """Prescribe the driven coordinates."""
-        for at, driver in drivers_by_coordinate(self.mechanism, self.tree).items():
-            speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
-            self.coordinates[at].setPrescribedFunction(self.opensim.LinearFunction(speed, start))
-            self.coordinates[at].setDefaultIsPrescribed(True)
-
-
-def gaps(built: Built, state: Any) -> Array:
-    """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
-
-    def place(end: tuple[Any, Any]) -> Array:
-        """Return the place (2,) [m] in the world of a point of a body."""
-        body, point = end
-        found = body.findStationLocationInGround(state, point)
-        return np.array([found.get(0), found.get(1)])
-
-    return measure_gaps(built.pins, place)
