@@ -304,8 +304,8 @@ def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
     """A run of N steps takes 1 ms and 20 us a step."""
     short, long = (np.full(3, 1e-3 + 20e-6 * n) for n in (costs.SHORT, costs.LONG))
     times = split(short, long)
-    assert times.step == pytest.approx(np.full(3, 20e-6))
-    assert times.overhead == pytest.approx(np.full(3, 1e-3))
+    assert times[costs.STEP_TIME] == pytest.approx(np.full(3, 20e-6))
+    assert times[costs.OVERHEAD] == pytest.approx(np.full(3, 1e-3))
 
 
 @pytest.mark.parametrize(

@@ -27,17 +27,12 @@ class Tag:
 
 
 def list_tags(content: bytes, file: str) -> list[Tag]:
-    """Return the start tags of a document in the order of the file.
-
-    Raises:
-        ExchangeError: the document is not encoded in UTF-8, or is not XML.
-    """
+    """Return the start tags of a document in the order of the file; one that is not XML in UTF-8 raises ExchangeError."""
     tags: list[Tag] = []
     open_elements: list[str] = []
     parser = expat.ParserCreate("UTF-8")
 
     def begin(name: str, _: dict[str, str]) -> None:
-        """Record the start tag of an element called `name`: its path and its place in `content` (expat calls this for each tag)."""
         open_elements.append(name)
         tag = TAG.match(content, parser.CurrentByteIndex)
         assert tag is not None  # the parser stands at the beginning of a start tag
@@ -73,7 +68,7 @@ def write_settings(
 
     Args:
         file: path of the document, for messages.
-        option: name -> value of the attributes to set in <option>; a missing <option> is inserted after the root's start tag.
+        option: name -> value of the attributes to set in <option>, which is inserted if it is missing.
         closures: name -> value of the attributes to set in every <connect> and <weld>.
         by_default: whether `closures` are also set in <default><equality>, so that they apply to the closures of included files.
 

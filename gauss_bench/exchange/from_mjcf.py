@@ -1,7 +1,4 @@
-"""Import of MJCF: MuJoCo compiles the document, and this module converts the compiled model to a spatial mechanism.
-
-Elements that a linkage cannot have are refused. Elements that do not change the motion are listed as left out.
-"""
+"""Import of MJCF: MuJoCo compiles the document, and this module converts the compiled model to a spatial mechanism."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,10 +38,9 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
 
 
 class Reader:
-    """A reader of an MJCF document that MuJoCo has compiled.
+    """A reader of an MJCF document that MuJoCo has compiled; its methods raise ExchangeError for what a linkage cannot have.
 
     Attributes:
-        file: path of the file, for messages.
         model: MuJoCo's compiled model of the document; its fields have MuJoCo's names.
         data: MuJoCo's data, with the poses of all bodies and sites when every joint coordinate is at its reference.
         names: kind of element in MuJoCo's terms, such as "jnt" -> names of all elements of the kind, "" for one without a name.
@@ -54,7 +50,6 @@ class Reader:
     """
 
     def __init__(self, compiled: Compiled, file: str):
-        """Read the names of all elements; find the keyframe called START, or take the first one if none has that name."""
         self.compiled, self.model, self.data, self.file = compiled, compiled.model, compiled.data, file
         self.names, self.disabled = {kind: compiled.names(kind) for kind in PARTS}, compiled.disabled()
         self.dropped: list[str] = []
@@ -74,11 +69,7 @@ class Reader:
         return self.names[kind][k] or f"{kind}{k}"
 
     def spatial(self) -> Spatial:
-        """Return the mechanism that the complete document describes.
-
-        Raises:
-            ExchangeError: the document holds an element that a linkage cannot have.
-        """
+        """Return the mechanism that the complete document describes."""
         m = self.model
         self._check_document()
         joints = tuple(self._joint(k) for k in range(m.njnt))
@@ -99,11 +90,7 @@ class Reader:
         return Spatial(self.file, bodies, joints, gravity, tuple(closures), tuple(welds), spots, tuple(acting), tuple(self.dropped))
 
     def _check_document(self) -> None:
-        """Refuse or list properties of the whole document: media, flags, contacts, keyframes and sensors.
-
-        Raises:
-            ExchangeError: the document has a property that a linkage cannot have.
-        """
+        """Refuse or list properties of the whole document: media, flags, contacts, keyframes and sensors."""
         m = self.model
         if m.nflex or m.nplugin:
             raise self.refuse("<mujoco>", "a linkage has no flexible bodies and plug-ins")
@@ -129,11 +116,7 @@ class Reader:
             self.dropped.append(f"{m.nsensor} sensors: {names}")
 
     def _joint(self, k: int) -> Joint:
-        """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe.
-
-        Raises:
-            ExchangeError: the joint is neither a hinge nor a slide.
-        """
+        """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe."""
         m, kind = self.model, self.compiled.word("mjtJoint", self.model.jnt_type[k])
         if kind not in ("hinge", "slide"):
             raise self.refuse(self.describe("jnt", k, "joint"), f"a {kind} joint does not move in a plane")
@@ -165,11 +148,7 @@ class Reader:
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
     def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
-        """Return the connect constraints, each as its name and two points, and the welds, each as the indices of two bodies.
-
-        Raises:
-            ExchangeError: an equality constraint of the model is neither a connect nor a weld, or its bodies are not in its pose.
-        """
+        """Return the connect constraints, each as its name and two points, and the welds, each as the indices of two bodies."""
         m, closures, welds = self.model, list[tuple[str, Spot, Spot]](), list[tuple[int, int]]()
         for k in range(m.neq):
             kind = self.compiled.word("mjtEq", m.eq_type[k])
@@ -215,11 +194,7 @@ class Reader:
         return springs
 
     def _on_tendon(self, k: int, name: str, law: Straight) -> Acting:
-        """Return a force `name` by a law on the length of tendon number k: a distance of two sites, or a sum of joint coordinates.
-
-        Raises:
-            ExchangeError: the tendon has another path.
-        """
+        """Return a force `name` by a law on the length of tendon k: a distance of two sites, or a sum of joint coordinates."""
         m, first = self.model, int(self.model.tendon_adr[k])
         path = slice(first, first + int(m.tendon_num[k]))  # entries of the tendon in the fields wrap_...
         kinds = [self.compiled.word("mjtWrap", x) for x in m.wrap_type[path]]
@@ -233,11 +208,7 @@ class Reader:
         raise self.refuse(self.describe("tendon", k, "tendon"), reason)
 
     def _tendons(self) -> list[Acting]:
-        """Return the springs and dampers of tendons.
-
-        Raises:
-            ExchangeError: a tendon's spring is not linear, or its path is not that of a linkage's force.
-        """
+        """Return the springs and dampers of tendons."""
         m, tendons = self.model, list[Acting]()
         for k in range(m.ntendon):
             low, high = m.tendon_lengthspring[k]
@@ -249,11 +220,7 @@ class Reader:
         return tendons
 
     def _enabled_actuators(self) -> list[int]:
-        """Return the indices of the enabled actuators, and record those whose group is switched off as left out.
-
-        Raises:
-            ExchangeError: an actuator has several controls.
-        """
+        """Return the indices of the enabled actuators, and record those whose group is switched off as left out."""
         m, enabled = self.model, list[int]()
         if m.nactuator != m.nu:
             raise self.refuse("<actuator>", "an actuator with several controls")
@@ -272,9 +239,6 @@ class Reader:
         the coordinate of a joint, tendon or site. The power F dL/dt is g F dx/dt, so the generalised force that acts on x is g F.
         The control u is that of the keyframe, or 0 without a keyframe. MuJoCo limits u to a range, and also the force F; a linkage
         file can express a limited F only if F is constant.
-
-        Raises:
-            ExchangeError: the force is not linear, or acts on something other than a joint, a tendon or a point.
         """
         m, element, name = self.model, self.describe("actuator", k, "actuator"), self.name("actuator", k)
         gain = self.compiled.word("mjtGain", m.actuator_gaintype[k])
@@ -316,13 +280,8 @@ class Reader:
 
         Args:
             element: tag and name of the actuator, for messages.
-            site: number of the site at which the force acts.
-            frame: number of the reference site; -1 if there is none, which makes the site itself the reference.
+            site, frame: numbers of the site at which the force acts, and of the reference site; -1 makes the site the reference.
             gear: (6,) the direction in axes of the reference site, and the torque, which must be zero.
-            law: the force along the direction as a function of the displacement and speed along it.
-
-        Raises:
-            ExchangeError: the actuator is a torque, has no gear, or is a servo without a reference site.
         """
         if gear[3:].any():
             raise self.refuse(element, "a torque on a site; give it to the joint")

@@ -6,7 +6,6 @@ LINK.FRAME=LINK.FRAME, where FRAME is a link fixed to LINK, a joint at LINK, or 
 
 from collections.abc import Sequence
 from itertools import combinations
-from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -27,17 +26,8 @@ READ = {  # tag -> tags in it that are read
 }
 
 
-def from_urdf(root: Element, path: Path, close: Sequence[str]) -> Spatial:
-    """Return the mechanism of a document that `read_xml` has accepted; its root link is the world.
-
-    Raises:
-        ExchangeError: an element is faulty, a linkage cannot have it, or a closure names a frame that does not exist.
-    """
-    return Robot(root, str(path)).spatial(close)
-
-
 class Robot:
-    """A reader of a document with the root `robot`.
+    """A reader of a document that `read_xml` has accepted; its methods raise ExchangeError for what a linkage cannot have.
 
     Attributes:
         links, joints: name -> element.
@@ -47,11 +37,7 @@ class Robot:
     """
 
     def __init__(self, root: Element, file: str):
-        """Read the links and joints of a document, and find the order of its tree.
-
-        Raises:
-            ExchangeError: the document is no URDF, or its links and joints are no tree.
-        """
+        """Read the links and joints of a document, and find the order of its tree."""
         self.file, self.root = file, root
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):
@@ -78,11 +64,7 @@ class Robot:
         return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
-        """Return name -> element of all elements with a tag.
-
-        Raises:
-            ExchangeError: an element has no name, or two elements have the same name.
-        """
+        """Return name -> element of all elements with a tag."""
         elements: dict[str, Element] = {}
         for node in self.root.findall(tag):
             name = node.get("name")
@@ -92,11 +74,7 @@ class Robot:
         return elements
 
     def _end(self, joint: Element, which: str) -> str:
-        """Return the name of a joint's link; `which` is "parent" or "child".
-
-        Raises:
-            ExchangeError: the joint names no link of the document.
-        """
+        """Return the name of a joint's link; `which` is "parent" or "child"."""
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
         if link not in self.links:
@@ -104,11 +82,7 @@ class Robot:
         return link
 
     def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """Return the numbers of an attribute, or `usual` if the element or the attribute is missing.
-
-        Raises:
-            ExchangeError: the attribute does not hold as many finite numbers as `usual`.
-        """
+        """Return the numbers of an attribute, as many as `usual` has, or `usual` if the element or the attribute is missing."""
         text = None if node is None else node.get(key)
         if node is None or text is None:
             return np.array(usual, dtype=float)
@@ -138,11 +112,7 @@ class Robot:
         return self.numbers(origin, "xyz", (0, 0, 0)), turn
 
     def spatial(self, close: Sequence[str]) -> Spatial:
-        """Return the mechanism in space that the URDF file describes.
-
-        Args:
-            close: closures of the mechanism's loops, each LINK.FRAME=LINK.FRAME.
-        """
+        """Return the mechanism in space, whose world is the root link; `close` has closures LINK.FRAME=LINK.FRAME of its loops."""
         bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
         for name, k in self.index.items():  # link -> index of its body; parents precede their children
             if name not in self.joint_to:
@@ -183,10 +153,7 @@ class Robot:
         return [*list_ignored(self.root, READ), *limits]
 
     def _describe_closing(self, bodies: Sequence[Body]) -> str:
-        """Return the part of a message that explains how --close closes a loop.
-
-        If the tree has ends on two different links, the message has an example that joins two such ends.
-        """
+        """Return how --close closes a loop, with an example if the tree has ends on two different links."""
         parents = {parent for parent, _ in self.ends.values()}
         # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
         tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
@@ -212,11 +179,7 @@ class Robot:
         return chain
 
     def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
-        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are position and rotation of the link's frame.
-
-        Raises:
-            ExchangeError: the mass is negative.
-        """
+        """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are position and rotation of the link's frame."""
         node = self.links[name].find("inertial")
         shift, rotation = self.origin(node)
         mass = self.number(None if node is None else node.find("mass"), "value")
@@ -231,12 +194,7 @@ class Robot:
     def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
         """Return the joint that a <joint> element describes, or None if it is a fixed joint.
 
-        Args:
-            k: index of the body that the joint moves.
-            place, turn: place (3,) [m] and rotation (3, 3) of that body's frame.
-
-        Raises:
-            ExchangeError: a linkage cannot have the joint.
+        It moves body k, whose frame has the position `place` (3,) [m] and the rotation `turn` (3, 3).
         """
         name, kind = node.get("name", ""), node.get("type", "")
         if node.find("mimic") is not None:
@@ -249,18 +207,12 @@ class Robot:
         if not np.linalg.norm(axis) > 0:
             raise self.refuse(describe(node), "an axis without direction")
         if self.number(node.find("dynamics"), "friction"):
-            raise self.refuse(
-                describe(node),
-                "joint friction that does not depend on the load; in a linkage it is proportional to the joint's load",
-            )
+            reason = "joint friction that does not depend on the load; in a linkage it is proportional to the joint's load"
+            raise self.refuse(describe(node), reason)
         return Joint(name, KINDS[kind], k, place, axis / np.linalg.norm(axis))
 
     def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:
-        """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME.
-
-        Raises:
-            ExchangeError: the text does not have the form LINK.FRAME=LINK.FRAME, or the file has no such link or frame.
-        """
+        """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME."""
         ends = text.split("=")
         if len(ends) != 2:
             raise self.refuse(f"--close {text}", "LINK.FRAME=LINK.FRAME is wanted")
@@ -268,11 +220,7 @@ class Robot:
         return f"{a.name}_{b.name}", a, b
 
     def _find_frame(self, end: str, text: str, bodies: list[Body]) -> Spot:
-        """Return the point for one end of a closure: `end` has the form LINK.FRAME; `text` is the whole closure, for messages.
-
-        Raises:
-            ExchangeError: there is no such link or frame.
-        """
+        """Return the point for one end LINK.FRAME of a closure; `text` is the whole closure, for messages."""
         parts = end.split(".")
         for k in range(1, len(parts)):  # names may contain dots, so try every dot as the one between link and frame
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])

@@ -9,7 +9,7 @@ from pathlib import Path
 from gauss_bench import __version__
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import from_mjcf
-from gauss_bench.exchange.from_urdf import from_urdf
+from gauss_bench.exchange.from_urdf import Robot
 from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml
 from gauss_bench.exchange.spatial import Spatial
@@ -25,7 +25,6 @@ class Imported:
     """A linkage file that is not written yet.
 
     Attributes:
-        text: content of the linkage file.
         kind: kind of the model file that was read, "MJCF" or "URDF".
         left_out: sentences on parts of the model file that the linkage leaves out or changes.
         links, dof: numbers of links and of degrees of freedom.
@@ -58,7 +57,7 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
         raise ExchangeError(f"{path}: <{root.tag}>: neither MJCF (<mujoco>) nor URDF (<robot>)")
     if close and kind == "MJCF":
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
-    spatial = from_urdf(root, path, close) if kind == "URDF" else from_mjcf(root, path)
+    spatial = Robot(root, str(path)).spatial(close) if kind == "URDF" else from_mjcf(root, path)
     title = root.get({"MJCF": "model", "URDF": "name"}[kind]) or path.stem
     try:
         document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import Mujoco
-from gauss_bench.engines.mujoco.compiled import Compiled, DoesNotCompile, compile_file
+from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_file
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import Reader
@@ -22,28 +22,10 @@ from gauss_bench.mechanism.model import Mechanism
 ENGINE = "gauss_bench.exchange.own_model:OwnModel"  # name by which `engines.get` finds the engine
 
 
-def read_own_model(path: Path) -> tuple[Element, Compiled]:
-    """Return the root element of a file, with included files in place, and the compiled model.
-
-    Raises:
-        ExchangeError: the file cannot be read, is too large, or MuJoCo does not compile it.
-        ImportError: MuJoCo is not installed.
-    """
-    root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
-    refuse_bulk(root, path)
-    try:
-        return root, compile_file(path)
-    except DoesNotCompile as error:
-        raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
-
-
 def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) -> Element:
     """Replace each <include> in a document by the elements of the included file, and return the document.
 
-    Args:
-        path: file of the document, for messages.
-        folder: folder of the model, to which the names of included files are relative.
-        seen: files that have been read so far; each included file is added.
+    The names of included files are relative to `folder`. Each included file is added to `seen`.
 
     Raises:
         ExchangeError: a file is included twice, or cannot be read.
@@ -64,13 +46,7 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return how the pose of each link follows from the state of MuJoCo's model: link -> body, centre of mass and angle.
-
-    Args:
-        flattened: MuJoCo's model in its plane; `frames[link]` is the origin and the angle of a link's frame at the joints'
-            references.
-        mechanism: the linkage that was made from `flattened`, with the links in the same order.
-    """
+    """Return how the poses of a mechanism's links follow from the state of MuJoCo's model, from which it was made."""
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
@@ -109,8 +85,12 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
         ExchangeError: the file cannot be read or compiled, or an element cannot be part of a planar linkage.
         ImportError: MuJoCo is not installed.
     """
-    root, compiled = read_own_model(path)
-    reader = Reader(compiled, str(path))
+    root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
+    refuse_bulk(root, path)
+    try:
+        reader = Reader(compile_file(path), str(path))
+    except DoesNotCompile as error:
+        raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
     flattened = Flattened(reader.spatial())
     document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
     return OwnLinkage(document, flattened, reader.key)
@@ -132,15 +112,12 @@ class OwnModel:
     python_loop = False
 
     def version(self) -> str:
-        """Return the name and the version of MuJoCo."""
         return Mujoco().version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return None: every linkage is accepted, because MuJoCo simulates the file itself, not a model of the linkage."""
-        return None
+        return None  # MuJoCo simulates the file itself, not a model of the linkage
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return an empty text, which stands for "no Python code": a timed run executes only code of the library."""
         return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:

@@ -24,7 +24,7 @@ from gauss_bench.linkage.sketch import sketch
 from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that is taken as rounding
@@ -73,9 +73,6 @@ class Move:
     def follow(self, joint: Joint, axis: complex, anchor: complex, sign: float) -> "Move":
         """Return the displacement of the child body of a joint; `self` is the displacement of the parent body.
 
-        A child on a slide is shifted along the axis. A child on a hinge is turned about the pivot. The pivot has the same position
-        and velocity on both bodies, from which the `shift` and `speed` of the child's displacement follow.
-
         Args:
             axis, anchor: direction of a slide and pivot of a hinge in the plane, before both bodies are displaced.
             sign: 1 if a hinge turns about the plane's normal, -1 if it turns against it.
@@ -96,15 +93,14 @@ def pair(x: complex) -> list[float]:
 
 
 class Flattened:
-    """A mechanism in space, projected into its plane.
+    """A mechanism in space, projected into its plane; its methods raise ExchangeError for what a linkage cannot have.
 
-    Bodies and joints are given by their indices in the mechanism. A link is given by the index of its first body, the first
-    one that belongs to it.
+    Bodies and joints are given by their indices in the mechanism, and a link by the index of its first body.
 
     Attributes:
         extent: size of the mechanism: the largest distance of a joint from the centre of mass of its body [m], or 1 if that is 0.
         joints_of: body -> joints that move it relative to its parent, in order.
-        link_of: body -> its link, given by the first of the bodies that are fixed or welded to each other and make up the link.
+        link_of: body -> its link; bodies that are fixed or welded to each other are one link.
         moves: body -> its displacement from the file's configuration (every joint coordinate at its `ref`) to the start.
         members: link -> its bodies.
         links: the links except the ground, in the order of their first bodies.
@@ -117,18 +113,14 @@ class Flattened:
     """
 
     def __init__(self, spatial: Spatial):
-        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`.
-
-        Raises:
-            ExchangeError: the mechanism is not planar, or a weld does not hold at the start.
-        """
+        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`."""
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
         self.plane = plane_of(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
         self.joints_of: dict[int, list[int]] = {}
         for k, joint in enumerate(spatial.joints):
             self.joints_of.setdefault(joint.body, []).append(k)
-        self.link_of = self._group_bodies()  # link of each body; a link has the index of one of its bodies, or WORLD
+        self.link_of = self._group_bodies()
         self.moves = self._move_bodies()
         self.members: dict[int, list[Body]] = {}
         for body, link in zip(spatial.bodies, self.link_of, strict=True):
@@ -152,13 +144,7 @@ class Flattened:
         return link_of
 
     def _move_bodies(self) -> list[Move]:
-        """Return the planar displacement of every body from the file's configuration to the start.
-
-        The displacements of the joints are composed along the tree, from the world outwards.
-
-        Raises:
-            ExchangeError: the two bodies that a weld joins have different displacements, so that the weld is broken at the start.
-        """
+        """Return the planar displacement of every body from the file's configuration to the start, at which welds must hold."""
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
@@ -217,14 +203,7 @@ class Flattened:
         return f"{owner}.{key}"
 
     def _link(self, link: int) -> Table:
-        """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
-
-        The link's inertia includes the armatures (rotor inertias of motors) of the hinges that move the link. Points and centres
-        of mass are complex numbers x + i y in the link's frame.
-
-        Raises:
-            ExchangeError: the link has no mass or no moment of inertia.
-        """
+        """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies."""
         bodies, normal, points = self.members[link], self.plane.normal, self.points[link]
         mass = float(sum(b.mass for b in bodies))
         if not mass > 0:
@@ -250,9 +229,7 @@ class Flattened:
     def _armature(self, joint: Joint) -> float:
         """Return a joint's armature [kg m^2], which is added to the moment of inertia of the link that the joint moves.
 
-        Raises:
-            ExchangeError: the joint has an armature, and is not a hinge between a link and the ground. An armature between two
-                moving links resists their relative motion, so it cannot be added to the inertia of one link.
+        An armature between two moving links resists their relative motion, so it cannot be added to the inertia of one link.
         """
         grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
         if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
@@ -275,12 +252,9 @@ class Flattened:
         return tables
 
     def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
-        """Add to `tables` the table of the joint between body k and its parent, if the linkage file needs this joint.
+        """Add to `tables` the table of the joint between body k and its parent.
 
         No joint is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
-
-        Raises:
-            ExchangeError: there are several joints, and they do not make the body free in the plane.
         """
         body, joints = self.spatial.bodies[k], self._joints_at(k)
         if joints and self.link_of[body.parent] == self.link_of[k]:
@@ -305,11 +279,7 @@ class Flattened:
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
     def _check_closure(self, name: str, a: Spot, b: Spot) -> None:
-        """Add remarks if a closure is open, or is opening, at the start.
-
-        Raises:
-            ExchangeError: the closure can never close.
-        """
+        """Add remarks if a closure is open, or is opening, at the start; refuse one that can never close."""
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
@@ -333,11 +303,7 @@ class Flattened:
         return tables
 
     def _force(self, acting: Acting) -> list[Table]:
-        """Return the tables of the linkage file that describe one force of the model file.
-
-        Raises:
-            ExchangeError: a linkage cannot have a force of this kind.
-        """
+        """Return the tables of the linkage file that describe one force of the model file."""
         match acting:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
@@ -361,11 +327,7 @@ class Flattened:
                 return self._push(acting)
 
     def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
-        """Return the tables of the linkage file for a force law on a weighted sum of hinge angles: none if welds lock all hinges.
-
-        Raises:
-            ExchangeError: the sum is not the angle between two links.
-        """
+        """Return the tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all."""
         if self.locked.issuperset(joints):
             return []
         a, b, sign = self._find_angle(name, {k: weight for k, weight in joints.items() if weight and k not in self.locked})
@@ -391,12 +353,7 @@ class Flattened:
     def _find_angle(self, name: str, wanted: dict[int, float]) -> tuple[int, int, float]:
         """Return links a, b and a sign: sign * (theta_b - theta_a) is, up to a constant, the weighted sum of hinge angles.
 
-        Args:
-            name: name of the force, for messages.
-            wanted: hinge -> weight of its angle in the sum on which the force acts.
-
-        Raises:
-            ExchangeError: the sum is not the angle between two links.
+        `wanted` maps a hinge to the weight of its angle in the sum on which the force `name` acts.
         """
         opposite = {k: -weight for k, weight in wanted.items()}
         pairs = [*permutations(self.names, 2)]
@@ -435,11 +392,7 @@ class Flattened:
     def _on_slide(self, k: int, law: Straight) -> list[Table]:
         """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
-        The force acts at the anchor of the body's last joint. The last joint of a body that is free in the plane (two slides, then
-        a hinge) is the hinge.
-
-        Raises:
-            ExchangeError: the body has another slide that is not at right angles to this one.
+        The force acts at the anchor of the body's last joint, which is the hinge of a body that is free in the plane.
         """
         joint = self.spatial.joints[k]
         parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
@@ -453,12 +406,7 @@ class Flattened:
         return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
     def _push(self, acting: Push) -> list[Table]:
-        """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body.
-
-        Raises:
-            ExchangeError: the force has a component normal to the plane, or a spring or damper acts along an axis that turns with
-                a moving body other than the body of its point.
-        """
+        """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body."""
         if abs(acting.direction @ self.plane.normal) > FLAT:
             raise self.refuse(acting.name, "a force out of the plane")
         link, law = self.link_of[acting.frame], acting.law
@@ -474,9 +422,8 @@ class Flattened:
     def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
 
-        The spring and damper of the law make one table; the constant force and its reaction make one table each. A reaction on the
-        ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so that the linkage
-        file still has a force of this name.
+        A reaction on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so
+        that the linkage file still has a force of this name.
 
         Args:
             point: LINK.POINT at which the force acts.
@@ -499,14 +446,7 @@ class Flattened:
     # the document
 
     def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
-        """Return the document of a planar linkage (the tables of its file), and phrases on the parts that it leaves out or changes.
-
-        Points and joints are added first, then masses, the configuration at the start, and the start coordinates. Empty tables are
-        left out of the document.
-
-        Raises:
-            ExchangeError: an element is not planar, or a linkage cannot have it; the message gives the reason.
-        """
+        """Return the document of a planar linkage (the tables of its file), and phrases on parts that it leaves out or changes."""
         if not self.links:
             raise self.refuse("the model", "has no body that moves")
         for spot in self.spatial.spots:
@@ -553,7 +493,13 @@ class Flattened:
         rows = Constraints(mechanism)  # rows(t, q, v).J is the constraint Jacobian
         q = close_joints(mechanism, rows, sketch(mechanism, document))
         free = null_space(rows(0.0, q, np.zeros_like(q)).J, mechanism.n)  # (n, dof): directions in which the joints stay closed
-        velocity, start, crank = self._velocities(mechanism), Table(), None
+        v: list[float] = []  # velocities (n,) of the links, which follow from the speeds of the file's joints
+        for link, built in zip(self.links, mechanism.links, strict=True):
+            move = self.moves[link]
+            v += [*pair(move.velocity(self.to_plane(link, complex(*built.com)))), move.omega]
+        velocity, start, crank = np.array(v), Table(), None
+        # names of the links with a pin on the ground
+        grounded = {mechanism.links[max(x)].name for x in ((p.a.link, p.b.link) for p in mechanism.pins) if min(x) == GROUND}
         for chosen in choose_held(mechanism, q, free):
             values = [float(value(x, q)) for x in chosen.coordinates]  # a point has x and y, an angle or slide one coordinate
             speeds = [float(gradient(x, q) @ velocity) for x in chosen.coordinates]
@@ -561,17 +507,9 @@ class Flattened:
             start.setdefault(values_table, {})[chosen.name] = values if chosen.kind == "point" else values[0]
             if any(speeds):
                 start.setdefault(rates_table, {})[chosen.name] = speeds if chosen.kind == "point" else speeds[0]
-            if crank is None and chosen.kind == "angle" and turns_on_ground(mechanism, chosen.name):
+            if crank is None and chosen.kind == "angle" and chosen.name in grounded:
                 crank = chosen.name
         return start, crank, free.shape[1]
-
-    def _velocities(self, mechanism: Mechanism) -> Array:
-        """Return the velocities v (n,) of the links at the start, which follow from the speeds of the file's joints."""
-        v: list[float] = []
-        for link, built in zip(self.links, mechanism.links, strict=True):
-            move = self.moves[link]
-            v += [*pair(move.velocity(self.to_plane(link, complex(*built.com)))), move.omega]
-        return np.array(v)
 
 
 def plane_of(spatial: Spatial) -> Plane:
@@ -611,9 +549,3 @@ def plane_of(spatial: Spatial) -> Plane:
 def name_part(wanted: str, taken: Collection[str]) -> str:
     """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
-
-
-def turns_on_ground(mechanism: Mechanism, link: str) -> bool:
-    """Tell whether a pin joins a link to the ground."""
-    index = [x.name for x in mechanism.links].index(link)
-    return any({pin.a.link, pin.b.link} == {GROUND, index} for pin in mechanism.pins)

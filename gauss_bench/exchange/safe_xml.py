@@ -48,20 +48,14 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Check a file without building a tree, so that a hostile file costs no memory.
-
-    Raises:
-        ExchangeError: the file contains something that is refused; the message names it and its line.
-    """
+    """Raise ExchangeError with the line of what is refused; no tree is built, so that a hostile file costs no memory."""
     parser = expat.ParserCreate()
     elements = depth = 0
 
     def refuse(what: str, *_: object) -> None:
-        """Refuse the element or declaration `what` at the parser's current line; further arguments from the parser are ignored."""
         raise ExchangeError(f"{path}: line {parser.CurrentLineNumber}: {what} is not read")
 
     def begin(name: str, _: object) -> None:
-        """Count an element that begins; `name` is its tag."""
         nonlocal elements, depth
         elements += 1
         depth += 1
@@ -71,7 +65,6 @@ def _inspect(content: bytes, path: Path) -> None:
             refuse(f"<{name}>, elements more than {DEEPEST} deep,")
 
     def end(_: str) -> None:
-        """Count an element that ends."""
         nonlocal depth
         depth -= 1
 
@@ -90,11 +83,7 @@ def describe(node: Element) -> str:
 
 
 def refuse_files(root: Element, path: Path) -> None:
-    """Check that a model needs no other files or plug-ins.
-
-    Raises:
-        ExchangeError: an element reads another file or loads a plug-in.
-    """
+    """Raise ExchangeError if an element of a model reads another file or loads a plug-in."""
     for node in root.iter():
         tag = str(node.tag)
         if tag in OPENS or ":" in tag or "{" in tag:
@@ -132,11 +121,7 @@ def refuse_bulk(root: Element, path: Path) -> None:
 
 
 def _count_elements(root: Element, path: Path) -> float:
-    """Return the number of elements, including the copies that <replicate> makes.
-
-    Raises:
-        ExchangeError: the document has more than ELEMENTS elements.
-    """
+    """Return the number of elements, at most ELEMENTS, including the copies that <replicate> makes."""
     elements = 0.0
     waiting = [(root, 1.0)]  # elements to count, each with its number of copies, a float because a file may ask for any number
     while waiting:
@@ -160,10 +145,7 @@ def _count_arena(key: str, value: str) -> float:
 
 
 def _largest(text: str) -> float:
-    """Return the largest of the numbers in the text of an attribute, or 1 if none is larger; the result multiplies other counts.
-
-    The result is also 1 if the text contains anything but numbers; MuJoCo refuses such an attribute when it reads the document.
-    """
+    """Return the largest of the numbers in a text, or 1 if none is larger or the text has anything else, which MuJoCo refuses."""
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:

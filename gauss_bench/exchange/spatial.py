@@ -1,8 +1,7 @@
 """A mechanism in space, as a model file describes it: bodies, joints, closures and forces.
 
-All numbers of the mechanism are given in world coordinates, in the configuration in which every joint coordinate equals its `ref`.
-The `ref` of a coordinate is MuJoCo's qpos0 in MJCF, and zero in URDF. `from_mjcf.py` and `from_urdf.py` create a `Spatial` from a
-model file, and `planar.py` makes a planar linkage of the `Spatial`.
+All numbers are given in world coordinates, in the configuration in which every joint coordinate equals its `ref`: MuJoCo's qpos0 in
+MJCF, and zero in URDF.
 """
 
 from dataclasses import dataclass

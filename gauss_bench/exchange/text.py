@@ -1,7 +1,6 @@
 """Convert texts to string literals, comments and identifiers of C, Python, TOML and XML.
 
-All text of a user in an exported file is escaped here. A text for a comment is first reduced to a single line of printable
-characters, so that it cannot end the comment in any of the four languages.
+All text of a user in an exported file is escaped here; a text for a comment becomes a single line of printable characters.
 """
 
 import re
@@ -32,10 +31,7 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def c_string(text: str) -> str:
-    """Return the text as a string literal of C.
-
-    Bytes that are not plain ASCII become octal escapes; so do question marks, because two of them begin a trigraph.
-    """
+    """Return the text as a string literal of C; question marks are escaped too, because two of them begin a trigraph."""
     plain = frozenset(b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 _.,:;()[]{}+-*/=<>!&|^~#$%'@")
     encoded = text.encode("utf-8", errors="replace")
     return '"' + "".join(chr(x) if x in plain else f"\\{x:03o}" for x in encoded) + '"'

@@ -81,9 +81,9 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
     """Return the time [s] at which a kernel's first choice of independent coordinates becomes invalid, or None if it stays valid.
 
-    The choice is invalid when a pivot of its elimination changes its sign. The test takes small steps, because a run with the file's
-    step may by chance jump over a zero that a user's smaller step would meet. The time is NaN if no pivot changes its sign but the
-    run with the file's step stops early.
+    The choice is invalid when a pivot of its elimination changes its sign. The test takes small steps, because a run with the
+    file's step may jump over a zero that a user's smaller step would meet. The time is NaN if no pivot changes its sign but the run
+    with the file's step stops early.
     """
     tested = min(mechanism.duration, TRIED)  # [s]
     steps = int(np.ceil(tested / choice.step))

@@ -36,7 +36,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 
 def describe_controls(root: Element, mechanism: Mechanism, controlled: Collection[str]) -> list[str]:
-    """Return sentences on the motors of a document, which express the forces `controlled`, and on forces that no control changes."""
+    """Return sentences on the motors of a document, which express the forces `controlled`, and on all other forces."""
     actuators, key = root.findall("actuator/*"), root.find("keyframe/key")
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]
     slides = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "slide"}

@@ -37,11 +37,7 @@ def key(name: str) -> str:
 
 
 def write_value(x: Any) -> str:
-    """Return a value as one line of TOML.
-
-    Raises:
-        TypeError: the value has a type that a linkage file cannot hold.
-    """
+    """Return a value as one line of TOML; TypeError is raised for a type that a linkage file cannot hold."""
     match x:
         case bool():
             return str(x).lower()

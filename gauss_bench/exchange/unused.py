@@ -26,13 +26,8 @@ def list_elements(tag: str, names: Sequence[str], reason: str) -> str:
     return f"<{tag}> {list_names(names)}" + (f": {reason}" if reason else "")
 
 
-def list_unused(root: Element) -> list[str]:
-    """Return sentences on the settings of the solver in an MJCF document, and on elements that do not affect a linkage's motion."""
-    return [*_list_settings(root), *_list_sections(root)]
-
-
-def _list_settings(root: Element) -> Iterator[str]:
-    """Yield a sentence for each tag that holds settings of MuJoCo, with those attributes that the import does not use."""
+def list_unused(root: Element) -> Iterator[str]:
+    """Yield sentences on MuJoCo's settings in an MJCF document, and on elements that do not affect a linkage's motion."""
     for tag, known in FIELDS["unused"]["settings"].items():
         unused = {key: x for node in root.iter(tag) for key, x in node.items() if key not in known["used"]}
         if unused:
@@ -42,12 +37,6 @@ def _list_settings(root: Element) -> Iterator[str]:
         if root.find(tag) is not None:
             yield f"<{tag}>"
 
-
-def _list_sections(root: Element) -> Iterator[str]:
-    """Yield a phrase for each MJCF tag of the document that has no effect on a linkage's motion.
-
-    mjcf.toml lists these tags: section of MJCF -> tag -> reason why the import leaves elements with this tag out.
-    """
     for section, tags in FIELDS["unused"]["sections"].items():
         for tag, reason in tags.items():
             names = [node.get("name", "") for part in root.findall(section) for node in part.iter(tag)]
@@ -56,11 +45,7 @@ def _list_sections(root: Element) -> Iterator[str]:
 
 
 def list_ignored(root: Element, used: Mapping[str, Iterable[str]]) -> list[str]:
-    """Return a sentence for each tag of a URDF that is not read: at most SHOWN sentences, then the number of further tags.
-
-    Args:
-        used: tag that is read -> tags inside it that are read too.
-    """
+    """Return at most SHOWN sentences on the tags of a URDF that are not read; `used`: tag that is read -> tags read in it."""
     ignored: dict[str, list[str]] = {}  # tag -> names of its elements, or "of OWNER" for an element without a name
 
     def collect(node: Element, owner: str) -> None:

@@ -1,7 +1,4 @@
-"""Run all computations of the comparison with one release of an engine's library, in a worker of the release's environment.
-
-A computation that a release performs is called a question, and its result an answer. A single result is called a figure.
-"""
+"""Run all computations ("questions") of the comparison with one release, in a worker of the release's environment."""
 
 import re
 import time
@@ -13,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.metrics import drift, state_errors
 from gauss_bench.releases.cases import (
     FIRST,
@@ -21,7 +19,6 @@ from gauss_bench.releases.cases import (
     STATES,
     STEP,
     Case,
-    evaluator_of,
     find_mechanism,
     list_cases,
     states_of,
@@ -30,7 +27,7 @@ from gauss_bench.releases.cases import (
 from gauss_bench.releases.compare import CLOSURE, DEFAULT, STEPS, Figure, relative_difference
 from gauss_bench.releases.environments import Release
 from gauss_bench.releases.library import Library
-from gauss_bench.releases.probes import Probe, states_of_probe
+from gauss_bench.releases.probes import states_of_probe
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import Offer, interpreter_of, offer
 from gauss_bench.runs.one_run import Run, nothing, sampling_at
@@ -52,13 +49,11 @@ class Answers:
     """The results that one release of an engine's library computed.
 
     Attributes:
-        version: number of the release.
         library: name and version that the library reports.
-        python, numpy: versions of Python and numpy in the release's environment.
         how: text that says whether the hash of the release's file was checked.
         figures: the results, one for each question; empty if the release cannot be used.
         left_out: number of cases (a linkage with a setting) that were not run within the time budget.
-        status: "ok", or the kind of failure; message: why there are no results; empty if there are.
+        status, message: "ok", or the kind of failure; and why there are no results.
     """
 
     version: str
@@ -73,18 +68,13 @@ class Answers:
 
     @property
     def usable(self) -> bool:
-        """Whether the release has answered."""
         return self.status == Status.OK
 
 
 def ask_release(library: Library, release: Release, budget: float, told: Callable[[str], None]) -> Answers:
     """Run all computations with an installed release, and return its results, or the reason why the release cannot be used.
 
-    Args:
-        library: the library of the release.
-        release: the installed release.
-        budget: time [s] after which no further case (a linkage with a setting) is run.
-        told: function that is called with each sentence of progress.
+    No case is begun later than `budget` [s]. `told` is called with each sentence of progress.
     """
     begin = time.monotonic()
     answers = Answers(release.version, how=release.how)
@@ -111,16 +101,15 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
 
 
 def shorten(figure: Figure) -> Figure:
-    """Return a figure (an answer of a release) whose message is cut to LONGEST characters and names no folder of this machine."""
+    """Return a figure whose message is cut to LONGEST characters and names no folder of this machine."""
     message = FOLDERS.sub("", figure.message)
     return replace(figure, message=message if len(message) <= LONGEST else f"{message[: LONGEST - 3]}...")
 
 
 def distrust(answers: Answers) -> Answers:
-    """Return the answers of a release, without the figures (the results) if the figures cannot be trusted.
+    """Return the answers of a release, without figures if nothing was computed or the adapter rejects the model in every case.
 
-    Figures cannot be trusted if nothing was computed, or if the engine's adapter, which compares the library's model with the
-    linkage, rejects the model in every case. This happens, for example, if numpy reads the library's arrays wrongly.
+    This happens, for example, if numpy reads the library's arrays wrongly.
     """
     computed = [x for x in answers.figures if x.quantity != DEFAULT]
     through_adapter = [x for x in computed if x.quantity in (MOVING, RESTING) and x.status != Status.SKIP]
@@ -134,17 +123,10 @@ def distrust(answers: Answers) -> Answers:
 
 
 def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[Figure]:
-    """Run one release on a linkage with one setting, and yield the results as figures (`Figure`).
+    """Run the engine `name` of a release on a linkage with one setting, and yield the results.
 
-    The results are the accelerations at states in motion, and those at states at rest. On the linkage FIRST there are further
-    results: the motion of a run, the gaps of loops at its end, and the number of its steps. If a computation failed, its figure has
-    the status and the message of the run.
-
-    Args:
-        name: name under which the release is an engine.
-        offered: settings and integrators that this engine offers.
-        case: the linkage and the setting.
-        worker: process in the environment of the release.
+    They are the accelerations at states in motion and at rest, and on the linkage FIRST also those of `read_motion`. If a
+    computation failed, its figure has the status and the message of the run.
     """
     mechanism, states = find_mechanism(case.linkage, case.scenario), states_of(case.linkage, case.scenario)
     choice = Choice(case.settings, case.integrator, case.stabilization, STEP)
@@ -171,31 +153,26 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
-    """Yield two results (`Figure`): the accelerations at states in motion, and those at states at rest.
+    """Yield two results: the accelerations at states in motion, and those at states at rest.
 
     Args:
-        case, setting: names of the linkage and the setting, for the keys of the results.
         answer: (2 STATES (1 + SHIFTS), n) accelerations in the order of `States`: STATES in motion, STATES at rest, and then both
             groups again for each of the SHIFTS changed starts.
         true: (2 STATES, n) true accelerations, in motion and at rest.
     """
     groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # axes: unchanged and changed starts; motion and rest; states; n
     for k, quantity in enumerate((MOVING, RESTING)):
-        truth = true.reshape(2, STATES, -1)[k]
-        values, shifted = groups[0, k], groups[1:, k]
-        error = relative_difference(values, truth)
-        yield Figure(quantity, case, setting, values=values, shifted=shifted, error=error)
+        error = relative_difference(groups[0, k], true.reshape(2, STATES, -1)[k])
+        yield Figure(quantity, case, setting, values=groups[0, k], shifted=groups[1:, k], error=error)
 
 
 def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[Run], adaptive: bool) -> Iterator[Figure]:
-    """Yield the results of a run (`Figure`): its motion, the gaps of loops at its end, and its number of steps.
+    """Yield the results of a run: its motion, the gaps of loops at its end, and the number of steps that its integrator chose.
 
     Args:
-        case: the linkage and the setting.
         place: names of the linkage and the setting, for the keys of the results.
-        run: the run from the unchanged start.
         shifted: the same run from slightly changed starts.
-        adaptive: whether the integrator chooses its steps; only then the number of steps is reported.
+        adaptive: whether the integrator chooses its steps.
     """
     assert run.trajectory is not None
     mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
@@ -203,8 +180,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
     errors = state_errors(mechanism, run.trajectory, truth)
     error = float(max(errors.length.max(), errors.angle.max()))
     yield Figure(MOTION, *place, values=run.trajectory.q, shifted=np.array([x.q for x in others]), error=error)
-    evaluator = evaluator_of(case.linkage, case.scenario)
-    last = [float(drift(evaluator, x).position[-1]) for x in (run.trajectory, *others)]
+    last = [float(drift(evaluator_of(mechanism), x).position[-1]) for x in (run.trajectory, *others)]
     gaps = [np.array([[gap, 1.0]]) for gap in last]  # the 1.0 makes differences relative to 1 m or 1 rad, and not to a tiny gap
     yield Figure(DRIFT, *place, values=gaps[0], shifted=np.array(gaps[1:]), error=last[0])
     steps = [x.steps for x in (run.trajectory, *others)]
@@ -214,7 +190,7 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
 
 
 def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Yield one result (`Figure`) for each option of the library, whose `text` is the default value of the option."""
+    """Yield one result for each option of the library, whose `text` is the default value of the option."""
     answer = call_engine_function(worker, f"{library.adapter_package}.{CASES}:defaults")
     if isinstance(answer, str):
         yield Figure(DEFAULT, "", "all", str(Status.ERROR), answer)
@@ -224,38 +200,28 @@ def ask_defaults(library: Library, worker: Worker) -> Iterator[Figure]:
 
 
 def ask_closures(library: Library, worker: Worker) -> Iterator[Figure]:
-    """Compute accelerations of probes, which are small models with one kind of loop closure; yield them as results (`Figure`).
-
-    Each result has the accelerations and their error. If the library gives no accelerations for a probe, the result has the reason
-    instead.
-    """
+    """Yield the accelerations of probes, which are small models with one kind of loop closure, or the reason why there are none."""
     module = f"{library.adapter_package}.{CASES}"  # the engine's functions that build and ask probes
     listed = call_engine_function(worker, f"{module}:list_probes")
     if isinstance(listed, str):
         yield Figure(CLOSURE, "", "all", str(Status.ERROR), listed)
         return
-    for probe in (Probe(**x) for x in listed):
-        states = states_of_probe(probe.model)
-        answer = call_engine_function(worker, f"{module}:ask_probe", probe.name, states.q, states.v)
+    for name, model in ((x["name"], x["model"]) for x in listed):  # kind of closure, as the library names it, and its model
+        states = states_of_probe(model)
+        answer = call_engine_function(worker, f"{module}:ask_probe", name, states.q, states.v)
         if isinstance(answer, np.ndarray) and answer.shape == states.q.shape and np.isfinite(answer).all():
-            for figure in read_accelerations(probe.model, probe.name, answer, states.a):
+            for figure in read_accelerations(model, name, answer, states.a):
                 yield replace(figure, quantity=f"{CLOSURE}, {figure.quantity}")
         else:
             message = answer if isinstance(answer, str) else "the answer is no array of finite accelerations"
             for quantity in (MOVING, RESTING):
-                yield Figure(f"{CLOSURE}, {quantity}", probe.model, probe.name, str(Status.ERROR), message)
+                yield Figure(f"{CLOSURE}, {quantity}", model, name, str(Status.ERROR), message)
 
 
 def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
-    """Call a function of a module in an engine's folder, in the worker process, and return its result.
+    """Return the result of a function MODULE:FUNCTION in the worker process, or a text with the reason if the call fails.
 
-    If the call fails, a text with the reason is returned. The functions that are called here never return a text as their result,
-    so that a returned text is always the reason of a failure.
-
-    Args:
-        worker: process in the environment of the release.
-        place: name of the function, as MODULE:FUNCTION.
-        arguments: arguments of the function.
+    No function that is called here returns a text itself.
     """
     try:
         return worker.call(ask_room, (place, *arguments), LIMIT)
@@ -275,15 +241,8 @@ def as_data(answers: Answers) -> dict[str, Any]:
 
 def from_data(data: Mapping[str, Any]) -> Answers:
     """Return the answers of a release, given the dictionary that `as_data` made of them."""
-    figures = [read_figure(x) for x in data["figures"]]
+    figures = []
+    for x in data["figures"]:  # lists of numbers are empty if the release gave none
+        values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
+        figures.append(Figure(*x["key"], x["status"], x["message"], values, shifted, x["error"], x["text"]))
     return Answers(**{**data, "figures": tuple(figures)})
-
-
-def read_figure(x: Mapping[str, Any]) -> Figure:
-    """Return a figure (one result of a release), given the dictionary that `as_data` made of it.
-
-    `values` and `shifted` are nested lists there, and empty if the release gave no numbers.
-    """
-    values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
-    quantity, case, setting = x["key"]
-    return Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"])

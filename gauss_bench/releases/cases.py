@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference, random_states
@@ -99,7 +98,6 @@ def linkage_of(text: str) -> tuple[str, str]:
 
 @cache
 def find_mechanism(linkage: str, scenario: str) -> Mechanism:
-    """Return the mechanism of a case."""
     return load(linkage, scenario or None)
 
 
@@ -117,20 +115,15 @@ def states_of(linkage: str, scenario: str) -> States:
 def with_shifts(q: Array, v: Array, a: Array) -> States:
     """Return states with their true accelerations, followed by SHIFTS copies of the states that are slightly changed at random.
 
-    The numbers of a copy are changed by about `questions.SHIFT` times the largest number; this change has the size of rounding
-    errors. Accelerations at the copies show how much the results of a release change by rounding. The returned `q` and `v` have
-    (1 + SHIFTS) k rows, and the returned `a` has k rows.
+    The change has the size of rounding errors. The returned `q` and `v` have (1 + SHIFTS) k rows.
 
     Args:
-        q, v: (k, n) unchanged states.
-        a: (k, n) true accelerations at the unchanged states; none are needed for the copies.
+        q, v, a: (k, n) unchanged states, and their true accelerations.
     """
     rng = np.random.default_rng(0)
-    many_q, many_v = [q], [v]
-    for _ in range(SHIFTS):
-        many_q.append(shift(q, rng))
-        many_v.append(shift(v, rng))
-    return States(np.zeros(len(q) * (1 + SHIFTS)), np.concatenate(many_q), np.concatenate(many_v), a)
+    many = [(q, v), *((shift(q, rng), shift(v, rng)) for _ in range(SHIFTS))]
+    many_q, many_v = (np.concatenate(x) for x in zip(*many, strict=True))
+    return States(np.zeros(len(many_q)), many_q, many_v, a)
 
 
 @cache
@@ -138,9 +131,3 @@ def truth_of(linkage: str, scenario: str) -> Reference:
     """Return the certified motion of a linkage, or else a computed reference."""
     mechanism = find_mechanism(linkage, scenario)
     return find_certified(mechanism, UNTIL) or build_reference(mechanism, UNTIL)
-
-
-@cache
-def evaluator_of(linkage: str, scenario: str) -> Evaluator:
-    """Return the evaluator of a linkage."""
-    return Evaluator(find_mechanism(linkage, scenario))

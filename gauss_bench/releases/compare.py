@@ -102,11 +102,7 @@ def relative_difference(a: Array, b: Array) -> float:
 
 
 def compare_figures(before: Figure, after: Figure) -> Change | None:
-    """Return the comparison of a result (figure) of two releases; None if both failed, or if both have the same text.
-
-    A result counts as changed if only one release has it, if its text differs, or if its numbers differ by more than rounding. If
-    one release scatters under tiny changes of the start and the other is steady, the smaller scatter counts as rounding.
-    """
+    """Return the comparison of a result of two releases; None if both failed, or if both have the same text."""
     if before.status != OK and after.status != OK:
         return None
     if before.status != OK or after.status != OK:
@@ -124,24 +120,14 @@ def compare_figures(before: Figure, after: Figure) -> Change | None:
 
 
 def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[Change]:
-    """Return the comparisons of all results that both releases were asked to compute.
-
-    The default value of an option is compared even if only one release has the option.
-    """
+    """Return the comparisons of all results that both releases were asked to compute, and of options that only one has."""
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
-        pair = old.get(key) or _lacking(key), new.get(key) or _lacking(key)
         if (key in old and key in new) or key[0] == DEFAULT:
-            change = compare_figures(*pair)
-            if change:
-                changes.append(change)
-    return changes
-
-
-def _lacking(key: Key) -> Figure:
-    """Return a result with the status "skip", which stands for the default value of an option that a release does not have."""
-    return Figure(*key, status="skip", message="not there")
+            lacking = Figure(*key, status="skip", message="not there")  # stands for an option that a release does not have
+            changes.append(compare_figures(old.get(key, lacking), new.get(key, lacking)))
+    return [x for x in changes if x]
 
 
 def real(changes: Sequence[Change]) -> list[Change]:

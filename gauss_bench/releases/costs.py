@@ -32,19 +32,6 @@ LEAST = 0.05  # smallest difference of a ratio from 1 that counts
 NULL = "newest, raced against itself"  # stands for the version of the newest release where it is timed a second time
 
 
-@dataclass(frozen=True, eq=False)
-class Times:
-    """The times of one release in one setting, each as an array (processes,) [s] with one value per process.
-
-    Attributes:
-        step: time of one step.
-        overhead: fixed time of a run, whatever its number of steps.
-    """
-
-    step: Array
-    overhead: Array
-
-
 @dataclass(frozen=True)
 class Cost:
     """A time of a release, and its ratio to that of another release.
@@ -72,15 +59,10 @@ class Cost:
 
 
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
-    """Time all releases, and return two lists of costs.
+    """Time at least two releases, the oldest first, and return two lists of costs.
 
     The first list has the cost of every release relative to the newest release. The second list has the cost of a release relative
     to the release before it, for releases whose times differ by more than the noise.
-
-    Args:
-        library: library of the releases.
-        releases: at least two releases, the oldest first.
-        told: function that is called with each sentence of progress.
     """
     costs: list[Cost] = []
     changes: list[Cost] = []
@@ -89,9 +71,8 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
         told(f"{library.engine}: racing {settings} {integrator} on {name}, {PROCESSES} times")
         choice, setting = Choice(settings, integrator, "none", STEP), f"{settings} {integrator}"
         times, failed = race(name, choice, entrants)
-        steps = {version: x.step for version, x in times.items()}
-        overheads = {version: x.overhead for version, x in times.items()}
-        for work, measured in ((STEP_TIME, steps), (OVERHEAD, overheads)):
+        for work in (STEP_TIME, OVERHEAD):
+            measured = {version: x[work] for version, x in times.items()}
             found = list_costs([*entrants], measured, failed)
             differing = find_changes([x.version for x in releases], measured, NULL)
             costs += [replace(x, linkage=name, setting=setting, work=work) for x in found]
@@ -99,17 +80,11 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
     return costs, changes
 
 
-def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, Times], dict[str, str]]:
-    """Time releases side by side on a linkage, in PROCESSES processes each; every process builds its models anew.
+def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, dict[str, Array]], dict[str, str]]:
+    """Time releases side by side on a linkage LINKAGE:SCENARIO, in PROCESSES processes each, which build their models anew.
 
-    Args:
-        linkage: the linkage as a text LINKAGE:SCENARIO.
-        choice: the setting.
-        entrants: version of a release -> name under which it is an engine. The key NULL stands for the second timing of the newest
-            release.
-
-    Returns:
-        Two dictionaries with the keys of `entrants`: version -> measured times, and version -> reason why it could not be timed.
+    Return version -> measured times (`split`), and version -> reason why it could not be timed. `entrants` maps a version to the
+    name of its engine; the version NULL is the second timing of the newest release.
     """
     mechanism = find_mechanism(*linkage_of(linkage))
     rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
@@ -136,14 +111,10 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
     return times, failed
 
 
-def split(short: Array, long: Array) -> Times:
-    """Return the time of a step and the fixed overhead of a run, from the times of runs of two lengths.
-
-    Args:
-        short, long: times (processes,) [s] of runs with SHORT steps and with LONG steps.
-    """
+def split(short: Array, long: Array) -> dict[str, Array]:
+    """Return the times STEP_TIME and OVERHEAD (processes,) [s], from those of runs with SHORT steps and with LONG steps."""
     step = (long - short) / (LONG - SHORT)
-    return Times(step, short - SHORT * step)
+    return {STEP_TIME: step, OVERHEAD: short - SHORT * step}
 
 
 def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> list[Cost]:
@@ -154,14 +125,14 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
         measured: version or NULL -> times (processes,) [s].
         failed: version or NULL -> reason why it could not be timed.
     """
-    newest, null = versions[-2], versions[-1]
+    newest, null = versions[-2:]
+    width = null_width(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
     costs = []
     for version in versions:
         if version in failed:
             reason = FOLDERS.sub("", failed[version])[:LONGEST]  # without the folders of this machine
             costs.append(Cost(version, newest, verdict=reason))
         else:
-            width = null_width(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
             costs.append(compare_times(version, newest, measured, None if version in (newest, null) else width))
     return costs
 
@@ -169,11 +140,7 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
 def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> list[Cost]:
     """Return the costs of releases whose time differs from that of the release before them by more than the noise.
 
-    Args:
-        versions: versions in order, the newest last.
-        measured: version or `null` -> times (processes,) [s].
-        null: key in `measured` under which the second timing of the newest release is stored; how far its ratio to the first timing
-            is from 1 shows the noise.
+    `versions` are in order, the newest last; `measured` maps a version, or `null`, to times (processes,) [s].
     """
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
@@ -184,13 +151,7 @@ def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: s
 
 
 def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> Cost:
-    """Return the cost of the release `version` relative to the release `other`.
-
-    Args:
-        version, other: the two releases; the ratio has the time of `other` as denominator.
-        measured: version -> times (processes,) [s].
-        width: noise of the ratio, as `null_width` returns it; with None the cost has no verdict ("slower", "faster" or "same").
-    """
+    """Return the cost of the release `version` relative to the release `other`; without the noise `width` it has no verdict."""
     cost = Cost(version, other, seconds=float(np.median(measured[version])))
     if other not in measured:
         return cost
@@ -199,13 +160,9 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
-    """Return the median over the processes of times / others, and the lower and upper end of the expected range of the median.
+    """Return the median over the processes of times / others, and the ends of the range in which a repeated median is expected.
 
-    The median is expected in this range if the whole measurement is repeated (`foreseen`). The median and both ends are NaN if
-    there are fewer than two processes, or if a time is not positive.
-
-    Args:
-        times, others: times of two releases (processes,) [s].
+    All are NaN if there are fewer than two processes, or if a time is not positive.
     """
     good = (times > 0) & (others > 0)
     if good.sum() < 2 or not good.all():
@@ -216,22 +173,13 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
 
 
 def null_width(null: Array, newest: Array) -> float:
-    """Return the noise of ratios: the distance from 1 to the farther end of the range of null / newest; infinite if not known.
-
-    Args:
-        null, newest: times (processes,) [s] of two identical measurements of the newest release; without noise the ratio is 1.
-    """
+    """Return the noise of ratios: the distance from 1 to the farther end of the range of null / newest; infinite if not known."""
     _, low, high = ratio_of(null, newest)
     return max(1.0 - low, high - 1.0) if np.isfinite(low) else float("inf")
 
 
 def judge_ratio(low: float, high: float, width: float) -> str:
-    """Return "slower" or "faster" if every ratio in a range differs from 1 by more than LEAST and the noise, else "same".
-
-    Args:
-        low, high: lower and upper end of the range of the ratio.
-        width: the noise: how far from 1 the ratio of two times of the same release may be.
-    """
+    """Return "slower" or "faster" if every ratio from low to high differs from 1 by more than LEAST and the noise, else "same"."""
     margin = max(LEAST, width)
     if low > 1.0 + margin:
         return "slower"

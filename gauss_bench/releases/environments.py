@@ -62,12 +62,7 @@ class Release:
     @property
     def name(self) -> str:
         """The name of the engine that a comparison makes of this release, such as "mujoco-3.6.0"."""
-        return name_of(self.engine, self.version)
-
-
-def name_of(engine: str, version: str) -> str:
-    """Return the name of the engine that a comparison makes of a release of an engine's library, such as "mujoco-3.6.0"."""
-    return f"{engine}-{version}"
+        return f"{self.engine}-{self.version}"
 
 
 def folder_of_releases() -> Path:
@@ -82,8 +77,8 @@ def install_release(library: Library, version: str, told: Told) -> Release:
     """
     folder = folder_of_releases()
     folder.mkdir(parents=True, exist_ok=True)
-    place = folder / name_of(library.engine, version)
-    if not _is_whole(place):
+    place = folder / Release(library.engine, version).name
+    if not (is_ours(place) and (place / HOW).is_file()):
         with hold(folder):
             told(f"{library.engine} {version}: installing it")
             try:
@@ -94,11 +89,6 @@ def install_release(library: Library, version: str, told: Told) -> Release:
     return Release(library.engine, version, str(interpreter_in(place)), how)
 
 
-def _is_whole(place: Path) -> bool:
-    """Tell whether a release is completely installed in a folder."""
-    return is_ours(place) and (place / HOW).is_file()
-
-
 def _install(library: Library, version: str, place: Path) -> None:
     """Make the environment of a release in a folder.
 
@@ -107,23 +97,22 @@ def _install(library: Library, version: str, place: Path) -> None:
     """
     failure = f"{library.package} {version} cannot be installed"
 
+    def ignore(sentence: str) -> None:
+        """Drop a line of pip's output; if pip fails, the message of the failure quotes the output."""
+
     def fill(folder: Path) -> None:
         """Download the release's wheel, check its hash, install it with numpy and further requirements; write down the check."""
         with tempfile.TemporaryDirectory() as downloads:
             wanted = f"{library.package}=={version}"
             fetch = [*pip_of(folder), "download", *OPTIONS, *PATIENCE, "--no-deps", "--dest", downloads, wanted]
-            run_program(fetch, failure, _ignore, quiet=True)
+            run_program(fetch, failure, ignore, quiet=True)
             (wheel,) = Path(downloads).iterdir()
             note, further = check_hash(library, wheel), library.besides.get(version, [])
             install = [*pip_of(folder), "install", *OPTIONS, *PATIENCE, NUMPY, str(wheel), *further]
-            run_program(install, failure, _ignore, quiet=True)
+            run_program(install, failure, ignore, quiet=True)
         (folder / HOW).write_text(note, encoding="utf-8")
 
-    make_environment(place, fill, _ignore, quiet=True)
-
-
-def _ignore(sentence: str) -> None:
-    """Ignore a line of pip's output; if pip fails, the message of the failure quotes the output."""
+    make_environment(place, fill, ignore, quiet=True)
 
 
 def check_hash(library: Library, wheel: Path) -> str:
@@ -150,14 +139,7 @@ def explain(library: Library, version: str, failure: str) -> str:
 
 
 def list_available(release: Release, library: Library) -> list[str]:
-    """Return the releases that the index of packages offers for this Python and machine, newest first.
-
-    Args:
-        release: an installed release, whose pip asks the index.
-
-    Raises:
-        InstallationFault: the index does not answer.
-    """
+    """Return the releases that the index of packages offers for this Python and machine, newest first; `release` is installed."""
     place = Path(release.python).parents[1]
     command = [*pip_of(place), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
     try:
@@ -168,11 +150,7 @@ def list_available(release: Release, library: Library) -> list[str]:
 
 
 def read_available(answer: str, package: str) -> list[str]:
-    """Return the releases in the output of `pip index versions`.
-
-    Raises:
-        InstallationFault: the output has none.
-    """
+    """Return the releases in the output of `pip index versions`; InstallationFault is raised if it has none."""
     for line in answer.splitlines():
         title, _, versions = line.partition(":")
         if title == "Available versions":
@@ -184,8 +162,8 @@ def read_available(answer: str, package: str) -> list[str]:
 def as_engines(library: Library, releases: Sequence[Release]) -> Iterator[None]:
     """While the context is open, register releases of a library as engines in this process.
 
-    The newest release, the last of `releases`, is also registered under a second name, to be timed against itself. The engines are
-    listed in a file of engines, which temporarily replaces the user's own file.
+    The newest release, the last of `releases`, is also registered under a second name, to be timed against itself. A file of
+    engines temporarily replaces the user's own.
     """
     named = {x.name: x.python for x in releases}
     # the same interpreter under another path: worker processes are kept by path, so that the second name gets a process of its own

@@ -22,7 +22,6 @@ class Library:
     """The library of an engine.
 
     Attributes:
-        engine: name of the engine.
         class_name: PACKAGE.MODULE:CLASS of the engine's adapter.
         adapter_package: the Python package, a folder, that holds the adapter: PACKAGE in `class_name`.
         package: name under which pip installs the library.

@@ -8,7 +8,6 @@ is a row of
     M a + J^T lambda = Q,    J a = gamma.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -22,30 +21,14 @@ COUPLED = "coupled_bars"
 MODELS = {"wide_four_bar": FIRST} | {name: str(FOLDER / f"{name}.toml") for name in ("rod_of_one_length", "three_cranks")}
 
 
-@dataclass(frozen=True)
-class Probe:
-    """A small model with one kind of loop closure.
-
-    Attributes:
-        name: kind of loop closure, as the library names it.
-        model: a linkage of MODELS, or COUPLED: two bars in a chain whose angles are coupled.
-    """
-
-    name: str
-    model: str
-
-
 @cache
 def states_of_probe(model: str) -> States:
-    """Return the states of a probe's model with true accelerations, followed by slightly changed copies of the states."""
+    """Return the states of a probe's model: a linkage of MODELS, or COUPLED, two bars in a chain whose angles are coupled."""
     return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
 
 
 def coupled_states() -> States:
-    """Return states of two bars whose relative angle is a function of the first bar's angle x: RATIO x + CURVE x^2.
-
-    Each position occurs twice: with a random speed, and at rest. `with_shifts` adds slightly changed copies of all states.
-    """
+    """Return states of two bars whose relative angle is a function of the first bar's angle x: RATIO x + CURVE x^2."""
     mechanism = find_mechanism(str(FOLDER / "two_bars.toml"), "")
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each bar's pin to its centre of mass
@@ -61,12 +44,7 @@ def coupled_states() -> States:
 def place_bars(x: float, w: float, length: float, half: float) -> tuple[Array, Array]:
     """Return the state q, v (6,) of two bars when the first bar has the angle x [rad] and the angular velocity w [rad/s].
 
-    The angle of the second bar is a function of the angle x of the first bar: x + RATIO x + CURVE x^2. For each bar, q has the
-    coordinates of the centre of mass and the angle.
-
-    Args:
-        length: distance from the first pin to the second [m].
-        half: distance from each pin to its bar's centre of mass [m].
+    `length` [m] is the distance from the first pin to the second, and `half` [m] that from each pin to its bar's centre of mass.
     """
     x2, w2 = x + RATIO * x + CURVE * x * x, w * (1 + RATIO + 2 * CURVE * x)
     e, f = np.array([np.cos(x), np.sin(x)]), np.array([np.cos(x2), np.sin(x2)])  # directions of the bars

@@ -33,28 +33,26 @@ def make_tables(
 ) -> Tables:
     """Return name of a table -> rows, for all tables (NAMES) of an engine.
 
-    Args:
-        engine: name of the engine.
-        answers: results of its releases, the oldest release first.
-        costs: cost of each release relative to the newest, from `race_releases`.
-        cost_changes: cost of each release relative to the one before, if it changed, from `race_releases`.
-        commit, date: commit of the suite, and date, which each row of `releases` records.
+    `answers` have the oldest release first; `costs` and `cost_changes` are those of `race_releases`.
     """
     compared = compare_neighbours(answers)
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
     changes = [change_row(engine, a.version, b.version, x) for a, b, found in compared for x in real(found)]
-    cost_rows, changed = [cost_row(engine, x) for x in costs], [cost_change_row(engine, x) for x in cost_changes]
+    cost_rows: Rows = []
+    for x in costs:
+        row: dict[str, Any] = {"engine": engine, "version": x.version, "case": x.linkage, "setting": x.setting, "work": x.work}
+        row |= {"seconds": x.seconds, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high, "verdict": x.verdict}
+        cost_rows.append(row)
+    changed: Rows = []
+    for x in cost_changes:
+        row = {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}", "case": x.linkage}
+        changed.append(row | {"setting": x.setting, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high})
     return dict(zip(NAMES, (releases, changes, cost_rows, changed), strict=True))
 
 
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
-    """Return the row of a release in the table `releases`.
-
-    `changes` are the comparisons of its results with those of the release before; None for the first release. The columns are the
-    number of compared figures with a numerical difference, of real changes (larger than rounding explains), of differences by
-    rounding, and the largest difference by rounding.
-    """
+    """Return the row of a release in the table `releases`; `changes` compare it with the one before, if there is one."""
     row: dict[str, Any] = {"engine": engine, "version": x.version, "status": x.status, "message": x.message}
     row |= {"library": x.library, "python": x.python, "numpy": x.numpy, "how": x.how, "left_out": x.left_out}
     if changes is not None:
@@ -71,18 +69,6 @@ def change_row(engine: str, before: str, after: str, x: Change) -> dict[str, Any
     row |= {"was": x.was, "now": x.now}
     numbers = {"difference": x.difference, "rounding": x.rounding, "error_before": x.error_before, "error_after": x.error_after}
     return row | {name: float(f"{value:.3g}") for name, value in numbers.items()}
-
-
-def cost_change_row(engine: str, x: Cost) -> dict[str, Any]:
-    """Return the row, in the table `release_cost_changes`, of a time that differs from that of the release before."""
-    row = {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}", "case": x.linkage}
-    return row | {"setting": x.setting, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high}
-
-
-def cost_row(engine: str, x: Cost) -> dict[str, Any]:
-    """Return the row, in the table `release_costs`, of a release's time for one kind of work in one setting."""
-    row = {"engine": engine, "version": x.version, "case": x.linkage, "setting": x.setting, "work": x.work}
-    return row | {"seconds": x.seconds, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high, "verdict": x.verdict}
 
 
 def write_tables(tables: Mapping[str, Rows], engine: str, folder: Any) -> list[Any]:

@@ -77,7 +77,7 @@ class Closure:
 
     Attributes:
         kind: BALL, BUSHING or OPEN.
-        period, damping_ratio: of a bushing: shortest undamped period of its vibration [s], and damping relative to critical damping.
+        period, damping_ratio: of a bushing: shortest undamped period of its vibration [s], and damping relative to critical.
     """
 
     kind: str = OPEN
@@ -218,7 +218,7 @@ class Builder:
         return Built(self.plant, system, bodies, np.array(order), [(a, b) for a, b in ends], self.motors, ports)
 
     def _add_point_forces(self) -> tuple[Any, list[tuple[Any, Any]]]:
-        """Return the system and the `ports` of `Built`: the plant, in a diagram with one propeller for each thrust if there are any."""
+        """Return the system and the `ports` of `Built`: the plant, in a diagram with propellers if there are thrusts."""
         tools, math, winds, propellers = self.drake.plant, self.drake.math, [], []
         for link, at, force in self.winds:
             wind = tools.ExternallyAppliedSpatialForce()
