@@ -244,5 +244,6 @@ def from_data(data: Mapping[str, Any]) -> Answers:
     figures = []
     for x in data["figures"]:  # lists of numbers are empty if the release gave none
         values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
-        figures.append(Figure(*x["key"], x["status"], x["message"], values, shifted, x["error"], x["text"]))
+        quantity, case, setting = x["key"]
+        figures.append(Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"]))
     return Answers(**{**data, "figures": tuple(figures)})

@@ -1,7 +1,8 @@
 """MJX's functions, compiled by XLA for one processor core in double precision.
 
-The machine code is kept in the user's cache, because its compilation takes half a minute. It depends only on the dimensions of a
-model, its integrator and its solver. Step size, masses, forces and softness of closures are arguments of the compiled functions.
+The machine code is kept in the user's cache, because its compilation takes half a minute. The machine code depends only on the
+dimensions of a model, its integrator and its solver. Step size, masses, forces and softness of closures are arguments of the
+compiled functions, so one compilation serves for all their values.
 """
 
 import contextlib
@@ -10,7 +11,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,8 @@ def load_libraries() -> Libraries:
     return Libraries(jax, mujoco, mjx)
 
 
-class Evaluated(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Evaluated:
     """The terms of the equations of motion that MJX computes at a tree state of n coordinates.
 
     Attributes:
@@ -72,19 +74,30 @@ class Evaluated(NamedTuple):
     gaps: Array
 
 
+@dataclass(frozen=True)
+class Shapes:
+    """The structures of MJX's model and state without their numbers; models with equal structures share compiled functions."""
+
+    model: Any
+    state: Any
+
+
 @cache
-def functions(jax: Any, mjx: Any, model_structure: Any, state_structure: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the two functions take_steps and terms for models of one structure; JAX compiles a function on its first call.
 
     take_steps(model, state, number of steps) returns the state after the steps. terms(model, state) returns the fields of
-    `Evaluated`. Both take a model and a state as lists of the arrays in MJX's objects, because JAX needs some milliseconds in every
-    call to pass objects of MJX's own classes; the object is restored from the list and from its structure.
+    `Evaluated`: acceleration, mass matrix, forces, centres of mass and gaps.
+
+    Both functions take a model and a state as lists of arrays, because JAX needs some milliseconds in every call to pass objects of
+    MJX's own classes. A list has the arrays of such an object in a fixed order. The object is restored from the list and from the
+    object's structure, which is in `shapes`.
     """
     flatten, unflatten, map_arrays = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
     def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
         """Return the state, a list of arrays, after `count` steps."""
-        mjx_model, start = unflatten(model_structure, model), unflatten(state_structure, state)
+        mjx_model, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
 
         def take_step(_: Any, old: Any) -> Any:
             """Return MJX's state after one step, with the number types of the old state."""
@@ -94,9 +107,9 @@ def functions(jax: Any, mjx: Any, model_structure: Any, state_structure: Any) ->
         return list(flatten(jax.lax.fori_loop(0, count, take_step, start)))
 
     def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
-        """Return the fields of `Evaluated`."""
-        mjx_model = unflatten(model_structure, model)
-        x = mjx.forward(mjx_model, unflatten(state_structure, state))
+        """Return the fields of `Evaluated`: accelerations, mass matrix, forces, centres of mass, gaps of closures."""
+        mjx_model = unflatten(shapes.model, model)
+        x = mjx.forward(mjx_model, unflatten(shapes.state, state))
         forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
         # the gaps are the residuals of the only constraints, the closures; MJX shows them in this private field alone
         return x.qacc, mjx.full_m(mjx_model, x), forces, x.xipos, x._impl.efc_pos
@@ -112,6 +125,7 @@ class Device:
     """
 
     def __init__(self, libraries: Libraries, model: Any, torque: Array):
+        """Put a compiled model with constant forces `torque` (n,) on the device."""
         self.jax, self.mjx = libraries.jax, libraries.mjx
         self.trees = self.jax.tree_util
         rest = self.mjx.put_data(model, libraries.mujoco.MjData(model))
@@ -123,17 +137,19 @@ class Device:
         self.set(model)
 
     def _put(self, x: Any) -> Any:
-        """Return numbers as an array that is committed to the device.
+        """Return numbers as an array that is committed to the device, which means that JAX may not move the array to another one.
 
-        Trap: for other arrays, as `jax.numpy.array` makes them, JAX compiles a function a second time, in a timed run.
+        Trap: `jax.numpy.array` makes arrays that are not committed. If a function gets an array that is not committed, JAX compiles
+        the function a second time, and this would happen in a timed run.
         """
         return self.jax.device_put(np.asarray(x, dtype=float), self.jax.devices("cpu")[0])
 
     def set(self, model: Any) -> None:
         """Put the numbers of MuJoCo's model on the device, and choose the compiled functions for its structure."""
         self.model: Any = self.mjx.put_model(model)
-        structures = (self.trees.tree_structure(x) for x in (self.model, self.rest))  # every state has the structure of `rest`
-        self._take_steps, self._terms = functions(self.jax, self.mjx, *structures)
+        # all states of MJX have the structure of `rest`, the state at rest
+        shapes = Shapes(self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest))
+        self._take_steps, self._terms = functions(self.jax, self.mjx, shapes)
 
     def with_step(self, size: float) -> list[Any]:
         """Return MJX's model with steps of `size` [s]."""
@@ -154,7 +170,10 @@ class Device:
         return state[y], state[dy]
 
     def evaluate(self, y: Array, dy: Array) -> Evaluated:
-        """Evaluate the terms of the equations of motion at a tree state y, dy (n,)."""
+        """Evaluate the terms of the equations of motion at a tree state y, dy (n,): joint coordinates and their rates.
+
+        The compiled function takes the model as a list of JAX arrays.
+        """
         model = list(self.trees.tree_leaves(self.model))
-        found = Evaluated(*map(np.array, self._terms(model, self.start(y, dy, 0.0))))
-        return found._replace(gaps=found.gaps.reshape(-1, 3))
+        acceleration, mass, forces, centres, gaps = (np.array(x) for x in self._terms(model, self.start(y, dy, 0.0)))
+        return Evaluated(acceleration, mass, forces, centres, gaps.reshape(-1, 3))
