@@ -104,11 +104,7 @@ class Table:
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`.
-
-        Columns that depend on measured time are in a separate file in `times`, which repeats the key of each row. If measured times
-        decide which rows the table has (`timed`), all its columns are in one file in `times`.
-        """
+        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`."""
         if self.timed:
             return {TIMES: self.columns}
         parts = {"": tuple(c for c in self.columns if not c.timed)}
@@ -515,9 +511,6 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
 
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Check that only files which gauss-bench wrote itself would be overwritten.
-
-    Args:
-        signs: path of a file -> a text that the file contains if gauss-bench wrote it.
 
     Raises:
         FileExistsError: a file exists and does not contain its text in `signs`; the message names the file.

@@ -77,10 +77,6 @@ def build_report(
 ) -> list[Path]:
     """Write README.md and the site into the folder of a run, and return the written files.
 
-    Args:
-        programs: function that returns the example programs on the first page of the site, see `first_page`.
-        say: function that is called with a sentence when writing begins, after all tables were read.
-
     Raises:
         NoRun, TableError: for the same reasons as in `read_run`; in this case no file is written.
         FileExistsError: for the same reason as in `refuse_pages_of_others`.

@@ -335,10 +335,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table, both by the layout `name`; the arguments are those of `lay_out`.
-
-    Without rows it returns the layout's sentence `empty`, or nothing if the layout has none.
-    """
+    """Return the introduction of a table and the table, both by the layout `name`; the arguments are those of `lay_out`."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

@@ -9,12 +9,7 @@ from gauss_bench.report.content import Block, Bullets, Section, Table, Text, tex
 
 
 def faults_of(faults: Mapping[str, str], engine: str) -> list[Section]:
-    """Return a section for each report on a fault in an engine's library, sorted by the names of the reports.
-
-    Args:
-        faults: name of a report -> its text. The name of a report is that of the engine, an underscore and words, such as
-            `newton_contact_room`.
-    """
+    """Return a section for each report on a fault in an engine's library, sorted by the names of the reports."""
     return [make_section(name, text) for name, text in sorted(faults.items()) if name.startswith(f"{engine}_")]
 
 

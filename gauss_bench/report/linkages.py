@@ -39,12 +39,6 @@ def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
 def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
     """Return a linkage of a run, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
 
-    None stands for the states if the crank cannot turn fully.
-
-    Args:
-        name: name of the linkage.
-        crank_deg: angle of the crank in the drawn state; `pose_document` explains what is drawn if the crank cannot reach it.
-
     Raises:
         LinkageError: for the same reasons as in `document_in`, or because the linkage does not load.
     """

@@ -52,10 +52,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 
 def motion_picture(run: Run) -> str:
-    """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times.
-
-    Readers who switched animations off, and printers, see a still drawing of the links instead of the animation.
-    """
+    """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
@@ -115,7 +112,6 @@ def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Ar
     all loops closed, as when the crank is merely ahead of the reference; `run.gap` opens the loops. Only `gap` is magnified here.
 
     Args:
-        turn: the closed states of the linkage as a function of its crank angle.
         times, reference: (l,) times of the stored poses [s], and reference states (l, n) at these times.
     """
     ahead, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))  # (l, n) each
@@ -182,11 +178,7 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return a dictionary: engine's name by `loop_of`, such as "pinocchio, compiled" -> its Pareto-optimal settings on LINKAGE.
-
-    No other setting of the engine is better than one of these in both time and position error. Settings with an error above
-    COARSEST [m] are left out. Engines are sorted by the least time of their settings with an error of at most FIRST [m].
-    """
+    """Return a dictionary: engine's name by `loop_of`, such as "pinocchio, compiled" -> its Pareto-optimal settings on LINKAGE."""
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
@@ -204,12 +196,7 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark.
-
-    Args:
-        parts: elements inside the picture.
-        style: further rules of CSS.
-    """
+    """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark."""
     light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(dark=False)
     dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'

@@ -40,10 +40,7 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
 
 
 def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
-    """Return the row of the table `search_winners` of an engine at a requirement, or None if there was no race at this requirement.
-
-    If `scenario` is empty and there are rows of several scenarios, the first row is returned.
-    """
+    """Return the row of the table `search_winners` of an engine at a requirement, or None without a race at it."""
     races = _races(run).get((mechanism, engine, wanted.kind), [])
     races = [r for r in races if scenario in ("", r["scenario"])]
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)

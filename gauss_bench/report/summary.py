@@ -95,9 +95,6 @@ def least_error(rows: Sequence[Row]) -> Row:
     """Return the valid case with the least error, and the least acceleration error of all cases, as a row of the layout `least`.
 
     The column `by` has the integrator and stabilisation of the valid case. If no case is valid, `by` has the statuses of all cases.
-
-    Args:
-        rows: cases of one engine and setting.
     """
     usable = [r for r in rows if may_rank(r)]
     errors = [r["acceleration_error_median"] for r in with_number(rows, "acceleration_error_median")]
@@ -112,10 +109,7 @@ def least_error(rows: Sequence[Row]) -> Row:
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return a table for each requirement (kind of error and limit), with a row for each engine and a column for each linkage.
-
-    A cell has the multiple: the time of the engine's cheapest setting divided by that of the fastest engine on the linkage.
-    """
+    """Return a table for each requirement (kind of error and limit), with a row for each engine and a column for each linkage."""
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
     multiples = race_multiples(run)

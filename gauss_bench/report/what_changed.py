@@ -28,11 +28,7 @@ RULE = (
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
-    """Return (heading, sentences) for each pair of consecutive releases; releases that gave no results are left out.
-
-    Args:
-        tables: name of each of the tables NAMES -> its rows.
-    """
+    """Return (heading, sentences) for each pair of consecutive releases; releases that gave no results are left out."""
     parts = []
     usable = [row for row in tables["releases"] if row["status"] == "ok"]
     for before, after in pairwise(usable):
@@ -72,10 +68,7 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on one quantity that differs between two releases.
-
-    For a cost, the sentence has the ratios of all cases; for a result, the largest difference between the two releases.
-    """
+    """Return a sentence on one quantity that differs between two releases."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -86,25 +79,14 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the questions (a case with a setting) to which only one of two releases gives a result.
-
-    Args:
-        was: WORKS if the earlier release gives a result, else the reason why it gives none.
-        now: WORKS if the later release gives a result, else the reason why it gives none.
-        rows: one row for each question with these reasons.
-    """
+    """Return a sentence on the questions (a case with a setting) to which only one of two releases gives a result."""
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
     change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
     return f"{count(len(rows), 'question')} {change} ({cases})"
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on names of the library and on default values that differ between two releases.
-
-    Args:
-        kind: "new", "gone" or "changed".
-        rows: one row for each name. `was` and `now` are the default value in the two releases, or THERE for a name without a value.
-    """
+    """Return a sentence on names of the library and on default values that differ between two releases."""
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
@@ -144,11 +126,7 @@ def place_of(row: Row) -> str:
 
 
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
-    """Return the text of `what_changed.md`, the page on the changes between releases, in Markdown.
-
-    Args:
-        tables: name of each of the tables NAMES -> its rows.
-    """
+    """Return the text of `what_changed.md`, the page on the changes between releases, in Markdown."""
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]

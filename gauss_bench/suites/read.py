@@ -36,12 +36,7 @@ def read_suite(name: str) -> Suite:
 
 
 def _read(name: str, above: tuple[str, ...]) -> Suite:
-    """Read a suite and, recursively, the suites that it builds on; return all of them as one suite.
-
-    Args:
-        name: name of a built-in suite, or path of a .toml file.
-        above: names of the suites that are being read and build on this one; a name that occurs again is an error.
-    """
+    """Read a suite and, recursively, the suites that it builds on; return all of them as one suite."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if name in above:
         raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
@@ -92,10 +87,7 @@ def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage.
-
-    Only those parts of the suite are considered that can be run for any linkage (`any_linkage`).
-    """
+    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage."""
     parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 

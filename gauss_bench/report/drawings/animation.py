@@ -39,8 +39,6 @@ HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin=
 def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = ()) -> str:
     """Return the SVG of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
 
-    The text takes about 6 kB for each link, times the number of turns of the fastest link.
-
     Raises:
         ValueError: fewer than two states, or times that do not increase.
     """

@@ -177,11 +177,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield the drawn symbols of pins and observed points at states (k, n).
-
-    Args:
-        letters: name of an observed point -> an SVG text that moves with it.
-    """
+    """Yield the drawn symbols of pins and observed points at states (k, n)."""
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints at one place: draw it once

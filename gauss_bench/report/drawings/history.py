@@ -90,13 +90,7 @@ def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line,
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the plot of all curves of a run, in panels one below the other.
-
-    Args:
-        history: the curves, with at least one sample.
-        caption: the texts above the panels, the end of the time axis, and the time until which the run is trusted.
-        head: whether to write the texts above the panels.
-    """
+    """Return the plot of all curves of a run, in panels one below the other."""
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
@@ -182,11 +176,7 @@ def _limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write names beside the ends of lines; names that would overlap are moved apart and joined to their ends by thin lines.
-
-    Args:
-        ends: name, colour and last value of each line.
-    """
+    """Write names beside the ends of lines; names that would overlap are moved apart and joined to their ends by thin lines."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt]

@@ -41,7 +41,6 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     the edge of the picture, or lies on a line, its name is left out.
 
     Args:
-        parts: all drawn parts.
         taken: box (4,) [px] of a text that is placed already.
         bar: a further line (2, 2) [px] from which names keep away.
     """

@@ -40,11 +40,7 @@ def describe_authorship(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> a row of counts, with the engines by the authors of the suite first.
-
-    A row counts the settings that searches tried (`variants`), the runs of searches (`evaluations`), the cases, and the valid
-    cases. The entry `own` of a row tells whether the authors of the suite wrote the engine.
-    """
+    """Return engine -> a row of counts, with the engines by the authors of the suite first."""
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
     counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
     counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])

@@ -69,9 +69,6 @@ def answers(run: Run, engine: str = "") -> list[Row]:
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     """Return the test results of a setting: errors and orders of its accuracy cases, and whether two runs are equal bit by bit.
 
-    Args:
-        row: a row of the table `field`.
-
     Returns:
         Columns of the layout `field`. `same` says whether the accelerations at given states agree with the reference; `repeats`,
         whether two runs are equal. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
@@ -106,11 +103,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
 
 
 def redundant_rows(cases: Sequence[Row], linkage: str) -> dict[str, Any]:
-    """Return the error of a setting on the linkage with redundant rows, and the reason if it has none.
-
-    Args:
-        cases: all cases of the setting.
-    """
+    """Return the error of a setting on the linkage with redundant rows, and the reason if it has none."""
     others = [r for r in cases if r["mechanism"] == linkage]
     valid = [r for r in others if has_ended(r) and r["valid"]]
     reason = describe_end(others[0]) if others else NOT_HERE
@@ -175,13 +168,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost.
-
-    Args:
-        lines: rows of `costs`.
-        engines: names of the engines in question.
-        key: one of ACCURACIES.
-    """
+    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost."""
     multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
     timed = sorted((x for x in engines if x in multiples), key=lambda x: multiples[x])
     if not timed:

@@ -71,11 +71,7 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
-
-    The first of the two rows has the settings by the engine's authors. The second has the settings that this suite found for the
-    same engine; the table stores them in the columns `our_*` of the same row.
-    """
+    """Return two rows of the layout `search_owned` for each row of the table `search_owned`."""
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
@@ -100,11 +96,7 @@ def answer_of(run: Run, row: Row) -> Reach:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on the searches.
-
-    One finding lists the linkages whose race (timed comparison) failed. A finding follows for each engine with settings by its
-    authors, and for each requirement a finding that compares the suite's own compiled engines with the others.
-    """
+    """Yield findings on the searches."""
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -133,10 +125,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield a finding for each engine with settings by its authors.
-
-    The finding states the time of the authors' cheapest setting divided by that of this suite's cheapest setting for the engine.
-    """
+    """Yield a finding for each engine with settings by its authors."""
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
@@ -153,14 +142,7 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations.
-
-    The sentence names the engines that are faster than the faster of the suite's two compiled formulations, and gives the range of
-    the ratios (time of an engine by other authors divided by that of this formulation).
-
-    Args:
-        group: rows that `over_the_cheaper` returns, at one requirement.
-    """
+    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations."""
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
@@ -176,10 +158,7 @@ def _mark_engine(run: Run, engine: str) -> str:
 
 
 def _print_ratio(run: Run, row: Row) -> str:
-    """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing.
-
-    This suite's time is that of the faster of its compiled engines.
-    """
+    """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
@@ -205,20 +184,12 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def list_faster(group: Sequence[Row]) -> list[Row]:
-    """Return the rows of engines that are faster than the suite's compiled formulations: the whole range of the ratio is below 1.
-
-    Args:
-        group: rows that `over_the_cheaper` returns.
-    """
+    """Return the rows of engines that are faster than the suite's compiled formulations: their ratio's whole range is below 1."""
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
 def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none.
-
-    Args:
-        group: rows that `over_the_cheaper` returns, at one requirement.
-    """
+    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none."""
     faster = [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]
     if faster:
         yield f"**Slower than {itemise(faster)}.** "

@@ -4,7 +4,6 @@ import math
 import tomllib
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from statistics import median
@@ -21,49 +20,21 @@ CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text
 STEP = 1e-3  # [s] step at which engines are compared as shipped
 
 
-@dataclass(frozen=True)
-class Card:
-    """A question with its answer, and a link to the page with details.
-
-    Attributes:
-        sentence, number, unit, chart: the answer in words, in a number with its unit, and in a figure.
-        page: address of the page with details; more: text of the link.
-    """
-
-    question: str
-    sentence: str
-    number: str
-    unit: str
-    chart: Chart | None
-    page: str
-    more: str
+Card = dict[str, Any]  # contents of a card: its texts of CARD with `sentence`, `number` and `chart` (None without a figure)
 
 
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
-    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
-
-    Args:
-        name: name of the card in CARD, which has its fixed texts.
-        sentence: the answer in words.
-        number: the answer as a number, in text.
-        rows: rows of the bar chart, with columns as `charts.bars` takes them; without rows the card has no figure.
-        unit: unit of the number; if empty, the unit in CARD.
-        chart_options: further arguments of `charts.bars`.
-    """
-    words = CARD[name]
-    chart = None
+    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart."""
+    words, chart = CARD[name], None
     if rows:
         head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
         spec = bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
-    return Card(words["question"], sentence, number, unit or words["unit"], chart, words["page"], words["more"])
+    return words | {"sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
 
 
 def drift_as_shipped(run: Run) -> dict[str, Row]:
-    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
-
-    An engine with several integrators is represented by the integrator whose largest drift is the smallest.
-    """
+    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP."""
     ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
     shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
     worst: dict[str, Row] = {}  # the worst case of the best integrator
@@ -93,10 +64,7 @@ def loops_card(run: Run) -> Card | None:
 
 
 def claim_card(run: Run) -> Card | None:
-    """Return the card that compares the time of a compiled step by Gauss's principle with that by Lagrange's multipliers.
-
-    The card is None if the run did not time these steps side by side.
-    """
+    """Return the card that compares the time of a compiled step by Gauss's principle with that by Lagrange's multipliers."""
     rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
     if not rows:
         return None
@@ -128,11 +96,7 @@ def paper_card(run: Run) -> Card | None:
 
 
 def trust_card(run: Run) -> Card | None:
-    """Return the card "Why trust this?", or None for a run without references.
-
-    If the run has certificates, the card shows the smallest number of digits to which the two computations of a motion agree. Else
-    it shows the largest error bar of its references.
-    """
+    """Return the card "Why trust this?", or None for a run without references."""
     rows = [r for r in with_number(run.table("certificates"), "digits") if r["status"] == "ok"]
     if rows:
         loosest = min(rows, key=itemgetter("digits"))

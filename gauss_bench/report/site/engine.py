@@ -44,10 +44,7 @@ def engine_names(run: Run) -> list[str]:
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows.
-
-    An engine with rows in `run` has `run` itself, the other engines have `run.field_run`, the run of the suite `field`.
-    """
+    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows."""
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
 
@@ -143,11 +140,7 @@ def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
 
 
 def cheapest_table(run: Run, name: str) -> Table:
-    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
-
-    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty if no setting
-    of the engine with a known error is stored.
-    """
+    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED."""
     lines: list[Row] = []
     # linkages on which the search ran the engine, and linkages with a stored setting of the engine
     searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
@@ -175,10 +168,7 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
 
 
 def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return the sentences and the table of `explain_time` for position errors of at most `position` [m].
-
-    The result is None if no timed setting of the engine has errors that small.
-    """
+    """Return the sentences and the table of `explain_time` for position errors of at most `position` [m]."""
     lines: list[Row] = []
     for linkage in scenarios(run):
         timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
@@ -219,8 +209,6 @@ def list_races(run: Run, name: str) -> Table:
 def list_changes(figures: Sequence[Row]) -> list[Row]:
     """Return a row for each accepted change of the engine's numbers in the accuracy gate's baseline, the latest first.
 
-    A row has the date, the reason, and how many numbers changed. Numbers that were accepted without a reason are left out.
-
     Args:
         figures: rows of the baseline, one for each number, in which `accepted` is "DATE REASON".
     """
@@ -233,11 +221,7 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on what the engine failed at.
-
-    They name its failed and invalid cases, its runs in the search that ended early, the linkages that it cannot model, and settings
-    under which its accelerations are wrong.
-    """
+    """Return sentences on what the engine failed at."""
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     # negative controls are left out: they are invalid on purpose

@@ -33,11 +33,7 @@ Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # l
 
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
-    """Return the site's first page: the chooser of engines, the first table, cards with charts, questions, and the main findings.
-
-    Args:
-        programs: function that returns a program for each choice of a setting; by default the page shows calls of this package.
-    """
+    """Return the site's first page: chooser of engines, first table, cards with charts, questions, main findings."""
     settings = all_settings(run)
     names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
@@ -58,7 +54,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         found=len(findings),
         authors=AUTHORS,
     )
-    data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
+    data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}
     if names:
         choices = {name: answers(run, name) for name in names}
@@ -69,10 +65,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return for each engine the texts on its cheapest setting with position errors of at most USUAL [m] on the linkage `name`.
-
-    The fastest engine comes first. `over` is its time divided by that of the fastest engine.
-    """
+    """Return for each engine the texts on its cheapest setting with position errors of at most USUAL [m] on the linkage `name`."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -87,23 +80,12 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 
 
 def headlines(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail.
-
-    The returned findings have no tone, because the tone "bad" or "warn" would colour every one of them.
-    """
+    """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail."""
     return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
 
 
 def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
-    """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand.
-
-    This function changes `choices`: for each linkage it replaces the entry `chosen`, a list of settings, by the entry `programs`,
-    the name of the file with the programs that run these settings.
-
-    Args:
-        choices: linkage -> the dictionary that `settings.answers` returns for it.
-        programs: function that takes a list of `Setting.choice` and returns a program for each; None for calls of this package.
-    """
+    """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand."""
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
     later = {}
@@ -115,12 +97,7 @@ def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | No
 
 
 def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the data of the web form in which a reader chooses a linkage and a requirement.
-
-    Args:
-        choices: linkage -> the dictionary that `settings.answers` returns for it. This function adds the linkage's page and
-            scenario.
-    """
+    """Return the data of the web form in which a reader chooses a linkage and a requirement."""
     for name, data in choices.items():
         data |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
     with_settings = {x.engine for settings in all_settings(run).values() for x in settings}

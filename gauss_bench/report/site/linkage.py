@@ -46,11 +46,7 @@ ENERGY = "Energy gained beyond the work done, over time."
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
-    """Return the page of a linkage; parts without rows are left out.
-
-    The page has the linkage with a crank that a reader turns (or a still drawing), each engine's cheapest setting, charts, the most
-    accurate cases, and two runs that are played side by side.
-    """
+    """Return the page of a linkage; parts without rows are left out."""
     # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     made = (
@@ -122,11 +118,7 @@ def draw_still(run: Run, name: str) -> Markup | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines that have no time.
-
-    For engines without a time the sentences give the reason: the setting was not timed, or no setting meets the accuracy. The text
-    is empty if no setting on the linkage is stored.
-    """
+    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines that have no time."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
@@ -248,13 +240,7 @@ def _plainness(row: Row) -> tuple[Any, ...]:
 
 
 def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
-    """Return the chart of a column of the table `series` over time; None without rows.
-
-    Args:
-        name: name of the chart.
-        words: sentence about the figure.
-        axis: title of the vertical axis.
-    """
+    """Return the chart of a column of the table `series` over time; None without rows."""
     lines = histories(run, linkage, column)
     if not lines:
         return None

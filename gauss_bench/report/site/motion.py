@@ -38,10 +38,7 @@ class Turn:
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return the states of a linkage over a full turn of its crank, beginning at the crank angle 0 if possible.
-
-    The result is None if the linkage does not load, or if it has no crank that can turn fully.
-    """
+    """Return the states of a linkage over a full turn of its crank, beginning at the crank angle 0 if possible."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings

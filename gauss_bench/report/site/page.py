@@ -187,24 +187,13 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own.
-
-    Args:
-        charts: name of a figure -> its data, for the figures in the sections of the page.
-        parts: contents of some of the parts of a page that PARTS lists, such as sections, tables or findings.
-    """
+    """Return a page without scripts of its own."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page.
-
-    Args:
-        pages: all pages, for the table of contents.
-        facts: facts of the run for the header.
-        guide: address of the documentation; empty if it was not built.
-    """
+    """Return the complete HTML of a page."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:

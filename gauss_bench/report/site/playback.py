@@ -89,10 +89,7 @@ class Poses:
         self.times = [t for t in every if all((t, link) in self.rows for link in links)]
 
     def read(self, part: str) -> Array:
-        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle" with the ending `part`.
-
-        The ending is "_ahead" or "_gap" in the table `poses`, and "" in the table `motions`, which has the reference.
-        """
+        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle" with the ending `part`."""
         columns = [f"{axis}{part}" for axis in ("x", "y", "angle")]
         values = [number(self.rows[t, link], c) for t in self.times for link in self.links for c in columns]
         return np.reshape(values, (len(self.times), len(self.links), 3))
@@ -127,13 +124,7 @@ def label_run(row: Row) -> str:
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script.
-
-    The data have all stored runs, of which a reader chooses two. The script of the page draws the differences of the runs from the
-    reference magnified. If the crank can turn fully, links move along the turn of the crank (see the top of this file); otherwise
-    each difference is multiplied by the factor that the reader chooses. The result is None if fewer than two runs or no reference
-    are stored, or if the linkage does not load.
-    """
+    """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script."""
     turn = find_turn(run, name)
     try:
         mechanism = turn.mechanism if turn else load_document(*_document(run, name, scenario))
@@ -208,16 +199,7 @@ def _round(x: Array) -> list[Any]:
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the part of a page that plays two runs side by side.
-
-    The contents of this part are the picture, the names of all runs, the indices of the two runs that are shown at first, the
-    factors by which differences from the reference can be magnified, the factor that is chosen at first, and the index of the last
-    frame. The factor at first is the largest with which both runs are drawn within REACH pixels of the reference.
-
-    Args:
-        scale: pixels per metre of the picture.
-        frames: number of frames (times with a stored pose).
-    """
+    """Return the contents of the part of a page that plays two runs side by side."""
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
     farthest = scale * max(float(runs[i].off.max()) for i in (left, right))  # [px] at a factor of one

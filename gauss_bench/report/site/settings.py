@@ -96,10 +96,7 @@ def describe_size(x: Setting) -> str:
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return a setting in words: integrator, stabilisation, and the options that differ from the engine's options as shipped.
-
-    If the run stored no options, the words are those of the variant's name.
-    """
+    """Return a setting in words: integrator, stabilisation, and the options that differ from the engine's options as shipped."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -110,10 +107,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant.
-
-    A variant is given by the tuple of its values in the columns METHOD.
-    """
+    """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
         # rows with an `owner` have settings that the engine's authors sent; the first other row is the engine as shipped
@@ -170,10 +164,7 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple.
-
-    Searching through thousands of settings instead took half of the time in which the site is built.
-    """
+    """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple."""
     every = [x for settings in all_settings(run).values() for x in settings]
     return {setting_key(vars(x)): x for x in reversed(every)}
 
@@ -309,10 +300,7 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting for the page: engine, words, known numbers other than zero, and `estimated` if it is true.
-
-    `until` is left out, because the page states the duration once for the linkage.
-    """
+    """Return the data of a setting for the page: engine, words, known numbers other than zero, and `estimated` if it is true."""
     numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
     known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
     return {"engine": x.engine, "words": describe_setting(run, x)} | known
@@ -333,9 +321,6 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
     """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
 
-    The answer follows from the trials of a search. If no search has the engine on this linkage, the answer follows from the cases
-    of the accuracy suite.
-
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
     """
@@ -347,12 +332,7 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
 
 
 def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements, as its cases of the accuracy suite show.
-
-    Args:
-        cases: the cases of the engine on one linkage.
-        wanted: the requirement on positions and, perhaps, a second one on joint forces.
-    """
+    """Return whether an engine meets requirements, as its cases of the accuracy suite show."""
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()

@@ -44,10 +44,7 @@ class TooLarge(ValueError):
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
     """Return the fragment of the address (the text after #) that encodes a linkage and its poses, and the number of poses in it.
 
-    As long as the fragment is too long, every second of the remaining poses is left out.
-
     Args:
-        text: the linkage file.
         q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
         end: time of the last position [s].
 
@@ -93,10 +90,7 @@ def count_places(shape: dict[str, Any]) -> int:
 
 
 def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
-    """Return the links, pins, slides, paths (observed points) and ties (springs and cylinders between two points) of a linkage.
-
-    A place is [link, x, y] in the frame of the link's centre of mass; link -1 is the ground.
-    """
+    """Return the links, pins, slides, paths (observed points) and ties (springs and cylinders between two points) of a linkage."""
     whole = mechanism.whole
     links = []
     for i, link in enumerate(whole.links):
