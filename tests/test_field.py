@@ -24,8 +24,8 @@ from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.citation import renew
 from gauss_bench.report.content import Bullets, Table, Text, lay_out
-from gauss_bench.report.faults import faults_of, make_section
 from gauss_bench.report.field_run import READ, drop_unread
+from gauss_bench.report.pages import faults_of, make_section
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
 from gauss_bench.report.site.engine import (

@@ -29,9 +29,8 @@ from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
 from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, slots
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
-from gauss_bench.report.site.cards import CARDS, HOLDS
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
-from gauss_bench.report.site.first import pack
+from gauss_bench.report.site.first import CARDS, HOLDS, pack
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, sentence_of, short_label

@@ -10,12 +10,11 @@ from pathlib import Path
 
 from gauss_bench.atomic import write_text
 from gauss_bench.checksums import checksum_of_run, read_checksums, require_unchanged
-from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
 from gauss_bench.report.field_run import folders_of
 from gauss_bench.report.pages import markdown_page
-from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, sort_key
+from gauss_bench.report.sections import all_sections
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
@@ -58,7 +57,7 @@ def read_one(folder: Path) -> Run:
 
 def all_findings(run: Run) -> Iterator[Finding]:
     """Yield the findings of all sections, in the order of the sections."""
-    for module in parts_of(sections):
+    for module in all_sections():
         if hasattr(module, "findings"):
             yield from module.findings(run)
 

@@ -22,15 +22,13 @@ from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.report.drawings.animation import STYLE, Film, make_film
 from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
-from gauss_bench.report.drawings.pose import crank_angles
+from gauss_bench.report.drawings.pose import crank_angles, pose_in
 from gauss_bench.report.first_table import FIRST, group_by_loop, mark_own, renew
-from gauss_bench.report.linkages import pose_in
 from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
 from gauss_bench.report.site.linkage import pareto_front
-from gauss_bench.report.site.motion import Turn, find_turn
-from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
+from gauss_bench.report.site.playback import StoredRun, Turn, find_turn, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.report.words import itemise, length_text
 from gauss_bench.terms import Array

@@ -20,8 +20,8 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.drawings.canvas import Canvas, Part, page
-from gauss_bench.report.drawings.drawing import canvas_of, draw_names, draw_paths, free_corner, linkage_parts, place_scale
-from gauss_bench.report.drawings.lettering import LETTER
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, free_corner, linkage_parts, place_scale
+from gauss_bench.report.drawings.lettering import LETTER, lettering
 from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
@@ -54,7 +54,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     still = [*linkage_parts(shown, states[:1], trace=states, canvas=canvas)]
     # (l, 2, 2) lines [px] of the moving parts at all states, from which the scale bar keeps away
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
-    scale = place_scale(canvas, swept)
+    scale, taken, ends = place_scale(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
         *draw_paths(points, states, canvas),
@@ -62,10 +62,10 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
         *map(film.draw, moving),
         '</g><g class="motion-still" display="none">',
         *(part.draw() for part in still),
-        *draw_names(shown, states[0], canvas, still, scale),
+        *lettering(shown, states[0], canvas, still, taken, ends),
         "</g>",
-        *scale.draw(),
-        *draw_pace(slower, canvas, np.vstack([swept, scale.ends[None]])),
+        *scale,
+        *draw_pace(slower, canvas, np.vstack([swept, ends[None]])),
     ]
     return page(canvas, mechanism.title or mechanism.name, parts)
 

@@ -4,7 +4,6 @@ A link is drawn once, in its own frame, with its guides and blocks. Pixels are r
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -44,8 +43,8 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
     q = mechanism.q0 if q is None else q
     canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
     parts = [*linkage_parts(mechanism, q[None], trace, canvas)]
-    scale = place_scale(canvas, np.vstack([part.lines() for part in parts]))
-    letters = [*draw_names(mechanism, q, canvas, parts, scale), *scale.draw()]
+    scale, taken, ends = place_scale(canvas, np.vstack([part.lines() for part in parts]))
+    letters = [*lettering(mechanism, q, canvas, parts, taken, ends), *scale]
     return page(canvas, mechanism.title or mechanism.name, [*draw_shapes(mechanism, trace, canvas, parts), *letters])
 
 
@@ -61,32 +60,21 @@ def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts
     return [*tracks, *(part.draw() for part in parts)]
 
 
-@dataclass(frozen=True, eq=False)
-class ScaleBar:
-    """A scale bar of a drawing.
+def place_scale(canvas: Canvas, avoid: Array) -> tuple[list[str], Array, Array]:
+    """Return a scale bar of a round length below 120 px, in the corner farthest from the segments `avoid` (k, 2, 2) [px].
 
-    Attributes:
-        length: the length that the bar stands for [m].
-        ends: positions of both ends of the bar (2, 2) [px].
+    Returns:
+        Its SVG elements, the box (4,) [px] of its text, and both ends of the bar (2, 2) [px].
     """
-
-    length: float
-    ends: Array
-
-    def draw(self) -> list[str]:
-        """Return the SVG elements of the bar and its length."""
-        (a, y), (b, _) = self.ends
-        bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
-        style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
-        return [bar, f'<text x="{(a + b) / 2:.1f}" y="{y - 6:.1f}" {style}>{self.length:g} m</text>']
-
-
-def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
-    """Return a scale bar of a round length below 120 px, in the corner farthest from the segments `avoid` (k, 2, 2) [px]."""
     length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
-    return ScaleBar(length, np.array([middle - half, middle + half]))
+    ends = np.array([middle - half, middle + half])
+    (a, y), (b, _) = ends
+    bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
+    style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
+    text = f'<text x="{(a + b) / 2:.1f}" y="{y - 6:.1f}" {style}>{length:g} m</text>'
+    return [bar, text], box_of(f"{length:g} m", ends.mean(axis=0) - np.array([0.0, 10.0]), 11.0), ends
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
@@ -109,12 +97,6 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
         return min(100.0, round(distance(corner + line, avoid)))
 
     return max(corners, key=room)
-
-
-def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], scale: ScaleBar) -> list[str]:
-    """Return the SVG elements of the names of all parts at state q (n,), placed apart from the scale bar."""
-    taken = box_of(f"{scale.length:g} m", scale.ends.mean(axis=0) - np.array([0.0, 10.0]), 11.0)
-    return lettering(mechanism, q, canvas, parts, taken, scale.ends)
 
 
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:

@@ -11,7 +11,6 @@ force at a point      arrow whose head is at the point
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -66,59 +65,46 @@ def attachments(mechanism: Mechanism) -> list[Point]:
     return [point for x in lines for point in (x.a, x.b) if point.link == GROUND]
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Positions and angles of a linkage at states (k, n), as drawn on a canvas."""
-
-    states: Array
-    canvas: Canvas
-
-    def of(self, point: Point) -> Array:
-        """Return the positions (k, 2) [px] of a point of a link at the k states."""
-        return self.canvas.at(position(self.states, point))
-
-    def angle(self, link: int) -> Array:
-        """Return the angle (k,) [rad] of a link."""
-        return np.zeros(len(self.states)) if link == GROUND else self.states[:, 3 * link + 2]
-
-
 def force_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
-    """Yield the drawn symbols of all forces and drivers of a mechanism at states (k, n)."""
-    places = Places(states, canvas)
+    """Yield the symbols of all forces and drivers at states (k, n); a joint damper is drawn at the first pair that it acts on."""
+
+    def at(point: Point) -> Array:
+        """Return the positions (k, 2) [px] of a point."""
+        return canvas.at(position(states, point))
+
+    def angle(link: int) -> Array:
+        """Return the angle (k,) [rad] of a link."""
+        return np.zeros(len(states)) if link == GROUND else states[:, 3 * link + 2]
+
     for item in (*mechanism.forces, *mechanism.drivers):
-        yield from _symbol(item, mechanism, places)
-
-
-def _symbol(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
-    """Yield the parts of the symbol of a force or driver; a joint damper is drawn at the first of the pairs that it acts on."""
-    match item:
-        case SpringDamper():
-            yield from spring_damper(item.name, x.of(item.a), x.of(item.b), item.k, item.c)
-        case AxisSpringDamper():
-            axis = direction(x.angle(item.origin.link) + item.angle)  # (k, 2)
-            along_axis = value(Along(item.origin, item.point, item.angle), x.states)  # (k,) [m]
-            foot = x.canvas.at(position(x.states, item.point) - along_axis[:, None] * axis)
-            yield from spring_damper(item.name, foot, x.of(item.point), item.k, item.c)
-        case RotationalSpringDamper():
-            shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
-            yield ring_part(item.name, shapes, x.of(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(x.angle(item.b)))
-        case JointDamping():
-            for pair in item.pairs[:1]:
-                yield ring_part(item.name, [RING], x.of(pair.block if isinstance(pair, Prismatic) else pair.a), 11.0)
-        case Torque() if item.value:
-            yield ring_part(item.name, LEFT if item.value > 0 else RIGHT, x.of(_pin(mechanism, item.reaction, item.link)))
-        case AngleDriver():
-            shapes = [*(LEFT if _sense(item) > 0 else RIGHT), MOTOR]
-            yield ring_part(item.name, shapes, x.of(_pin(mechanism, GROUND, item.link)))
-        case SlideDriver():
-            turn = -np.degrees(x.angle(item.joint.guide.link) + item.joint.angle)
-            yield make_part(arrow(24.0, 52.0, _sense(item)), x.of(item.joint.block), turn, name=item.name)
-        case LengthDriver():
-            yield from cylinder(item.name, x.of(item.a), x.of(item.b))
-        case PointForce() if np.hypot(*item.value):
-            turn = x.angle(item.frame) + float(np.arctan2(item.value[1], item.value[0]))
-            reach = np.array([[(-LOAD, 0.0), (0.0, 0.0)]])
-            yield make_part(arrow(-LOAD, -6.0), x.of(item.point), -np.degrees(turn), name=item.name, reach=reach)
+        match item:
+            case SpringDamper():
+                yield from spring_damper(item.name, at(item.a), at(item.b), item.k, item.c)
+            case AxisSpringDamper():
+                axis = direction(angle(item.origin.link) + item.angle)  # (k, 2)
+                along_axis = value(Along(item.origin, item.point, item.angle), states)  # (k,) [m]
+                foot = canvas.at(position(states, item.point) - along_axis[:, None] * axis)
+                yield from spring_damper(item.name, foot, at(item.point), item.k, item.c)
+            case RotationalSpringDamper():
+                shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
+                yield ring_part(item.name, shapes, at(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(angle(item.b)))
+            case JointDamping():
+                for pair in item.pairs[:1]:
+                    yield ring_part(item.name, [RING], at(pair.block if isinstance(pair, Prismatic) else pair.a), 11.0)
+            case Torque() if item.value:
+                yield ring_part(item.name, LEFT if item.value > 0 else RIGHT, at(_pin(mechanism, item.reaction, item.link)))
+            case AngleDriver():
+                shapes = [*(LEFT if _sense(item) > 0 else RIGHT), MOTOR]
+                yield ring_part(item.name, shapes, at(_pin(mechanism, GROUND, item.link)))
+            case SlideDriver():
+                turn = -np.degrees(angle(item.joint.guide.link) + item.joint.angle)
+                yield make_part(arrow(24.0, 52.0, _sense(item)), at(item.joint.block), turn, name=item.name)
+            case LengthDriver():
+                yield from cylinder(item.name, at(item.a), at(item.b))
+            case PointForce() if np.hypot(*item.value):
+                turn = angle(item.frame) + float(np.arctan2(item.value[1], item.value[0]))
+                reach = np.array([[(-LOAD, 0.0), (0.0, 0.0)]])
+                yield make_part(arrow(-LOAD, -6.0), at(item.point), -np.degrees(turn), name=item.name, reach=reach)
 
 
 def _sense(driver: AngleDriver | SlideDriver) -> float:

@@ -14,8 +14,8 @@ from gauss_bench.report.cases import SAME_ACCELERATION, chose_steps, error_bar, 
 from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
 from gauss_bench.report.first_table import mark_own
 from gauss_bench.report.pages import facts
-from gauss_bench.report.reaches import answer, find_race
 from gauss_bench.report.rows import METHOD, Row, Run, group_by, is_known, number, spread, with_number
+from gauss_bench.report.site.settings import answer, find_race
 from gauss_bench.report.words import count, itemise, itemise_code, ratio_text
 from gauss_bench.trajectory import Status
 

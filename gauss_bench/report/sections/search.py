@@ -10,9 +10,8 @@ from typing import Any
 from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, lay_out, layouts
-from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
-from gauss_bench.report.site.settings import race_multiples
+from gauss_bench.report.site.settings import answer, race_multiples
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15

@@ -9,10 +9,8 @@ from typing import Any
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
 from gauss_bench.report.content import Table, lay_out
-from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
-from gauss_bench.report.pages import facts
-from gauss_bench.report.reaches import engines_of
+from gauss_bench.report.pages import facts, faults_of
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
@@ -27,6 +25,7 @@ from gauss_bench.report.site.settings import (
     cheapest_stored,
     describe_setting,
     describe_size,
+    engines_of,
     fastest_first,
     make_setting,
     race_multiples,

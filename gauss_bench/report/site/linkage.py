@@ -13,14 +13,13 @@ from gauss_bench.reach import Kind
 from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank, setting_words
 from gauss_bench.report.content import Chart, Table, lay_out
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.linkages import pose_in
+from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
-from gauss_bench.report.site.motion import draw_turn
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
-from gauss_bench.report.site.playback import play_pair
+from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
     POSITIONS,
     Setting,

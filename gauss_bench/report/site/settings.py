@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from typing import Any
 
-from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach, trial_of
 from gauss_bench.report.cases import chose_steps, may_rank, run_time
 from gauss_bench.report.content import to_json
-from gauss_bench.report.reaches import answer, engines_of
 from gauss_bench.report.rows import METHOD, Key, Row, Run, first_number, group_by, is_known, number, spread, with_number
 from gauss_bench.report.words import round_digits
+from gauss_bench.trajectory import Status
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] errors of positions that a reader can require
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] errors of joint forces that a reader can require; infinity requires nothing
@@ -29,6 +29,7 @@ VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all st
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] durations that a reader can choose, up to that of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
 COMMENTS = ("remark",)  # options that are comments
+Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials of each variant
 
 
 @dataclass(frozen=True)
@@ -351,3 +352,62 @@ def scenarios(run: Run) -> Mapping[str, str]:
     for row in (*run.results, *run.table("search_ladder")):
         first.setdefault(row["mechanism"], row["scenario"])
     return dict(sorted(first.items()))
+
+
+def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
+    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race, or why not.
+
+    Args:
+        wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
+            several, no engine was timed.
+    """
+    race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
+    ladders = _ladders(run).get(mechanism, {}).get(engine, [])
+    if race is None or (ladders and race["status"] == Status.SKIP):
+        return reach(ladders, wanted, "no race took it in")
+    if not ladders:
+        return _read_race(race)
+    if race["status"] == Status.OK:
+        return reach(ladders, wanted)
+    return reach(ladders, wanted, race["message"].removeprefix(f"{Kind.UNTIMED}: "))
+
+
+def engines_of(run: Run, mechanism: str) -> list[str]:
+    """Return the engines whose trials on a linkage are stored."""
+    return list(_ladders(run).get(mechanism, ()))
+
+
+def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
+    """Return the row of the table `search_winners` of an engine at a requirement, or None without a race at it."""
+    races = _races(run).get((mechanism, engine, wanted.kind), [])
+    races = [r for r in races if scenario in ("", r["scenario"])]
+    return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
+
+
+def _read_race(row: Row) -> Reach:
+    """Return the answer for a row of `search_winners`, which follows from the row's status: timed, skipped or not reached."""
+    status, message = row["status"], row.get("message") or ""
+    if status == Status.OK:
+        return Reach(Kind.TIMED)
+    if status == Status.SKIP:
+        # a single trial that was skipped for this reason gives the right kind of answer
+        return reach([[Trial(math.nan, {}, status=Status.SKIP, message=message)]], [])
+    steps = number(row, "steps")
+    # a status such as "not reached" says all, and its message repeats it
+    return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, 0 if math.isnan(steps) else int(steps))
+
+
+@lru_cache(maxsize=2)
+def _ladders(run: Run) -> Ladders:
+    """Return linkage -> engine -> a list with one entry for each searched variant: its trials at several steps or tolerances."""
+    ladders: Ladders = {}
+    for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
+        trials = [trial_of(r) for r in rows]
+        ladders.setdefault(mechanism, {}).setdefault(engine, []).append(trials)
+    return ladders
+
+
+@lru_cache(maxsize=2)
+def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
+    """Return a dictionary: (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
+    return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")
