@@ -50,20 +50,19 @@ class Entry:
 def list_entries() -> list[Entry]:
     """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths comes once."""
     entries: dict[type[schema.Table], Entry] = {}
-    add_entry(entries, schema.LinkageTable, "", edition=1)
+
+    def add(table: type[schema.Table], place: str, edition: int) -> None:
+        """Add a table, which the grammar has since an edition, at a path, and its inner tables."""
+        entry = entries.setdefault(table, Entry(table, [], edition))
+        if place not in entry.places:
+            entry.places.append(place)
+            for name, info in table.model_fields.items():
+                key = schema.key_of(table, name)
+                for inner, inner_table in inner_tables(info.annotation, join(place, key)):
+                    add(inner_table, inner, edition_of(entry, key))
+
+    add(schema.LinkageTable, "", 1)
     return list(entries.values())
-
-
-def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
-    """Add a table at the path `place`, and its inner tables, to `entries`; edition: first edition of the grammar with the table."""
-    entry = entries.setdefault(table, Entry(table, [], edition))
-    if place in entry.places:
-        return
-    entry.places.append(place)
-    for name, info in table.model_fields.items():
-        key = schema.key_of(table, name)
-        for inner, inner_table in inner_tables(info.annotation, join(place, key)):
-            add_entry(entries, inner_table, inner, edition_of(entry, key))
 
 
 def join(place: str, key: str) -> str:
@@ -131,27 +130,16 @@ def print_default(default: Any) -> str:
     return "-" if default in (None, "", {}, []) or isinstance(default, schema.Table) else f"`{default}`"
 
 
-def explaining_headings() -> dict[str, str]:
-    """Return a dict: path of a table in a linkage file -> heading of the guide that explains it; "" stands for all other tables."""
-    headings = {"": TOP}
+def heading_of(place: str) -> str:
+    """Return the heading of the guide that explains the table at the path `place`, or else the innermost table around it."""
+    headings = {"": TOP}  # path of a table -> heading
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
             # a single capital, as in `links.L`, stands for any name
             headings[re.sub(r"\.[A-Z](?=\.|$)", ".*", name)] = heading
-    return headings
-
-
-def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains the table at the path `place`, or else the innermost table around it."""
-    headings = explaining_headings()
     # the key "" stands for the whole file; the dots prevent that `links` encloses `links_other`
     enclosing = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]
     return headings[max(enclosing, key=len)]
-
-
-def heading_anchor(heading: str) -> str:
-    """Return the anchor that MkDocs gives to a heading."""
-    return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
 def print_place(place: str) -> str:
@@ -188,7 +176,8 @@ def write_index() -> str:
         properties = table.model_json_schema()["properties"]
         defaults = {schema.key_of(table, name): info.default for name, info in table.model_fields.items()}
         lines += ["", f"## {describe_place(entry)} {{ #table.{entry.address or 'file'} }}", ""]
-        lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{heading_anchor(heading)}).", ""]
+        anchor = re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())  # as MkDocs makes it
+        lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{anchor}).", ""]
         lines += ["| key | type | unit | default | edition |", "| --- | --- | --- | --- | --- |"]
         for _, key, address in keys:
             kind, unit = print_type(properties[key], join(place, key)), table.units.get(key, "")

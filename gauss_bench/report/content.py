@@ -18,12 +18,6 @@ from gauss_bench.report.rows import Row, is_known, number
 from gauss_bench.report.words import NOTHING, error_text, ratio_text, round_digits, time_text
 
 UNMEASURED = "not measured"  # reason for a dash if no other is known
-AUTHORS = (
-    "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
-    "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
-    "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
-    "are printed like those in which it wins."
-)
 TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is meant to be wrong
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
@@ -261,7 +255,10 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
         case ["engine" | "formula"]:
             return text_cell(value, kind)
         case ["remark"]:
-            return remark_cell(row)
+            status, message = row.get("status") or "ok", row.get("message", "")
+            if status == "ok":
+                return text_cell(message)
+            return text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
         case ["status"]:
             return status_cell(row)
         case ["met"]:
@@ -292,14 +289,6 @@ def status_cell(row: Row) -> Cell:
         if row["control"]:
             status = "control"
     return text_cell(status, TONES.get(status, "bad"))
-
-
-def remark_cell(row: Row) -> Cell:
-    """Return the cell with a row's message; the status stands before the message if the row failed or was skipped."""
-    status, message = row.get("status") or "ok", row.get("message", "")
-    if status == "ok":
-        return text_cell(message)
-    return text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
 
 
 @cache

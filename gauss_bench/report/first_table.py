@@ -21,11 +21,6 @@ from gauss_bench.report.words import NOTHING, error_text, limit_text, range_text
 FIRST = 1e-6  # [m] accuracy of the first table
 SHOWN = ("four_bar", "six_bar")  # linkages of one loop and of two, for which the table has error, time and multiple
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
-EXPLAINED = (
-    "For each engine the table has the cheapest setting that holds this accuracy, with its error and processor time. The multiple "
-    "is this time divided by that of the fastest engine on the linkage. Engines marked (own) are written by the authors of this "
-    "suite."
-)
 
 
 def loop_of(engine: str, settings: str) -> str:

@@ -7,7 +7,7 @@ follows dark mode.
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 _DATA = tomllib.loads(Path(__file__).with_name("palette.toml").read_text(encoding="utf-8"))
@@ -44,9 +44,14 @@ def slots(engines: Iterable[str]) -> dict[str, str]:
     return {label: hue_of.get(name) or unused.pop(0) for label, name in names.items()}
 
 
+def declare(colours: Mapping[str, str]) -> str:
+    """Return declarations of CSS variables, given name -> colour."""
+    return "".join(f"--{name}:{colour};" for name, colour in colours.items())
+
+
 def hues(dark: bool) -> str:
     """Return the hues of all engines as declarations of CSS variables."""
-    return "".join(f"--hue-{i}:{pair[dark]};" for i, pair in enumerate(HUES.values()))
+    return declare({f"hue-{i}": pair[dark] for i, pair in enumerate(HUES.values())})
 
 
 def inline(svg: str, prefix: str) -> str:

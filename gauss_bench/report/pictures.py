@@ -24,7 +24,7 @@ from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
 from gauss_bench.report.drawings.pose import crank_angles, pose_in
 from gauss_bench.report.first_table import FIRST, group_by_loop, mark_own, renew
-from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline
+from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, declare, hues, inline
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
 from gauss_bench.report.site.linkage import pareto_front
@@ -195,8 +195,8 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
     """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark."""
-    light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(dark=False)
-    dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(dark=True)
+    light = declare({name: colour for colour, name in VARIABLES.items()}) + hues(dark=False)
+    dark = declare(DARK) + hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
     look = f"svg{{{light}}}@media (prefers-color-scheme:dark){{svg{{{dark}}}}}{style}"
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'

@@ -38,7 +38,10 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
         changes = [*tables["release_changes"], *tables["release_cost_changes"]]
         found = [row for row in changes if pair.items() <= row.items()]
         heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
-        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *describe_left_out((before, after))]))
+        late = [
+            f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in (before, after) if x["left_out"]
+        ]
+        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *late]))
     return parts
 
 
@@ -113,11 +116,6 @@ def describe_rounding(after: Row) -> str:
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"
     return f"equal but for rounding: {figures}, which differ by at most {after['largest_rounding']:.1e}"
-
-
-def describe_left_out(releases: Iterable[Row]) -> list[str]:
-    """Return a sentence for each release on which, for lack of time, not all cases were run."""
-    return [f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in releases if x["left_out"]]
 
 
 def place_of(row: Row) -> str:

@@ -50,7 +50,10 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     canvas = canvas_of(shown, states)
     film, slower = make_film(t[kept], states, canvas)
     # the animated parts, and the parts at the start, which are shown if animations are switched off
-    moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters={p.name: _letter(p) for p in points})]
+    named = {p.name: escape(p.name.partition(".")[2] or p.name) for p in points if p.name}
+    look = f'x="8" y="-8" fill="{INK}" font-style="italic" {HALO}'  # names move with their points
+    letters = {point: f"<text {look}>{name}</text>" for point, name in named.items()}
+    moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters=letters)]
     still = [*linkage_parts(shown, states[:1], trace=states, canvas=canvas)]
     # (l, 2, 2) lines [px] of the moving parts at all states, from which the scale bar keeps away
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
@@ -129,27 +132,16 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     states = unwrap_angles(q)
     slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
-    if not _ends_where_it_began(states, canvas):  # rest at the end before the film begins again
+    change = (states[-1] - states[0]).reshape(-1, 3)
+    turn, shift = np.degrees(change[:, 2]), np.hypot(change[:, 0], change[:, 1]) * canvas.scale
+    apart = max(shift.max(initial=0), np.abs(turn - 360 * np.round(turn / 360)).max(initial=0))  # without whole turns
+    if apart >= SAME:  # rest at the end before the film begins again
         states, seconds = np.vstack([states, states[-1]]), np.append(seconds, seconds[-1] + REST)
     timing = f'dur="{seconds[-1]:.6g}s" repeatCount="indefinite"'
     parts = seconds / seconds[-1]
     if np.abs(parts - np.linspace(0, 1, len(parts))).max() > 1e-6:
         timing += f' keyTimes="{";".join(f"{x:.5g}" for x in parts)}"'
     return Film(states, timing), slower
-
-
-def _ends_where_it_began(states: Array, canvas: Canvas) -> bool:
-    """Tell whether every link ends where it began over states (f, n), apart from whole turns: within SAME pixels and degrees."""
-    change = (states[-1] - states[0]).reshape(-1, 3)
-    turn = np.degrees(change[:, 2])
-    shift = np.hypot(change[:, 0], change[:, 1]) * canvas.scale
-    return bool(shift.max(initial=0) < SAME and np.abs(turn - 360 * np.round(turn / 360)).max(initial=0) < SAME)
-
-
-def _letter(point: Point) -> str:
-    """Return the SVG of the name of a point, beside the origin; empty for a point without a name."""
-    name = escape(point.name.partition(".")[2] or point.name)
-    return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
 
 
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:

@@ -4,29 +4,18 @@ from collections import Counter
 from collections.abc import Mapping
 
 from gauss_bench.report.cases import has_ended
-from gauss_bench.report.content import Bullets, Section, blocks_of
+from gauss_bench.report.content import Bullets, Section, blocks_of, layouts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.words import count
 
 PLACE = 91
 TITLE, ANCHOR = "Where this suite may be biased", "bias"
-REASONS = (
-    "**The authors wrote the adapters to all other engines.** A slow or loose setting may be the adapter's fault; the page of each "
-    "engine says how to object.",
-    "**Own engines are code that is generated for one linkage.** Other engines are general programs, and the time of generation "
-    "and compilation is not counted.",
-    "**The linkages are those of the authors' papers and their kind.** All are planar and small, and none has contact or three "
-    "dimensions, for which MuJoCo is made.",
-    "**All times are of one machine.** Another processor may order engines that are close in another way.",
-    "**References come from the authors' own programs.** Two pipelines without common equations agree on them, and they are "
-    "compared with published values and closed forms.",
-)
 
 
 def section(run: Run) -> Section:
     """Return the section on possible biases of the suite, with a table of the effort that went into each engine."""
     lines = list(count_effort(run).values())
-    return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *REASONS)), *blocks_of("bias", lines)))
+    return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *layouts()["bias"]["items"])), *blocks_of("bias", lines)))
 
 
 def describe_authorship(run: Run) -> str:

@@ -81,6 +81,8 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         return {"missing": row["message"] or NOT_HERE}
     if not has_ended(case):
         return {"missing": describe_end(case)}
+    linkage = row["redundant"]  # the linkage with redundant rows
+    others = [r for r in cases if r["mechanism"] == linkage]
     off = number(case, "acceleration_error_median")
     is_same = off <= SAME_ACCELERATION
     differs = f"off by {off:.0e}" if is_known(off) else ""
@@ -98,16 +100,9 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
         "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
-        **redundant_rows(cases, row["redundant"]),
+        "redundant": next((number(r, "length_error") for r in others if has_ended(r) and r["valid"]), math.nan),
+        "why_redundant": describe_end(others[0]) if others else NOT_HERE,
     }
-
-
-def redundant_rows(cases: Sequence[Row], linkage: str) -> dict[str, Any]:
-    """Return the error of a setting on the linkage with redundant rows, and the reason if it has none."""
-    others = [r for r in cases if r["mechanism"] == linkage]
-    valid = [r for r in others if has_ended(r) and r["valid"]]
-    reason = describe_end(others[0]) if others else NOT_HERE
-    return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
 
 
 def describe_end(row: Row) -> str:

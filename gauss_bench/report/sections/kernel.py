@@ -248,14 +248,11 @@ def describe_kinematics(rows: Sequence[Row]) -> str:
 
 def describe_limits(rows: Sequence[Row]) -> str:
     """Return a sentence on the share of the processor's possible speed that the kernel reaches."""
-    groups = group_by(rows, "quantity")
-    shares = itemise(f"{_percent([r['share'] for r in group])} for {quantity}" for quantity, group in groups.items())
-    return f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {shares}."
-
-
-def _percent(shares: Sequence[float]) -> str:
-    """Format the range of shares in per cent."""
-    return f"{100 * min(shares):.0f} to {100 * max(shares):.0f} %"
+    parts = []
+    for quantity, group in group_by(rows, "quantity").items():
+        shares = [r["share"] for r in group]
+        parts.append(f"{100 * min(shares):.0f} to {100 * max(shares):.0f} % for {quantity}")
+    return f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {itemise(parts)}."
 
 
 # table, column that a row must have, title of the finding, function that makes its text

@@ -106,7 +106,7 @@ def findings(run: Run) -> Iterator[Finding]:
     # kinds in the order of KINDS, other kinds after them; larger errors first
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
-        lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
+        lost = [*name_defeats(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
         ratios = [
             f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
@@ -187,15 +187,14 @@ def list_faster(group: Sequence[Row]) -> list[Row]:
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
-def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none."""
-    faster = [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]
-    if faster:
+def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
+    """Yield sentences in bold where this suite's compiled engines are slower, do not meet a requirement, or miss a target.
+
+    Args:
+        group: rows that `over_the_cheaper` returns, at one requirement.
+    """
+    if faster := [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]:
         yield f"**Slower than {itemise(faster)}.** "
-
-
-def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence for each linkage on which this suite's compiled engines ran, and none of them meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         # no sentence if one of them meets it, or if none ran: skipped and untried engines have other kinds of answer
@@ -203,13 +202,8 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
         yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
-
-
-def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence that names the engines over which the lead of this suite's engines is smaller than its target, if any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
-    if near:
+    if near := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
         yield f"**Our lead misses its target** over {itemise(near)}. "
 
 

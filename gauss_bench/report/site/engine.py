@@ -127,15 +127,10 @@ def command_of(x: Setting, scenario: str) -> str:
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, as a row of the layout `engine_cases`."""
     for group in group_by(rows, "mechanism", "settings", "integrator").values():
-        row = min(group, key=_inaccuracy)
+        # ended cases before others, and known errors before unknown ones
+        row = min(group, key=lambda r: (not has_ended(r), math.isnan(number(r, "position_error")), number(r, "position_error")))
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}
-
-
-def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
-    """Return the sort key of a case: ended cases first; among them those with a known error first, by increasing error."""
-    error = number(row, "position_error")
-    return not has_ended(row), math.isnan(error), error
 
 
 def cheapest_table(run: Run, name: str) -> Table:
@@ -163,20 +158,18 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     with position errors of at most FIRST [m] are compared or, if the engine meets FIRST on no linkage, those with errors of at most
     the larger USUAL [m]. The result is None if the engine does not meet USUAL either.
     """
-    return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
-
-
-def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return the sentences and the table of `explain_time` for position errors of at most `position` [m]."""
     lines: list[Row] = []
-    for linkage in scenarios(run):
-        timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
-        for setting in (x for x in timed if x.engine == name):
-            best = timed[0]
-            time, steps = setting.seconds / best.seconds, setting.steps / best.steps
-            ratios = {"time": time, "steps": steps, "each": time / steps}
-            lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, setting)})
-    if not lines:
+    for position in (FIRST, USUAL):
+        for linkage in scenarios(run):
+            timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
+            for setting in (x for x in timed if x.engine == name):
+                best = timed[0]
+                time, steps = setting.seconds / best.seconds, setting.steps / best.steps
+                ratios = {"time": time, "steps": steps, "each": time / steps}
+                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, setting)})
+        if lines:
+            break
+    else:
         return None
     # geometric means, unlike medians, keep the identity time = steps * time per step
     time, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))

@@ -12,9 +12,9 @@ from typing import Any
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank
-from gauss_bench.report.content import AUTHORS, Chart, Finding
+from gauss_bench.report.content import Chart, Finding, layouts
 from gauss_bench.report.drawings.pose import pose_in
-from gauss_bench.report.first_table import EXPLAINED, first_table
+from gauss_bench.report.first_table import first_table
 from gauss_bench.report.palette import slots
 from gauss_bench.report.rows import Row, Run, group_by, is_known, with_number
 from gauss_bench.report.sections import bias
@@ -61,7 +61,7 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
         head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
         spec = bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
-    return words | {"sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
+    return {**words, "sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
 
 
 def drift_as_shipped(run: Run) -> dict[str, Row]:
@@ -208,11 +208,11 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         first=first_answers(run, preferred),
         asked=questions(run, findings, preferred),
         table=first_table(run),
-        said=EXPLAINED,
+        said=layouts()["texts"]["first"],
         cards=cards,
         lost=headlines(findings),
         found=len(findings),
-        authors=AUTHORS,
+        authors=layouts()["texts"]["authors"],
     )
     data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}

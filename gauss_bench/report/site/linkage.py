@@ -46,6 +46,16 @@ ENERGY = "Energy gained beyond the work done, over time."
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
     """Return the page of a linkage; parts without rows are left out."""
+    try:
+        pose = pose_in(run, name)
+    except LinkageError:
+        lead, still = f"Scenario {scenario}.", None
+    else:
+        mechanism, still = pose[0], Markup(inline(draw(*pose), "still"))
+        loops = max(len(mechanism.joints) - len(mechanism.links), 0)
+        # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
+        parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
+        lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
     # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     made = (
@@ -63,7 +73,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         name=name,
         title=title,
         turn=turn and turn[0],
-        still=None if turn else draw_still(run, name),
+        still=None if turn else still,
         leaders=name_leaders(run, name),
         holding=list_leaders(run, name),
         charts=charts,
@@ -77,7 +87,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
     data = {"charts": {x.name: x.data() for x in charts}, "turn": turn and turn[1], "pair": pair and pair[1]}
     scripts = ("player.js",) if turn or pair else ()
     data = {k: x for k, x in data.items() if x}
-    return Page(f"linkage-{file_name(name)}", title, describe_linkage(run, name, scenario), body, data, "Linkages", scripts)
+    return Page(f"linkage-{file_name(name)}", title, lead, body, data, "Linkages", scripts)
 
 
 def rows_name(name: str) -> str:
@@ -94,26 +104,6 @@ def rows_page(run: Run, name: str) -> Page | None:
     back = f"linkage-{file_name(name)}.html", f"Back to {name}"
     title, lead = f"{name.replace('_', ' ')}: all cases", "All cases that were run, with their status."
     return plain_page(rows_name(name), title, lead, back=back, tables=tables)
-
-
-def describe_linkage(run: Run, name: str, scenario: str) -> str:
-    """Return sentences on the linkage and its scenario, with the numbers of its links, joints and loops."""
-    try:
-        mechanism, _, _ = pose_in(run, name)
-    except LinkageError:
-        return f"Scenario {scenario}."
-    loops = max(len(mechanism.joints) - len(mechanism.links), 0)
-    # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
-    parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
-    return f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
-
-
-def draw_still(run: Run, name: str) -> Markup | None:
-    """Return a still drawing of a linkage, or None if its file does not load."""
-    try:
-        return Markup(inline(draw(*pose_in(run, name)), "still"))
-    except LinkageError:
-        return None
 
 
 def name_leaders(run: Run, name: str) -> str:

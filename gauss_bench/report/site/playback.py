@@ -27,7 +27,7 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.cases import setting_words
-from gauss_bench.report.drawings.canvas import Canvas, Part
+from gauss_bench.report.drawings.canvas import Canvas
 from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, linkage_parts
 from gauss_bench.report.drawings.pose import crank_angles, document_in, pose_in, unwrap_angles
 from gauss_bench.report.palette import inline
@@ -98,18 +98,14 @@ def list_frames(places: Array) -> list[Any]:
 def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
     """Return the SVG of the first of states (k, n); each moving part has the number of its link as an attribute."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
-    shapes = [*draw_paths(mechanism.observed_points, states, canvas), *(part.draw(_number_link(part)) for part in parts)]
+    shapes = draw_paths(mechanism.observed_points, states, canvas)
+    for part in parts:
+        # attributes by which a script moves a part: its link, and its place on the link if the part stays upright
+        place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
+        shapes.append(part.draw("" if part.link < 0 else f' data-link="{part.link}"{place}'))
     size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">'
     return f"{start}{''.join(shapes)}</svg>"
-
-
-def _number_link(part: Part) -> str:
-    """Return the attributes by which a script moves a part: its link, and its place on the link if the part stays upright."""
-    if part.link < 0:
-        return ""
-    place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
-    return f' data-link="{part.link}"{place}'
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
+from operator import itemgetter
 from typing import Any
 
 from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach, trial_of
@@ -77,16 +78,11 @@ class Setting:
         """The values on which a program for the setting depends."""
         return tuple(getattr(self, k) for k in (*VARIANT, "step", "tolerance", "until"))
 
-    @property
+    @cached_property
     def words(self) -> str:
         """Variant, integrator and stabilisation in words, without "none" and without words that the variant's name contains."""
-        return _name_variant(self.settings, self.integrator, self.stabilization)
-
-
-@cache
-def _name_variant(settings: str, *more: str) -> str:
-    """Return the name of a variant, followed by the words in `more` that it does not contain."""
-    return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
+        known = ("", "none", *self.settings.split("/"))
+        return " · ".join(filter(None, (self.settings, *(x for x in (self.integrator, self.stabilization) if x not in known))))
 
 
 def describe_size(x: Setting) -> str:
@@ -130,9 +126,7 @@ def _describe_option(name: str, value: Any) -> str:
     return " ".join([name, *words])
 
 
-def variant_of(row: Row) -> tuple[str, ...]:
-    """Return the values of a row in the columns VARIANT."""
-    return tuple(row[k] for k in VARIANT)
+variant_of = itemgetter(*VARIANT)  # values of a row in the columns VARIANT
 
 
 def setting_key(row: Row) -> tuple[Any, ...]:
@@ -289,8 +283,13 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
     until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
+    data = []
+    for x in picked:  # `until` is left out, because the page states the duration once for the linkage
+        numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
+        known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
+        data.append({"engine": x.engine, "words": describe_setting(run, x)} | known)
     return {
-        "settings": [_page_data(run, x) for x in picked],
+        "settings": data,
         "picks": picks,
         "none": reasons,
         "words": list(words),
@@ -298,13 +297,6 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
         "horizons": horizons,
         "chosen": list(picked),
     }
-
-
-def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting for the page: engine, words, known numbers other than zero, and `estimated` if it is true."""
-    numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
-    known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
-    return {"engine": x.engine, "words": describe_setting(run, x)} | known
 
 
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
@@ -327,22 +319,17 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
     """
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
-    if cases and engine not in engines_of(run, mechanism):
-        return _answer_of_cases(cases, wanted)
-    return answer(run, mechanism, engine, wanted)
-
-
-def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements, as its cases of the accuracy suite show."""
+    if not cases or engine in engines_of(run, mechanism):
+        return answer(run, mechanism, engine, wanted)
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
-    return reach([[_trial_of_case(x) for x in some] for some in variants], wanted)
 
+    def as_trial(x: Setting) -> Trial:
+        """Return a case as a trial of a search."""
+        return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
 
-def _trial_of_case(x: Setting) -> Trial:
-    """Return a case as a trial of a search."""
-    return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
+    return reach([[as_trial(x) for x in some] for some in variants], wanted)
 
 
 @lru_cache(maxsize=2)

@@ -18,7 +18,7 @@ import numpy as np
 
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, SpringDamper
 from gauss_bench.mechanism.spaces import angles, places
-from gauss_bench.report.palette import COLOURS, DARK
+from gauss_bench.report.palette import COLOURS, DARK, declare
 from gauss_bench.terms import Array
 
 VIEW = "view.html"
@@ -54,7 +54,9 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
     named = {"name": mechanism.name, "scenario": mechanism.scenario}
     linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
     shape = describe_shape(mechanism)
-    if len(shape["links"]) > LIMITS["links"] or count_places(shape) > LIMITS["places"]:
+    drawn = sum(len(x["points"]) + len(x["bars"]) for x in shape["links"])
+    drawn += sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
+    if len(shape["links"]) > LIMITS["links"] or drawn > LIMITS["places"]:
         raise TooLarge(f"an address can hold a linkage of at most {LIMITS['links']} links and {LIMITS['places']} points")
     stride, intervals = 1, max(len(q) - 1, 0)
     while True:
@@ -81,12 +83,6 @@ def compress(content: dict[str, Any]) -> str:
     if len(packed) > LIMITS["unpacked"]:
         raise TooLarge(f"the linkage takes {len(packed)} bytes; an address can hold {LIMITS['unpacked']}: share the file")
     return VERSION + base64.urlsafe_b64encode(zlib.compress(packed, 9)).decode("ascii").rstrip("=")
-
-
-def count_places(shape: dict[str, Any]) -> int:
-    """Count the points, bars, pins, slides, ties and paths of a shape."""
-    on_links = sum(len(link["points"]) + len(link["bars"]) for link in shape["links"])
-    return on_links + sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
 
 
 def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
@@ -144,18 +140,13 @@ def view_page() -> tuple[str, str]:
     assets = files("gauss_bench.report.site") / "assets"
     read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
     script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
-    style = read["view.css"].replace("/*light*/", variables(COLOURS)).replace("/*dark*/", variables(DARK))
+    style = read["view.css"].replace("/*light*/", declare(COLOURS)).replace("/*dark*/", declare(DARK))
     policy = (
         f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
     )
     page = read[VIEW].replace("/*policy*/", policy)
     return page.replace("/*style*/", style).replace("/*script*/", script), policy
-
-
-def variables(colours: dict[str, str]) -> str:
-    """Return colours as declarations of CSS variables."""
-    return "".join(f"--{name}:{colour};" for name, colour in colours.items())
 
 
 def digest(text: str) -> str:
