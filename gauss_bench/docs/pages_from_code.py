@@ -37,16 +37,10 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the Markdown of a page with the parts that are computed from code."""
-    match page.file.src_uri:
-        case "grammar.md":
-            return f"{markdown}\n{write_grammar()}"
-        case "keys.md":
-            return f"{markdown}\n{write_index()}"
-        case "commands.md":
-            return write_commands(markdown)
-        case "formats.md":
-            return f"{markdown}\n{write_formats()}"
-    return markdown
+    if page.file.src_uri == "commands.md":
+        return write_commands(markdown)
+    write = {"grammar.md": write_grammar, "keys.md": write_index, "formats.md": write_formats}.get(page.file.src_uri)
+    return f"{markdown}\n{write()}" if write else markdown
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:

@@ -6,12 +6,10 @@ The sentences are printed on a terminal, written to the file `what_changed.md`, 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
-from gauss_bench.report.rows import is_known, spread
+from gauss_bench.report.rows import Row, is_known, spread
 from gauss_bench.report.words import count
 
-Row = Mapping[str, Any]
 MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
 DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")

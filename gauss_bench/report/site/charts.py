@@ -67,30 +67,27 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return dict(fill(GRAMMAR["over_time"], values))
 
 
-def place_names(
-    lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
-) -> list[dict[str, Any]]:
+def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True) -> list[dict[str, Any]]:
     """Return the rows of all lines of a chart, with the places of the lines' names.
 
     The last row of a line also has `end`, and `label_y`, the value on the vertical axis at which the line's name is written.
 
     Args:
-        lines: for each line its rows, with x and y.
-        most: number of lines, counted from the first, whose names must not overlap.
+        lines: for each line its rows, with x and y; the names of the first MOST_LINES must not overlap.
     """
 
     def height(y: float) -> float:
         """Return the height of a value on the axis: its logarithm on a logarithmic axis."""
         return math.log10(max(y, FLOOR)) if logarithmic else y
 
-    values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
+    values = [float(r["y"]) for line in lines[:MOST_LINES] for r in line if is_known(r["y"])]
     if not values:
         return []
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     name_at = [height(float(line[-1]["y"])) for line in lines]  # beside the end of each line
     # from the lowest name upwards, keep each at least APART above the one before
     below = -math.inf
-    for i in sorted(range(len(lines[:most])), key=lambda i: name_at[i]):
+    for i in sorted(range(len(lines[:MOST_LINES])), key=lambda i: name_at[i]):
         name_at[i] = below = max(name_at[i], below + APART * span)
     rows: list[dict[str, Any]] = []
     for line, place in zip(lines, name_at, strict=True):

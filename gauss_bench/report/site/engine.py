@@ -2,9 +2,8 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from statistics import geometric_mean
-from typing import Any
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
@@ -58,13 +57,19 @@ def engine_page(run: Run, name: str) -> Page:
     options = None  # the method page has the options of this run's own engines
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
+    home = ""
+    if installed.get("environment"):
+        home = (
+            f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
+            "`gauss-bench engines` shows its licence and size."
+        )
     body = render(
         "engine.html",
         name=name,
         asked=lay_out("field", field_answers, title="Its answers"),
         costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
         apart=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
-        home=describe_home(name, installed),
+        home=home,
         settings=options,
         commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
@@ -83,16 +88,6 @@ def engine_page(run: Run, name: str) -> Page:
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
     return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
-
-
-def describe_home(name: str, installed: Mapping[str, Any]) -> str:
-    """Return sentences on the environment in which an engine lives; empty for an engine in the environment of the suite."""
-    if not installed.get("environment"):
-        return ""
-    return (
-        f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
-        "`gauss-bench engines` shows its licence and size."
-    )
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
