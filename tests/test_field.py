@@ -186,9 +186,7 @@ def test_the_suite_asks_every_engine_within_twenty_minutes() -> None:
     assert (suite.hours or 1.0) <= 1 / 3
     assert part.engines == ()
     assert {*part.position} == {*shown.ACCURACIES.values()} == {x for p in suite.search for x in p.position}
-    steps = {x for p in suite.accuracy if "four_bar" in p.linkages for x in p.steps}
-    assert (part.step in steps, len(steps)) == (True, 3)
-    assert set(part.redundant) <= {x for p in suite.accuracy for x in p.linkages}
+    assert part.step in {x for p in suite.accuracy if "four_bar" in p.linkages for x in p.steps}
     assert all(load(x, s).redundant > 0 for x, s in part.redundant.items())
     assert of_engines(suite, ["gauss"]).field[0].engines == ("gauss",)
 

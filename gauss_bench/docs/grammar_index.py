@@ -93,12 +93,7 @@ def print_type(value: dict[str, Any], place: str) -> str:
     """Return a type of JSON Schema in words, such as "[number, number]".
 
     A text that names a part of the linkage is printed as the kind of this part, such as "link"; the table `named` in `grammar.toml`
-    gives the kind for each path.
-
-    Args:
-        value: a JSON Schema.
-        place: path of the value in a file, such as `links.*`. In paths `.*` is the value of any key of a table, `.~` the key
-            itself, and `[*]` any entry of a list.
+    gives the kind for each path. In paths `.*` is the value of any key of a table, `.~` the key itself, `[*]` any entry of a list.
     """
     named = schema.GRAMMAR["named"]
     alternatives = value.get("anyOf", value.get("oneOf", ()))

@@ -1,7 +1,7 @@
 """Build the report of a run: a summary in README.md, which is kept in git beside the rows, and a site for the browser.
 
-The summary and the site take their content from the modules in the folder `sections`, in the order of the number PLACE of each
-module. Each module has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+Summary and site take their content from the modules in the folder `sections`, in the order of the number PLACE of each. A module
+has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator

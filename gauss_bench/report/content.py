@@ -47,7 +47,6 @@ class Table:
     """Rows of cells under a head.
 
     Attributes:
-        title: line above the table.
         numeric: indices of the columns of numbers, which are aligned right.
         folded: whether a page hides the table until a reader opens it.
         note: sentences below the table.
@@ -83,7 +82,6 @@ class Finding:
     """Sentences, with a title, that are computed from the rows of a run's tables.
 
     Attributes:
-        text: all sentences.
         tone: "good", "bad", "warn" or "".
         short: the finding in one sentence, for pages that have the tables beside it; empty if the first sentence of `text` serves.
         behind: tables of the rows from which the sentences were computed.
@@ -106,15 +104,12 @@ class Chart:
     """A figure with its data.
 
     Attributes:
-        description: one sentence about the figure.
         spec: Vega-Lite specification of the figure, without data.
-        rows: the drawn data.
         head: column of `rows` -> heading of this column in the table of numbers below the figure.
         toggles: engines that a reader may hide and show.
         shown: engines that are visible at first; by default all of them.
-        small: whether the figure is drawn small, in a card (a framed box) of the first page.
+        small: whether the figure is drawn in a card (a framed box) of the first page.
         listed: rows of the table of numbers; None if they are all of `rows`.
-        note: sentence below the table of numbers.
     """
 
     name: str

@@ -1,7 +1,6 @@
 """Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-The run in the subfolder has tables and an `environment.json` of its own. `python -m gauss_bench.report.field_run reports/field`
-removes from it the tables that no page reads, such as those of single times and of curves; `make field` calls this command.
+`python -m gauss_bench.report.field_run reports/field` removes from it the tables that no page reads; `make field` calls this.
 """
 
 import sys

@@ -1,10 +1,7 @@
 """The first table of README, the summary and the site: the run time that each engine needs to meet an accuracy requirement.
 
-The table also has the multiple of each engine, which is its run time divided by that of the fastest engine. Engines of the suite's
-authors are marked. README has the table between two marker lines, where `make publish` writes it.
-
-A row of the table belongs to an engine or, for Pinocchio, to the engine with one kind of loop over the steps. The name of the row,
-such as "gauss" or "pinocchio, compiled", is made by `loop_of`; variables with such a name are called `loop`.
+README has the table between two marker lines, where `make publish` writes it. A row belongs to an engine or, for Pinocchio, to the
+engine with one kind of loop over the steps; variables with the name of a row, such as "pinocchio, compiled", are called `loop`.
 """
 
 import math

@@ -1,8 +1,7 @@
 """Colours and markers from `palette.toml`, the same in every figure, table and drawing.
 
 The colours are distinct under the common kinds of colour blindness (after Okabe and Ito, and Tol). Picture files have the light
-colours. A page that embeds a picture replaces the picture's colours by CSS variables, so that the picture
-follows dark mode.
+colours; a page that embeds a picture replaces them by CSS variables, which follow dark mode.
 """
 
 import re

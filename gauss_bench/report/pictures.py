@@ -176,7 +176,10 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return a dictionary: engine's name by `loop_of`, such as "pinocchio, compiled" -> its Pareto-optimal settings on LINKAGE."""
+    """Return name of `loop_of` -> the Pareto-optimal settings of the engine on LINKAGE with errors of at most COARSEST [m].
+
+    Engines are sorted by the least time of their settings with an error of at most FIRST [m].
+    """
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 

@@ -32,8 +32,8 @@ class Run:
         environment: content of `environment.json`.
         tables: name of a table -> its rows.
         checksum: SHA-256 of the checksums of all stored tables; empty for a run without checksums.
-        accepted: rows of the baseline with which the accuracy gate compares, each with the date and the reason of its last change.
-        faults: name of a report on a fault in an engine's library, such as `newton_contact_room` -> its text in Markdown.
+        accepted: rows of the accuracy gate's baseline, each with the date and the reason of its last change.
+        faults: name of a report on a fault in an engine's library -> its text in Markdown.
         beside: the run of the suite `field` in the subfolder `field` of this run's folder; None if there is none.
     """
 

@@ -1,7 +1,7 @@
-"""The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table for each linkage.
+"""The summary of a run as a page of Markdown, for reviewers of changed rows; it is kept in git beside them.
 
-The page is kept in git together with the tables from which it is made. Findings in which the suite's own engines lose come first.
-Accuracy and times have tables of their own, so that a repeated run changes few lines.
+Findings in which the suite's own engines lose come first. Accuracy and times have tables of their own, so that a repeated run
+changes few lines.
 """
 
 import math

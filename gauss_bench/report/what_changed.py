@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
-from gauss_bench.report.rows import Row, is_known, spread
+from gauss_bench.report.rows import Row, group_by, is_known, spread
 from gauss_bench.report.words import count
 
 MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
@@ -50,22 +50,15 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
     """Return a sentence for each changed quantity, each change of an answer, and the changed, the new and the gone defaults."""
-    figures: dict[str, list[Row]] = {}
-    answers: dict[tuple[str, str], list[Row]] = {}
-    defaults: dict[str, list[Row]] = {}
+    figures, answers, defaults = [], [], []
     for row in changes:
-        if is_known(row.get("difference")) or is_known(row.get("ratio")):
-            figures.setdefault(row["quantity"], []).append(row)
-        elif row["quantity"] == DEFAULT:
-            kind = "changed"
-            if ABSENT in (row["was"], row["now"]):
-                kind = "new" if row["was"] == ABSENT else "gone"
-            defaults.setdefault(kind, []).append(row)
-        else:
-            answers.setdefault((shorten(row["was"]), shorten(row["now"])), []).append(row)
-    sentences = [describe_figures(quantity, rows) for quantity, rows in figures.items()]
-    sentences += [describe_answers(*reasons, rows) for reasons, rows in answers.items()]
-    return sentences + [describe_defaults(kind, rows) for kind, rows in defaults.items()]
+        is_figure = is_known(row.get("difference")) or is_known(row.get("ratio"))
+        (figures if is_figure else defaults if row["quantity"] == DEFAULT else answers).append(row)
+    kinds = group_by(defaults, lambda r: "new" if r["was"] == ABSENT else "gone" if r["now"] == ABSENT else "changed")
+    reasons = group_by(answers, lambda r: (shorten(r["was"]), shorten(r["now"])))
+    sentences = [describe_figures(quantity, rows) for quantity, rows in group_by(figures, "quantity").items()]
+    sentences += [describe_answers(*change, rows) for change, rows in reasons.items()]
+    return sentences + [describe_defaults(kind, rows) for kind, rows in kinds.items()]
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:

@@ -1,15 +1,12 @@
 """Animate a linkage as one SVG that moves by itself in a loop, without a script.
 
-Each link is drawn once, in its own frame. The animation has some of the states of the motion, called the kept states. At each of
-them an SVG transform moves the link by its centre of mass z and its angle theta:
+A link is drawn once, in its own frame, and an SVG transform moves it by its centre of mass z and its angle theta:
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-Between kept states the browser interpolates linearly in time. If a link turns by an angle d_theta between two kept states, a point
-at the distance r from the centre of mass z is drawn off its circular path by at most r d_theta^2 / 8. Joints look closed as long as
-all d_theta are small.
-
-Readers who ask for reduced motion, and printers, get a still picture of the start with the names of its parts.
+The browser interpolates linearly between the kept states of the motion. If a link turns by d_theta between two of them, a point at
+the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Readers who ask for reduced motion, and printers,
+get a still picture of the start.
 """
 
 from collections.abc import Sequence

@@ -147,10 +147,8 @@ def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
 def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
     """Yield the symbols of a spring (if k is not 0) and of a damper (if c is not 0) between a and b (n, 2) [px].
 
-    Points of the lines are (share of the length, px beside the line). Spring and damper are drawn along the whole length or, if
-    there are both, side by side from LEAD to 1 - LEAD, with short lines that join them at both ends. A spring is straight up to 0.2
-    of the length, follows the zigzag COILS up to 0.8, and then is straight again. A damper is a line to the bottom of its pot at
-    0.4, and a line from its piston at 0.52.
+    Points of the lines are (share of the length, px beside the line). If there are both, spring and damper are drawn side by side
+    from LEAD to 1 - LEAD, with short lines that join them at both ends.
     """
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))

@@ -36,13 +36,8 @@ def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
     """Return the SVG texts of the names of joints, observed points, links, forces and drivers at state q (n,).
 
-    Names of joints and observed points are placed first, then titles of parts, which are names of links, then names of forces and
-    drivers. No name is placed over one that was placed before it. If every place beside a force or driver overlaps another name or
-    the edge of the picture, or lies on a line, its name is left out.
-
-    Args:
-        taken: box (4,) [px] of a text that is placed already.
-        bar: a further line (2, 2) [px] from which names keep away.
+    Names of joints and observed points are placed first, then those of links, then those of forces and drivers. A force or driver
+    has no name in the drawing if every place overlaps another name, the edge of the picture or a line.
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
@@ -104,15 +99,8 @@ def _best(
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
-    The room of a place is the distance between the name at this place and the nearest line. The room is negative if the name
-    overlaps another name or the edge of the picture.
-
-    Args:
-        places: candidates (2,) [px].
-        segments: lines (l, 2, 2) [px] from which the name keeps away.
-        boxes: boxes (4,) [px] of the names that are placed already.
-        size: width and height of the picture [px].
-        enough: largest room that counts [px]: places with more room are equally good.
+    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
+    or the edge of the picture. Places with more room than `enough` are equally good.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name

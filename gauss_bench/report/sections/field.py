@@ -1,8 +1,4 @@
-"""The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result.
-
-The rows are those of a run of the suite `field`, which is run separately. The folder of this run may be the subfolder `field` of
-another run's folder; then the report of the other run has this section too.
-"""
+"""The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -115,9 +111,8 @@ def describe_end(row: Row) -> str:
 def costs(run: Run, engine: str = "") -> list[Row]:
     """Return a row for each engine, or only for `engine`: its cost at both ACCURACIES, its time to start, and its installed size.
 
-    The columns "coarse" and "fine" have the time of the engine's cheapest setting [s]. The columns with the endings `_range_low`
-    and `_range_high` have the range of this time, and those with the ending `_over` the time divided by that of the fastest engine.
-    Columns `why_*` have reasons for missing values (see `content.missing_reason`).
+    Columns "coarse" and "fine" have the time of the engine's cheapest setting [s], those with the endings `_range_low` and
+    `_range_high` its range, those with `_over` its multiple of the fastest engine. Columns `why_*` have reasons for missing values.
     """
     run = run.field_run
     lines: list[dict[str, Any]] = []

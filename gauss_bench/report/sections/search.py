@@ -1,7 +1,4 @@
-"""The cheapest setting of every engine that meets a requirement over the whole run.
-
-The section also lists the searched variants, the budget of the search, and the source of each option.
-"""
+"""The cheapest setting of every engine that meets a requirement over the whole run."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -44,9 +41,8 @@ def section(run: Run) -> Section | None:
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return rows of the table `search_winners` with further columns for the layout `search`.
 
-    The further columns are: `within`, the requirement; `name`, the engine with marks in brackets; `size`, step or tolerance;
-    `over`, the time divided by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite
-    wrote the engine. "base": ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
+    Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if ratios of times are relative to it,
+    and BY_AUTHORS if the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -70,7 +66,10 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return two rows of the layout `search_owned` for each row of the table `search_owned`."""
+    """Return two rows of the layout `search_owned` for each row of the table: one for each owner of settings.
+
+    The table has the settings by the engine's authors and, in the columns `our_*`, those of this suite.
+    """
     lines: list[Row] = []
     for row in rows:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
@@ -168,8 +167,8 @@ def _print_ratio(run: Run, row: Row) -> str:
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners` whose ratios are relative to the fastest of this suite's compiled engines on each linkage.
 
-    The rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of these engines that is
-    not the fastest, but as fast within the spread. Division by the smallest ratio of these engines gives the fastest the ratio 1.
+    Rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of them that is not the
+    fastest, but as fast within the spread; division by their smallest ratio gives the fastest the ratio 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):

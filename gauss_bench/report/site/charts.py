@@ -1,7 +1,7 @@
 """Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that dark mode and printing need no second drawing. The specification of a chart contains no
-data; a script of the page adds the rows.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification contains no data; a
+script of the page adds the rows.
 """
 
 import json
@@ -42,10 +42,8 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequ
     """Return the specification of a chart of points on two logarithmic axes, joined by lines.
 
     Args:
-        rows: the points that the page will draw; of each, only the key `engine` is used here. Points with the same value of the key
-            `line` are joined.
+        rows: points, of which only the key `engine` is used here; the page joins those with the same `line`.
         x, y: titles of the axes.
-        height: height of the chart [px].
         engines: engines in the order of the legend; by default they are sorted by name.
     """
     values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
@@ -101,13 +99,7 @@ def bars(
 ) -> dict[str, Any]:
     """Return the specification of a chart with a bar for each row.
 
-    It has dots instead of bars if the axis is logarithmic or if rows have low and high, which are drawn as ranges.
-
-    Args:
-        rows: bars with name and y, and perhaps low and high.
-        x: title of the axis.
-        rule: value at which a line is drawn across all bars.
-        number_format: format of the axis' numbers in D3's notation.
+    Dots replace the bars if the axis is logarithmic, or if rows have low and high, which are drawn as ranges.
     """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}

@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -150,33 +150,13 @@ def trust_card(run: Run) -> Card | None:
 CARDS: tuple[Callable[[Run], Card | None], ...] = (loops_card, claim_card, paper_card, trust_card)
 
 
-def questions(run: Run, findings: Sequence[Finding], preferred: str) -> list[Question]:
-    """Return frequent questions of readers, such as on MuJoCo's settings, that the rows of a run answer."""
-    asked = [ask_setting(run, preferred, "mujoco", "MuJoCo"), ask_redundant(run)]
-    if why := explain_time(run, "exudyn"):
-        asked.append(Question(question="Why is Exudyn slow here?", answer=why[0], page=f"engine-{file_name('exudyn')}.html#why"))
-    if claim := next((finding for finding in findings if finding.title == CLAIM), None):
-        asked.append(Question(question="Is Gauss faster than Lagrange?", answer=sentence_of(claim), page="papers.html#claim"))
-    written, page = bias.describe_authorship(run), f"method.html#{bias.ANCHOR}"
-    asked.append(Question(question="Where may this suite be biased?", answer=written, page=page))
-    return [question for question in asked if question is not None]
-
-
-def ask_setting(run: Run, linkage: str, engine: str, name: str) -> Question | None:
-    """Return the question "Which settings does the engine need for the usual accuracy?"; `name` is the engine's name in words."""
-    setting = cheapest_stored(run, linkage, USUAL).get(engine)
-    if setting is None:
-        return None
-    size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
-    return Question(
-        question=f"Which settings hold {1e3 * USUAL:g} mm in {name}?",
-        answer=f"On {linkage} the cheapest is {describe_setting(run, setting)}, {size}; the page has those of every linkage.",
-        page=f"engine-{file_name(engine)}.html#best",
-    )
-
-
-def ask_redundant(run: Run) -> Question | None:
-    """Return the question "Which engine is the most exact?", asked of the first linkage with redundant constraint rows."""
+def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator[Question]:
+    """Yield frequent questions of readers, such as on MuJoCo's settings on the linkage `preferred`, that the rows answer."""
+    setting = cheapest_stored(run, preferred, USUAL).get("mujoco")
+    if setting is not None:
+        size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
+        answer = f"On {preferred} the cheapest is {describe_setting(run, setting)}, {size}; the page has those of every linkage."
+        yield Question(question=f"Which settings hold {1e3 * USUAL:g} mm in MuJoCo?", answer=answer, page="engine-mujoco.html#best")
     for name in scenarios(run):
         try:
             redundant = pose_in(run, name)[0].redundant
@@ -184,12 +164,16 @@ def ask_redundant(run: Run) -> Question | None:
             continue
         rows = [r for r in run.of(name) if may_rank(r) and is_known(end_error(r))]
         if redundant > 0 and rows:
-            return Question(
-                question="Which engine is the most exact on redundant loops?",
-                answer=f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}.",
-                page=f"linkage-{file_name(name)}.html#cases",
-            )
-    return None
+            answer = f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}."
+            question = "Which engine is the most exact on redundant loops?"
+            yield Question(question=question, answer=answer, page=f"linkage-{file_name(name)}.html#cases")
+            break
+    if why := explain_time(run, "exudyn"):
+        yield Question(question="Why is Exudyn slow here?", answer=why[0], page="engine-exudyn.html#why")
+    if claim := next((finding for finding in findings if finding.title == CLAIM), None):
+        yield Question(question="Is Gauss faster than Lagrange?", answer=sentence_of(claim), page="papers.html#claim")
+    biased = "Where may this suite be biased?"
+    yield Question(question=biased, answer=bias.describe_authorship(run), page=f"method.html#{bias.ANCHOR}")
 
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
@@ -206,20 +190,20 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
         first=first_answers(run, preferred),
-        asked=questions(run, findings, preferred),
+        asked=list(questions(run, findings, preferred)),
         table=first_table(run),
         said=layouts()["texts"]["first"],
         cards=cards,
-        lost=headlines(findings),
+        # findings where the suite's own engines lose begin in bold; without a tone, which would colour every one of them
+        lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
         found=len(findings),
         authors=layouts()["texts"]["authors"],
     )
     data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}
     if names:
-        choices = {name: answers(run, name) for name in names}
-        later = program_files(choices, programs)
-        data |= chooser_data(run, choices)
+        form, later = choose(run, names, programs)
+        data |= form
     scripts = ("chooser.js",) if names else ()
     return Page("index", "Choose an engine for your linkage", LEAD, body, data, scripts=scripts, later=later)
 
@@ -239,30 +223,23 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
     ]
 
 
-def headlines(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail."""
-    return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
+def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the data of the web form in which a reader chooses a linkage and a requirement, and the programs that it offers.
 
-
-def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
-    """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand."""
+    The programs are name of a file, which a page loads only on demand -> the programs of a linkage, by `programs` or else calls of
+    this package.
+    """
+    choices = {name: answers(run, name) for name in names}
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
     later = {}
     for name, settings in chosen.items():
-        file = f"programs-{file_name(name)}"
-        choices[name]["programs"] = file
+        file, page = f"programs-{file_name(name)}", f"linkage-{file_name(name)}.html"
+        choices[name] |= {"programs": file, "page": page, "scenario": scenarios(run)[name]}
         later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in settings])}
-    return later
-
-
-def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the data of the web form in which a reader chooses a linkage and a requirement."""
-    for name, data in choices.items():
-        data |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
     with_settings = {x.engine for settings in all_settings(run).values() for x in settings}
     engines = sorted(with_settings.union(*(data["none"] for data in choices.values())))
-    return {
+    data = {
         "choices": choices,
         "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
         "own": [x for x in engines if x in run.own_engines],
@@ -270,6 +247,7 @@ def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, A
         "positions": POSITIONS,
         "forces": [None if math.isinf(x) else x for x in FORCES],
     }
+    return data, later
 
 
 def pack(texts: Sequence[str]) -> dict[str, Any]:

@@ -30,10 +30,7 @@ class Page:
 
     Attributes:
         name: name of the page's file, without suffix.
-        lead: sentence below the title.
-        body: HTML content.
         data: name -> data for the scripts of the page, such as charts.
-        scripts: further scripts that the page needs.
         later: name of a file -> data that a script loads only on demand.
         group: the page's group in the table of contents; empty for a page that has no entry there.
         facts: facts of the run from which the page's rows come; empty if that is the run of the whole site.
@@ -88,8 +85,8 @@ def table_class(content: Table) -> str:
 def table_style(content: Table) -> Markup:
     """Return CSS rules for all tables of the same CSS class as `content`: those with the same columns.
 
-    Columns of numbers are aligned right. On phones the cells of a row stand below each other, each with the heading of its column.
-    One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size.
+    One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size. On phones the
+    cells of a row stand below each other, each with the heading of its column.
     """
     name = table_class(content)
     labels = [f".{name} td:nth-child({i})::before{{content:{label(head)}}}" for i, head in enumerate(content.head, 1)]
@@ -113,8 +110,7 @@ def sort_by(cell: Cell) -> Markup:
 def shown(cell: Cell) -> Markup:
     """Return the HTML of a cell.
 
-    A formula is typeset, an address becomes a link, and a long text is folded behind a label. A missing value is a dash followed by
-    the reason.
+    A missing value is a dash followed by the reason; a long text is folded behind a label.
     """
     text = cell.text or NOTHING
     if text == NOTHING:

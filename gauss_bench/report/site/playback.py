@@ -114,7 +114,6 @@ class StoredRun:
 
     Attributes:
         label: engine and setting in words.
-        is_default: whether the engine had its default settings.
         ahead, gap: the part of the difference from the reference that leaves loops closed, and the part that opens them, both
             (frames, links, 3) [m, m, rad]; fewer frames if the run ended early.
     """
@@ -208,14 +207,9 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
 
 
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run of a linkage whose crank can turn fully. The drawn pose is turn(c + f ahead) + rest + f gap.
+    """Return the data of a run of a linkage whose crank can turn fully; `reference` (k, n) has the true states at all frames.
 
-    `ahead` is, at each frame, the angle a by which the crank of the run is ahead of the reference [rad]. `rest` is the difference
-    of the links from the closed pose at this crank angle, and `gap` opens the loops, both [px, px, degrees]. `rest` and `gap` are
-    left out if they are too small to be seen. c and f are explained at the top of this file.
-
-    Args:
-        reference: states (k, n) of the reference at all frames.
+    `rest` and `gap` are in [px, px, degrees], and left out if they are too small to be seen; the top of this file explains them.
     """
     ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead

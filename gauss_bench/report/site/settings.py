@@ -1,10 +1,8 @@
 """Settings that meet a requirement, and their costs: the data of the first page of the report's website.
 
-A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. The time of a
-setting was measured in a race (a timed comparison), or it is estimated from a race of the same variant at another step, in
-proportion to the number of steps. If no search for cheapest settings has a linkage, the cases of the accuracy suite count as its
-settings. For every requirement that a reader of the page can choose, the functions here find the cheapest setting of each engine; a
-script of the page shows it.
+A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
+measured in a race (a timed comparison), or is estimated from a race of the same variant at another step, in proportion to the
+number of steps. On a linkage without a search the cases of the accuracy suite count as settings.
 """
 
 import json
@@ -104,7 +102,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant."""
+    """Return variant (its columns METHOD) -> the options, in words, in which it differs from the engine's first variant."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
         # rows with an `owner` have settings that the engine's authors sent; the first other row is the engine as shipped
@@ -159,7 +157,7 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple."""
+    """Return the first setting with each key of `setting_key`; a search through thousands of settings takes half of the build."""
     every = [x for settings in all_settings(run).values() for x in settings]
     return {setting_key(vars(x)): x for x in reversed(every)}
 
@@ -299,11 +297,7 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 
 
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
-    """Return a dictionary: engine -> why it does not meet a requirement, for all engines that have no setting that meets it.
-
-    Args:
-        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
-    """
+    """Return engine -> why it does not meet a requirement on errors [m], [N], for all engines without a setting that meets it."""
     settings = all_settings(run).get(mechanism, [])
     hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
@@ -395,5 +389,5 @@ def _ladders(run: Run) -> Ladders:
 
 @lru_cache(maxsize=2)
 def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
-    """Return a dictionary: (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
+    """Return (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
     return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

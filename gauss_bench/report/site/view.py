@@ -1,9 +1,8 @@
 """A page that draws the linkage encoded in the page's own address (URL), and the fragment of such an address: the text after #.
 
-The fragment is `v1.` followed by JSON, which is compressed with zlib and encoded as base64url. The JSON has the linkage file, the
-points of all links in their own frames, and sampled poses. Positions are whole multiples of `unit` [m], and angles are whole
-multiples of 1/`ANGLES` rad. Poses are stored as second differences over time, which are small for smooth motions. The page draws
-the poses and computes no motion. Anybody can write an address with any fragment, so the page checks everything in the fragment
+The fragment is `v1.` followed by JSON, compressed with zlib and encoded as base64url: the linkage file, the points of all links in
+their own frames, and sampled poses. Positions are whole multiples of `unit` [m], angles of 1/`ANGLES` rad; poses are stored as
+second differences over time, which are small for smooth motions. Anybody can write an address, so the page checks everything
 against LIMITS.
 """
 
@@ -119,9 +118,8 @@ def round_place(at: Array) -> list[float]:
 def pack_poses(q: Array) -> dict[str, Any]:
     """Return the entries `unit` [m] and `poses` of a fragment, from positions (k, n) at k times.
 
-    `poses` has a list for each of the n coordinates, which are x, y and angle of each link. A coordinate is stored as a whole
-    number: x and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad (the page knows ANGLES). The list has the k second
-    differences of a coordinate over time; two cumulative sums restore the coordinate.
+    `poses` has for each of the n coordinates (x, y and angle of each link) the k second differences over time of whole numbers: x
+    and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad. Two cumulative sums restore them.
     """
     at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
