@@ -4,10 +4,8 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
-import urllib.request
 from collections.abc import Iterator
 from decimal import Decimal
 from importlib.util import find_spec
@@ -126,23 +124,6 @@ def test_the_example_of_a_verb_runs(
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     for name in {"run": ("run", "report"), "verify": ("certify", "verify")}.get(verb, (verb,)):
         carry_out(verbs_and_examples()[name], tmp_path, capsys)
-
-
-@pytest.mark.long
-def test_the_example_of_the_studio_serves_its_page_until_it_is_interrupted(tmp_path: Path) -> None:
-    needs("uvicorn")
-    (block,) = blocks(verbs_and_examples()["studio"])
-    command = [sys.executable, "-m", "gauss_bench", *shlex.split(block.text)[1:]]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as studio:
-        try:
-            assert studio.stderr is not None
-            address = next(found[0] for line in studio.stderr if (found := re.search(r"http://\S+", line)))
-            with urllib.request.urlopen(address, timeout=60) as page:
-                assert b"<html" in page.read()
-        finally:
-            studio.send_signal(signal.SIGINT)
-        assert studio.wait(timeout=60) == 0
 
 
 def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -124,16 +124,6 @@ class StoredRun:
     ahead: Array
     gap: Array
 
-    @property
-    def off(self) -> Array:
-        """The largest distance of any link from the reference at each frame, (frames,) [m]."""
-        return _largest_shift(self.ahead + self.gap)
-
-    @property
-    def open(self) -> Array:
-        """At each frame the largest distance of a link from the place that it would have with closed loops, (frames,) [m]."""
-        return _largest_shift(self.gap)
-
 
 def _largest_shift(x: Array) -> Array:
     """Return the largest shift of any link at each frame, (frames,) [m], from differences (frames, links, 3) [m, m, rad]."""
@@ -229,7 +219,7 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
 
 def _describe(x: StoredRun) -> dict[str, Any]:
     """Return the name of a run, and its error and its largest loop opening at each frame [mm]."""
-    return {"name": x.label, "off": _round(1e3 * x.off), "open": _round(1e3 * x.open)}
+    return {"name": x.label, "off": _round(1e3 * _largest_shift(x.ahead + x.gap)), "open": _round(1e3 * _largest_shift(x.gap))}
 
 
 def shift_in_pixels(canvas: Canvas, x: Array) -> Array:
@@ -246,7 +236,9 @@ def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -
     """Return the contents of the part of a page that plays two runs side by side."""
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
-    farthest = scale * max(float(runs[i].off.max()) for i in (left, right))  # [px] at a factor of one
+    farthest = scale * max(
+        float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)
+    )  # [px] at a factor of one
     initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
     labels = [*enumerate(x.label for x in runs)]
     return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": initial, "last": frames - 1}
