@@ -104,23 +104,21 @@ class Film:
 
     def draw(self, part: Part) -> str:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
-        moves = {
-            "translate": np.ptp(part.place, axis=0).max() > HELD,
-            "rotate": np.ptp(part.turn) > HELD,
-            "scale": np.ptp(part.stretch) > 1e-4,
-        }
+
+        def animated(kind: str, values: Sequence[str], more: str = 'additive="sum" ') -> str:
+            return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
+
+        is_stretched = np.ptp(part.stretch) > 1e-4
+        is_moved = np.ptp(part.place, axis=0).max() > HELD or np.ptp(part.turn) > HELD or is_stretched
+        tracks = []
         # The track of translations replaces the whole transform of `Part.draw`, and the other tracks multiply it. So every part
         # that moves has a translation, and a rotation unless it is upright. Links (parts with a title) always have both.
-        moving = bool(part.title) or any(moves.values())
-        needed = {"translate": moving, "rotate": moving and bool(part.title or part.turn.any()), "scale": moves["scale"]}
-        tracks = []  # the list of a transform's values at all states
-        for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
-            if needed[kind]:
-                track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
-                more = "" if kind == "translate" else 'additive="sum" '
-                if kind == "scale":  # parts stretch only along their x axis: append the factor 1 of the y axis to each value
-                    track = track.replace(";", " 1;") + " 1"
-                tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{track}" {self.timing}/>')
+        if part.title or is_moved:
+            tracks.append(animated("translate", [f"{x:.2f} {y:.2f}" for x, y in part.place], ""))
+            if part.title or part.turn.any():
+                tracks.append(animated("rotate", [f"{x:.2f}" for x in part.turn]))
+        if is_stretched:  # along the x axis alone
+            tracks.append(animated("scale", [f"{x:.4f} 1" for x in part.stretch]))
         return part.draw(inside="".join(tracks))
 
 

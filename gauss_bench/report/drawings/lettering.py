@@ -41,27 +41,27 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
-    texts = []
+    named = []  # name, candidate places, room beyond which no place is better, style, whether the name may be left out
     for name, where in _points(mechanism, q, canvas):
         wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name, less 4 px: a name beside its point stands close to it
         # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in AROUND]
-        place, _ = _best(places, name, segments, boxes, size, NEAR)
-        boxes.append(box_of(name, place))
-        texts.append(_text(name, place, INK, 'font-style="italic"'))
+        named.append((name, places, NEAR, f'fill="{INK}" font-style="italic"', False))
     for part in parts:  # links
         if part.title:
             # a part whose `reach` is empty counts as a line of no length at its origin
             lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
-            place, _ = _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)
-            boxes.append(box_of(part.title, place))
-            texts.append(_text(part.title, place, MUTED, ""))
+            named.append((part.title, _beside_lines(part.title, lines), FAR, f'fill="{MUTED}"', False))
     for part in parts:  # forces and drivers
         if part.name and len(part.reach):
-            place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, boxes, size, NEAR)
-            if room > 0:
-                boxes.append(box_of(part.name, place))
-                texts.append(_text(part.name, place, CRANK_EDGE, ""))
+            named.append((part.name, _beside_lines(part.name, part.lines()), NEAR, f'fill="{CRANK_EDGE}"', True))
+    texts = []
+    for name, places, enough, style, may_miss in named:
+        place, room = _best(places, name, segments, boxes, size, enough)
+        if room > 0 or not may_miss:
+            boxes.append(box_of(name, place))
+            x, y = place[0], place[1] + 4.5
+            texts.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" {style}>{escape(name)}</text>')
     return texts
 
 
@@ -77,12 +77,6 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
     return [spot + away * way + wide * way for away in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
 
 
-def _text(name: str, place: Array, colour: str, style: str) -> str:
-    """Return the SVG text of a name around its middle (2,) [px]."""
-    x, y = place[0], place[1] + 4.5
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
-
-
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
     """Return (name, pixels (2,)) of joints and observed points; of several at the same place (to 0.1 px) only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
@@ -95,7 +89,7 @@ def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, A
 
 
 def _best(
-    places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
+    places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
