@@ -201,7 +201,7 @@ def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
 
 
 def round_times(table: Table, row: Row) -> dict[str, Any]:
-    """Return a typed row (one whose values have the types of their columns) with rounded times and ratios of times.
+    """Return a typed row with rounded times and ratios of times.
 
     A value and the two ends of its range are rounded to multiples of the largest power of ten that is at most a hundredth of the
     width of the range. The value keeps at least four significant digits, and exactly four if no range is known. Reports print only
@@ -232,7 +232,7 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
 
 
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
-    """Write a table of the schema into a folder, each of its files atomically, and return the paths of the files.
+    """Write the files of a table into a folder, each atomically, and return their paths.
 
     Equal rows give equal bytes. Files of this table that an earlier format stored under other paths are removed.
 
@@ -329,7 +329,7 @@ def write_schema(folder: Path, names: Iterable[str] = ()) -> None:
 
 
 def read_environment(folder: Path) -> dict[str, Any]:
-    """Return the content of `environment.json` in the folder of a run; empty if there is no such file.
+    """Return the content of `environment.json` of a run; empty without such a file.
 
     Raises:
         TableError: the file is damaged.
@@ -345,7 +345,7 @@ def read_environment(folder: Path) -> dict[str, Any]:
 
 
 def format_of(folder: Path) -> int:
-    """Return the number of the format of the tables in a folder; the number is 1 if the folder has no `tables.json`.
+    """Return the format of the tables in a folder; 1 without `tables.json`.
 
     Raises:
         TableError: the format is later than FORMAT, the latest one that this version reads, or `tables.json` is damaged.
@@ -442,7 +442,7 @@ def read_file(
 
 
 def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:
-    """Convert a line of a file of an older format: rename its columns, and leave out values whose meaning has changed since."""
+    """Convert a line of an older format: rename columns, and leave out values whose meaning has changed."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:

@@ -48,7 +48,7 @@ class Entry:
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths comes once."""
+    """Return the tables of a linkage file, each once and before the tables inside it."""
     entries: dict[type[schema.Table], Entry] = {}
 
     def add(table: type[schema.Table], place: str, edition: int) -> None:
@@ -126,7 +126,7 @@ def print_default(default: Any) -> str:
 
 
 def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains the table at the path `place`, or else the innermost table around it."""
+    """Return the heading of the guide that explains the table at a path, or the innermost table around it."""
     headings = {"": TOP}  # path of a table -> heading
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
@@ -143,13 +143,13 @@ def print_place(place: str) -> str:
 
 
 def describe_place(entry: Entry) -> str:
-    """Return the heading of a table of the grammar: all its paths, and the values of its key `type` or `law` if it has this key."""
+    """Return the heading of a table: all its paths, and the values of its key `type` or `law`."""
     words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
     return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
 
 
 def describe_key(entry: Entry, key: str) -> str:
-    """Return a key with its path, such as "links.NAME.mass", and with the `type` or `law` of its table."""
+    """Return a key with its path, such as "links.NAME.mass", and its `type` or `law`."""
     kinds = f" ({entry.decides} {', '.join(entry.kinds)})" if entry.decides else ""
     return join(print_place(entry.places[0]), key) + kinds
 
@@ -163,7 +163,7 @@ def list_keys() -> Iterator[tuple[Entry, str, str]]:
 
 
 def write_index() -> str:
-    """Return the Markdown of the page: for each table of the grammar a table of its keys, with anchors such as `links.mass`."""
+    """Return the Markdown of the page: a table of keys, with anchors such as `links.mass`, for each table."""
     lines: list[str] = []
     for entry, keys in groupby(list_keys(), key=itemgetter(0)):
         table, place = entry.table, entry.places[0]

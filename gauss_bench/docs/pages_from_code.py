@@ -44,7 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the headings of a page to HEADINGS: for the index of keys its keys instead, for the page of commands also the options."""
+    """Add the headings of a page to HEADINGS, or the keys of the index, and the options of commands."""
     HEADINGS.append({"location": page.url, "title": page.title})
     found = [(heading.url, heading.title) for heading in flatten(page.toc)]
     if page.file.src_uri == "keys.md":
@@ -85,7 +85,7 @@ def write_grammar() -> str:
 
 
 def write_commands(page: str) -> str:
-    """Return the page of commands with the summary of each verb below its heading, and its help below its example."""
+    """Return the page of commands with summary and help of each verb."""
     os.environ["COLUMNS"] = "100"  # width of the help
     start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)  # then names and examples in turn
     lines = [start]

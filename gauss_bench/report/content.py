@@ -170,7 +170,7 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def to_json(x: Any) -> Any:
-    """Return a value for JSON: a float is rounded to five significant digits, which a figure can show; None if it is not finite."""
+    """Return a value for JSON: a float with five significant digits, None if it is not finite."""
     if not isinstance(x, float):
         return x
     return round_digits(x, 5) if math.isfinite(x) else None
@@ -203,7 +203,7 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value, and for a missing value its reason; the arguments are those of `_print_value`."""
+    """Return the cell of a row's value, with the reason if it is missing; arguments as in `_print_value`."""
     cell = _print_value(row, kind, key, bar)
     return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
 
@@ -277,7 +277,7 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
 
 def status_cell(row: Row) -> Cell:
-    """Return the cell with the status of a case: of an ended case "ok" or "not valid", but "control" for a negative control."""
+    """Return the cell with the status of a case; an ended case is "ok", "not valid" or a negative "control"."""
     status = row["status"]
     if has_ended(row):
         status = "ok" if row["valid"] else "not valid"
@@ -319,7 +319,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table, both by the layout `name`; the arguments are those of `lay_out`."""
+    """Return the introduction of a table and the table, by the layout `name`; arguments as in `lay_out`."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

@@ -21,19 +21,19 @@ BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the f
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the engine's name; for Pinocchio, add whether its loop over the steps is compiled, or called from Python."""
+    """Return the engine's name; for Pinocchio also whether its loop over the steps is compiled."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
 
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
-    """Return a dictionary: name that `loop_of` returns, such as "pinocchio, compiled" -> the settings with this name."""
+    """Return name by `loop_of` -> the settings with this name."""
     return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
-    """Return for each name of `loop_of` its cheapest setting whose position error on a linkage is at most `position` [m]."""
+    """Return name by `loop_of` -> its cheapest setting on a linkage with a position error of at most `position` [m]."""
     found: dict[str, Setting] = {}
     for loop, settings in group_by_loop(all_settings(run).get(mechanism, [])).items():
         for setting in cheapest(settings, position).values():  # one setting at most, because the group has one engine
@@ -42,12 +42,12 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Return a name that `loop_of` returns, with the mark " (own)" if the authors of the suite wrote the engine."""
+    """Mark a name by `loop_of` with " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
 def first_table(run: Run) -> Table | None:
-    """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does."""
+    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
     modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
     ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
     leaders = {name: cheapest_loops(run, name, FIRST) for name in ladders}
@@ -83,7 +83,7 @@ def first_table(run: Run) -> Table | None:
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
-    """Return in a few words why an engine has no time on a linkage for errors of at most `position` [m].
+    """Return in a few words why an engine has no time within `position` [m] on a linkage.
 
     Either no run met the accuracy, or none of those that met it was in a timed comparison.
     """

@@ -32,7 +32,7 @@ def markdown_cell(cell: Cell) -> str:
 
 
 def make_environment(package: str, autoescape: bool = True) -> jinja2.Environment:
-    """Return the Jinja environment with the templates of a package; rendering a template with an unknown name raises an error."""
+    """Return the Jinja environment of a package's templates, in which an unknown name is an error."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader(package, "templates"),
         undefined=jinja2.StrictUndefined,
@@ -43,7 +43,7 @@ def make_environment(package: str, autoescape: bool = True) -> jinja2.Environmen
 
 
 def facts(run: Run) -> list[str]:
-    """Return suite, date, commit and processor of a run, as far as the run recorded them, for headers."""
+    """Return suite, date, commit and processor of a run, as far as it recorded them."""
     environment = run.environment
     suite = f"suite {environment['suite']}" if "suite" in environment else ""
     changes = " with changes" if environment.get("dirty") else ""  # the working tree had uncommitted changes

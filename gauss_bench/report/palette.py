@@ -25,7 +25,7 @@ VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENG
 
 
 def engine_colours(engines: Iterable[str]) -> dict[str, str]:
-    """Return engine -> colour; engines outside the palette get the colours OTHERS in turn, in the order of their names."""
+    """Return engine -> colour; engines outside the palette get OTHERS in turn, in the order of names."""
     names = sorted(set(engines))
     strangers = [name for name in names if name not in ENGINES]
     return {name: ENGINES.get(name) or OTHERS[strangers.index(name) % len(OTHERS)] for name in names}

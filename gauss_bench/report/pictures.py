@@ -50,7 +50,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 
 def motion_picture(run: Run) -> str:
-    """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times."""
+    """Return the SVG of two stored runs side by side, with loop openings magnified WIDER times."""
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
@@ -140,7 +140,7 @@ def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: A
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
-    """Yield the SVG of the moving links and joints; of an open joint both ends are drawn, with a red line between them."""
+    """Yield the SVG of the moving links and joints; an open joint has both ends and a red line between them."""
     yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
     for joint in mechanism.joints:
         a, b = (canvas.at(position(film.states, end)) for end in joint.ends)  # (f, 2) pixels each
@@ -156,7 +156,7 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
 
 
 def cost_picture(run: Run) -> str:
-    """Return the SVG figure of error against processor time of every engine on LINKAGE, which is the four-bar."""
+    """Return the SVG figure of error against processor time of every engine on LINKAGE."""
     lines = fronts(run)
     rows: list[dict[str, Any]] = []
     for loop, settings in lines.items():
@@ -184,7 +184,7 @@ def fronts(run: Run) -> dict[str, list[Setting]]:
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
     def sort_key(loop: str) -> tuple[float, str]:
-        """Return the sort key of an engine: its least time with an error of at most FIRST (infinity if none), then its name."""
+        """Return the least time of an engine within FIRST (infinity if none), and its name."""
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 
@@ -197,7 +197,7 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark."""
+    """Return an SVG file whose colours are CSS variables, which follow the reader's choice of light or dark."""
     light = declare({name: colour for colour, name in VARIABLES.items()}) + hues(dark=False)
     dark = declare(DARK) + hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'

@@ -79,7 +79,7 @@ def shorten(finding: Finding) -> str:
 
 
 def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error, and the least acceleration error of all cases, as a row of the layout `least`.
+    """Return the valid case with the least error of one engine and setting, as a row of the layout `least`.
 
     The column `by` has the integrator and stabilisation of the valid case. If no case is valid, `by` has the statuses of all cases.
     """
@@ -96,7 +96,7 @@ def least_error(rows: Sequence[Row]) -> Row:
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return a table for each requirement (kind of error and limit), with a row for each engine and a column for each linkage."""
+    """Return a table of multiples (time over that of the fastest engine) for each requirement."""
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
     multiples = race_multiples(run)

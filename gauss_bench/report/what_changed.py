@@ -49,7 +49,7 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return a sentence for each changed quantity, each change of an answer, and the changed, the new and the gone defaults."""
+    """Return sentences on changed quantities, changed answers, and changed, new and gone defaults."""
     figures, answers, defaults = [], [], []
     for row in changes:
         is_figure = is_known(row.get("difference")) or is_known(row.get("ratio"))
@@ -73,7 +73,7 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the questions (a case with a setting) to which only one of two releases gives a result."""
+    """Return a sentence on the questions to which only one of two releases gives a result."""
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
     change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
     return f"{count(len(rows), 'question')} {change} ({cases})"
@@ -102,7 +102,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers of the release `after` that equal those of the release before it, at least to rounding."""
+    """Return a sentence on the numbers of a release that equal those of the one before, or but for rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"
@@ -115,7 +115,7 @@ def place_of(row: Row) -> str:
 
 
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
-    """Return the text of `what_changed.md`, the page on the changes between releases, in Markdown."""
+    """Return the text of `what_changed.md`."""
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]

@@ -27,7 +27,7 @@ def names() -> list[str]:
 
 
 def read_suite(name: str) -> Suite:
-    """Return a suite, joined with the suites that it builds on; `name` is that of a built-in suite, or the path of a .toml file.
+    """Return a suite (a built-in name, or the path of a .toml file), joined with those that it builds on.
 
     Raises:
         SuiteError: the suite does not exist, is not valid TOML, does not fit the schema, or builds on itself.
@@ -76,7 +76,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite with the entries of all suites in each of SECTIONS, without repetitions, and the title of the last suite."""
+    """Return one suite with the distinct entries of all suites, and the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []

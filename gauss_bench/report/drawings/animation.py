@@ -140,7 +140,7 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """Return the SVG of the caption "slowed x times" in the corner with most room; an empty list for a film in real time.
+    """Return the SVG of the caption "slowed x times" in the corner with most room; nothing in real time.
 
     Args:
         avoid: segments (k, 2, 2) [px] from which the caption keeps away.

@@ -55,7 +55,7 @@ def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    """Return the SVG elements of the paths of observed points over `trace` (k, n), if given, and on top of them of all parts."""
+    """Return the SVG of the paths of observed points over `trace` (k, n), if given, and of all parts on top."""
     tracks = [] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)
     return [*tracks, *(part.draw() for part in parts)]
 
@@ -78,7 +78,7 @@ def place_scale(canvas: Canvas, avoid: Array) -> tuple[list[str], Array, Array]:
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """Find the corner of the picture that is farthest from given segments, and place a horizontal line in this corner.
+    """Return the middle (2,) [px] of a line in the corner of the picture farthest from given segments.
 
     Args:
         half: half the length of the line [px].
@@ -92,7 +92,7 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
-        """Return the rounded distance [px] of the line with its middle at `corner` (2,) [px] from the segments."""
+        """Return the rounded distance [px] of the line from the segments."""
         # beyond 100 px all corners are equally good, and the first is taken
         return min(100.0, round(distance(corner + line, avoid)))
 
@@ -174,7 +174,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """Return the drawn part of link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
+    """Return link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []  # reach: lines (2, 2) [px] in the link's frame, from which names keep away
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -209,7 +209,7 @@ def hull(points: Array) -> Array:
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the names of the points that each bar of a link joins; a link without bars has one between consecutive points."""
+    """Return the names of the points that each bar joins; without bars, one joins consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 

@@ -23,12 +23,12 @@ AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) un
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Return an estimate of the width [px] of a name in letters of a given size [px]; it errs on the large side."""
+    """Estimate the width [px] of a name in letters of a size [px]; it errs on the large side."""
     return size / 13 * sum(WIDTHS.get(letter, OTHERS) for letter in name)
 
 
 def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
-    """Return the edges left, top, right and bottom (4,) [px] of the text of a name whose middle is at `middle` (2,) [px]."""
+    """Return the box (left, top, right, bottom) [px] of a name whose middle is at `middle` (2,) [px]."""
     half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
     return np.concatenate([middle - half, middle + half])
 
@@ -66,7 +66,7 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Return candidate places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
+    """Return places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
 
     `_best` takes the first of equally good places: places near a line, and near the middle of the line, come first.
     """
@@ -78,7 +78,7 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
 
 
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return (name, pixels (2,)) of joints and observed points; of several at the same place (to 0.1 px) only the first."""
+    """Return (name, pixels (2,)) of joints and observed points; of several at one place only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}

@@ -51,7 +51,7 @@ def pose_document(
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """Return the states (TURN + 1, n) of a full turn of the driver in 1 s, or None if the linkage does not close everywhere."""
+    """Return states (TURN + 1, n) of a full turn of the driver in 1 s, None if the linkage does not close everywhere."""
     constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
     for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:

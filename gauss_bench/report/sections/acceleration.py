@@ -23,7 +23,7 @@ ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines whose accelerations agree with the reference, on other engines, and on the negative control."""
+    """Yield findings on engines whose accelerations agree with the reference, on others, and on the negative control."""
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -31,7 +31,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding that lists the engines whose accelerations agree with the reference at the same states."""
+    """Yield a finding on the engines whose accelerations agree with the reference."""
     engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
     worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
     same = sorted((error, name) for name, error in worst.items() if error <= SAME_ACCELERATION)
@@ -54,7 +54,7 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding for each setting of an engine whose accelerations differ from the reference at the same states."""
+    """Yield a finding for each setting whose accelerations differ from the reference, and whether a smaller step helps."""
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:

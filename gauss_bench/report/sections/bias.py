@@ -13,13 +13,13 @@ TITLE, ANCHOR = "Where this suite may be biased", "bias"
 
 
 def section(run: Run) -> Section:
-    """Return the section on possible biases of the suite, with a table of the effort that went into each engine."""
+    """Return the section on possible biases, with a table of the effort that went into each engine."""
     lines = list(count_effort(run).values())
     return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *layouts()["bias"]["items"])), *blocks_of("bias", lines)))
 
 
 def describe_authorship(run: Run) -> str:
-    """Return a sentence on the number of engines that the authors of the suite wrote, and on what they chose."""
+    """Return a sentence on the share of engines that the suite's authors wrote, and on what they chose."""
     engines = count_effort(run).values()
     own = sum(row["own"] == "yes" for row in engines)
     return (
@@ -29,7 +29,7 @@ def describe_authorship(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> a row of counts, with the engines by the authors of the suite first."""
+    """Return engine -> a row of counts of searched settings, runs of searches, cases and valid cases; own engines first."""
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
     counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
     counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])

@@ -12,7 +12,7 @@ RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step
 
 
 def section(run: Run) -> Section:
-    """Return the section on the paper's claim that fewer unknowns are faster, with the table of timed comparisons."""
+    """Return the section on the claim that fewer unknowns are faster, with the table of timed comparisons."""
 
     def order(row: Row) -> tuple[float, float, str]:
         """Return the sort key of a row: numbers of unknowns of the Gauss and of the Lagrange formulation, then the linkage."""
@@ -24,7 +24,7 @@ def section(run: Run) -> Section:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m, as the paper claims."""
+    """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m."""
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
     formula = [{"where": name, "ratio": x} for name, x in ratios.items()]

@@ -36,7 +36,7 @@ TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracie
 
 
 def engine_names(run: Run) -> list[str]:
-    """Return the names of all engines in the rows of a run, sorted."""
+    """Return the sorted names of all engines in the rows of a run."""
     rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"), *run.table("field"))
     return sorted({r["engine"] for r in rows} - {""})
 
@@ -208,7 +208,7 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on what the engine failed at."""
+    """Return sentences on what the engine failed at: cases, runs of the search, models, and accelerations."""
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     # negative controls are left out: they are invalid on purpose
@@ -242,7 +242,7 @@ def list_failures(run: Run, name: str) -> list[str]:
 
 
 def list_inexact(run: Run, name: str) -> list[str]:
-    """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
+    """Return a sentence for each setting with wrong accelerations, with the cause if it is known."""
     causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
     rows = with_number(of_engine(run.results, name), "acceleration_error_median")
     sentences = []

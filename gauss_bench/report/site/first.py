@@ -209,7 +209,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return for each engine the texts on its cheapest setting with position errors of at most USUAL [m] on the linkage `name`."""
+    """Return for each engine, the fastest first, texts on its cheapest setting within USUAL [m] on a linkage."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -251,7 +251,7 @@ def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[d
 
 
 def pack(texts: Sequence[str]) -> dict[str, Any]:
-    """Return the distinct lines of texts, and each text as indices of its lines; programs of one engine share most lines."""
+    """Return the distinct lines of texts, and each text as indices of its lines; most lines are shared."""
     lines: dict[str, int] = {}
     indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
     return {"lines": list(lines), "texts": indices}

@@ -107,7 +107,7 @@ def rows_page(run: Run, name: str) -> Page | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines that have no time."""
+    """Return sentences on the fastest engines within HELD [m], and on why others have no time; empty without settings."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
@@ -124,7 +124,7 @@ def name_leaders(run: Run, name: str) -> str:
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if no setting reaches any."""
+    """Return the table of each engine's cheapest setting at four accuracies; None if no setting reaches any."""
     lines = []
     for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)

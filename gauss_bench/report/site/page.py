@@ -53,7 +53,7 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """Return a file name that is safe on file systems and in addresses; an altered name gets a checksum, so that it is distinct."""
+    """Return a file name that is safe in addresses; an altered name gets a checksum, so that it is distinct."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
     return plain if plain == text else f"{plain}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
@@ -96,12 +96,12 @@ def table_style(content: Table) -> Markup:
 
 
 def label(head: str) -> Markup:
-    """Return the heading of a column as a string of CSS, in quotes and without marks of Markdown."""
+    """Return the heading of a column as a quoted string of CSS, without marks of Markdown."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
 def sort_by(cell: Cell) -> Markup:
-    """Return the HTML attribute with the sort key of a cell; empty for a text, or if the cell's text is a number itself."""
+    """Return the attribute with the sort key of a cell; empty for a text, or if the cell is a number."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)

@@ -57,7 +57,7 @@ class Turn:
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return the states of a linkage over a full turn of its crank, beginning at the crank angle 0 if possible."""
+    """Return a linkage's states over a full turn of its crank, from the crank angle 0 if possible; else None."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings
@@ -73,7 +73,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """Return the SVG of a linkage with numbered links, and the data of its motion: places of all links in each state."""
+    """Return the SVG of a linkage with numbered links, and the places of all links in each state."""
     turn = find_turn(run, name)
     if turn is None:
         return None
@@ -91,12 +91,12 @@ def in_pixels(canvas: Canvas, states: Array) -> Array:
 
 
 def list_frames(places: Array) -> list[Any]:
-    """Return places (k, links, 3) [px, px, degrees] as a list of k places for each link, rounded to 0.01."""
+    """Return places (k, links, 3) [px, px, degrees] as a list for each link, rounded to 0.01."""
     return list(np.round(places, 2).swapaxes(0, 1).tolist())
 
 
 def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
-    """Return the SVG of the first of states (k, n); each moving part has the number of its link as an attribute."""
+    """Return the SVG of the first of states (k, n); each moving part has the number of its link."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = draw_paths(mechanism.observed_points, states, canvas)
     for part in parts:
@@ -126,7 +126,7 @@ class StoredRun:
 
 
 def _largest_shift(x: Array) -> Array:
-    """Return the largest shift of any link at each frame, (frames,) [m], from differences (frames, links, 3) [m, m, rad]."""
+    """Return the largest shift (frames,) [m] of any link, from differences (frames, links, 3) [m, m, rad]."""
     return np.asarray(np.hypot(x[..., 0], x[..., 1]).max(axis=-1))
 
 
@@ -168,7 +168,7 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script."""
+    """Return the contents of the part of a page that plays two runs side by side, and the data for its script; else None."""
     turn = find_turn(run, name)
     try:
         document, digest, path = document_in(run, name)

@@ -84,14 +84,14 @@ class Setting:
 
 
 def describe_size(x: Setting) -> str:
-    """Return the step or tolerance of a setting in words, or "own" if the engine chooses its steps."""
+    """Return step or tolerance of a setting in words, "own" if the engine chooses its steps."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return a setting in words: integrator, stabilisation, and the options that differ from the engine's options as shipped."""
+    """Return a setting in words: integrator, stabilisation, and the options that differ from those as shipped."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -137,20 +137,20 @@ def setting_key(row: Row) -> tuple[Any, ...]:
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Return the setting of a row; `more` has further fields, and numbers that are neither in the row nor in `more` are NaN."""
+    """Return the setting of a row with further fields; missing numbers are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
 
 def race_time(row: Row) -> dict[str, float]:
-    """Return the time that a race measured [s] and the ends of its range, as the fields of `Setting`."""
+    """Return the time of a race [s] and the ends of its range, as fields of `Setting`."""
     time = spread(row, "seconds")
     return {"seconds": time.value, "low": time.low, "high": time.high}
 
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> dict[str, list[Setting]]:
-    """Return linkage -> all settings with known errors on the linkage; some of these settings were not timed."""
+    """Return linkage -> all settings with known errors, timed or not."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
     return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
@@ -163,7 +163,7 @@ def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings that a search tried on each linkage, each with its time: measured in a race, or estimated from a race."""
+    """Yield the settings of searches, each with its time: measured in a race, or estimated from one."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
     raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
@@ -186,7 +186,7 @@ def _search(run: Run) -> Iterator[Setting]:
 
 
 def _cases(run: Run) -> Iterator[Setting]:
-    """Yield the valid cases of the accuracy suite as settings, each with the estimated time of its run."""
+    """Yield the valid cases of the accuracy suite as settings with estimated times."""
     for row in run.results:
         error = first_number(number(row, "length_error"), number(row, "position_error"))
         if may_rank(row) and is_known(error) and is_known(run_time(row)):
@@ -228,7 +228,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
 
 
 def fastest_first(run: Run, mechanism: str, position: float) -> list[Setting]:
-    """Return for each engine its cheapest timed setting with position errors of at most `position` [m], the fastest first."""
+    """Return the cheapest timed setting of each engine within `position` [m], the fastest first."""
     settings = cheapest_stored(run, mechanism, position).values()
     return sorted((x for x in settings if is_known(x.seconds)), key=lambda x: x.seconds)
 
@@ -240,7 +240,7 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
-    """Return (linkage, kind of error, accuracy, engine) -> time of the engine in a race over that of the fastest engine."""
+    """Return (linkage, kind of error, accuracy, engine) -> its time in a race over the fastest."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
@@ -305,7 +305,7 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 
 
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
+    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes; by its search or its cases.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -327,7 +327,7 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
 
 @lru_cache(maxsize=2)
 def scenarios(run: Run) -> Mapping[str, str]:
-    """Return linkage -> scenario, for the linkages that were run or searched, sorted by name."""
+    """Return linkage -> scenario of all linkages that were run or searched, sorted."""
     first: dict[str, str] = {}
     for row in (*run.results, *run.table("search_ladder")):
         first.setdefault(row["mechanism"], row["scenario"])
@@ -335,7 +335,7 @@ def scenarios(run: Run) -> Mapping[str, str]:
 
 
 def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race, or why not.
+    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race.
 
     Args:
         wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
@@ -365,7 +365,7 @@ def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenar
 
 
 def _read_race(row: Row) -> Reach:
-    """Return the answer for a row of `search_winners`, which follows from the row's status: timed, skipped or not reached."""
+    """Return the answer for a row of `search_winners`: timed, skipped or not reached."""
     status, message = row["status"], row.get("message") or ""
     if status == Status.OK:
         return Reach(Kind.TIMED)
@@ -379,7 +379,7 @@ def _read_race(row: Row) -> Reach:
 
 @lru_cache(maxsize=2)
 def _ladders(run: Run) -> Ladders:
-    """Return linkage -> engine -> a list with one entry for each searched variant: its trials at several steps or tolerances."""
+    """Return linkage -> engine -> for each searched variant its trials at several steps or tolerances."""
     ladders: Ladders = {}
     for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
         trials = [trial_of(r) for r in rows]

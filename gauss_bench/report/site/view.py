@@ -41,7 +41,7 @@ class TooLarge(ValueError):
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
-    """Return the fragment of the address (the text after #) that encodes a linkage and its poses, and the number of poses in it.
+    """Return the fragment (text after #) of the address of a linkage with its poses, and the number of its poses.
 
     Args:
         q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
@@ -85,7 +85,7 @@ def compress(content: dict[str, Any]) -> str:
 
 
 def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
-    """Return the links, pins, slides, paths (observed points) and ties (springs and cylinders between two points) of a linkage."""
+    """Return links, pins, slides, paths (observed points) and ties (springs and cylinders) of a linkage."""
     whole = mechanism.whole
     links = []
     for i, link in enumerate(whole.links):
@@ -134,7 +134,7 @@ def pack_poses(q: Array) -> dict[str, Any]:
 
 
 def view_page() -> tuple[str, str]:
-    """Return the HTML of `view.html` with its script and style in it, and its content security policy, which allows only these."""
+    """Return the HTML of `view.html` with script and style, and its content security policy."""
     assets = files("gauss_bench.report.site") / "assets"
     read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
     script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
