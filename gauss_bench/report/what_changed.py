@@ -50,14 +50,16 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
     """Return sentences on changed quantities, changed answers, and changed, new and gone defaults."""
-    figures, answers, defaults = [], [], []
+    figures: list[Row] = []
+    answers: list[Row] = []
+    defaults: list[Row] = []
     for row in changes:
         is_figure = is_known(row.get("difference")) or is_known(row.get("ratio"))
         (figures if is_figure else defaults if row["quantity"] == DEFAULT else answers).append(row)
     kinds = group_by(defaults, lambda r: "new" if r["was"] == ABSENT else "gone" if r["now"] == ABSENT else "changed")
     reasons = group_by(answers, lambda r: (shorten(r["was"]), shorten(r["now"])))
     sentences = [describe_figures(quantity, rows) for quantity, rows in group_by(figures, "quantity").items()]
-    sentences += [describe_answers(*change, rows) for change, rows in reasons.items()]
+    sentences += [describe_answers(was, now, rows) for (was, now), rows in reasons.items()]
     return sentences + [describe_defaults(kind, rows) for kind, rows in kinds.items()]
 
 
