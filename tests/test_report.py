@@ -42,7 +42,7 @@ def test_rows_in_another_order_give_the_same_pages_with_every_case(tmp_path: Pat
     apart = [
         path.name for path in files if path.read_bytes() != (tmp_path / "one" / path.relative_to(tmp_path / "other")).read_bytes()
     ]
-    assert apart == ["cite.html"], "which names the checksum of the rows"
+    assert not apart
     pages = "".join(path.read_text() for path in (tmp_path / "one" / "site").glob("linkage-*-rows.html"))
     assert len(re.findall(r"<tr(?: hidden)?><td", pages)) == len(rows)
 
