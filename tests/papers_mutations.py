@@ -16,7 +16,6 @@ from gauss_bench.papers.forms import least_squares as me
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import loops as lo
 from gauss_bench.papers.forms import points as po
-from gauss_bench.papers.forms import projector as pr
 from gauss_bench.papers.forms.loops import six_bar_blocks
 
 Wrong = dict[str, Any]
@@ -82,8 +81,11 @@ def size_of_the_shaper() -> float:
 
 
 INVERSES: Wrong = {"reflexive": reflexive, "shortest": shortest, "transpose": lambda A, rng: A.T}
-EXPONENTS: Wrong = {"A only": [0.5, -0.5], "b only": [-0.5, 0.5]}
-FREE: Wrong = {"ordinary inverse": pr.free_motion}
+EXPONENTS: Wrong = {
+    "A only": lambda p: me.acceleration(p, exponents=(0.5, -0.5)),
+    "b only": lambda p: me.acceleration(p, exponents=(-0.5, 0.5)),
+}
+FREE: Wrong = {"ordinary inverse": me.free_motion}
 NO_MASS: Wrong = {"M left out": without_mass, "constraints alone": shortest_acceleration}
 SQUARES: Wrong = {"accelerations": ["a"], "the coordinates": ["q"]}
 RATES: Wrong = {"the angle for its rate": ["phi"], "the place for its rate": ["s"]}
@@ -109,12 +111,12 @@ METHOD: dict[str, Wrong] = {
     "condition of the minimum": {"multiplied by A": lambda A, b, h: (A @ A @ h, A @ b)},
     "inverse in the minimum": INVERSES,
     "sign before the last term": {"plus": lambda p, w: me.expand(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w},
-    "the free vector w": {"not projected": lambda p, w: me.accelerations_with_w(p, w) + N(p) @ w},
+    "the free vector w": {"not projected": lambda p, w: me.acceleration(p, w) + N(p) @ w},
 }
 PROJECTOR: dict[str, Wrong] = {
     "inverse of a projector": {"rows counted": [1, -1, 0], "rank of J": [0, 0, 1]},
     "order of the factors reversed": {"not reversed": lambda p: power(p.M, -0.5) @ N(p)},
-    "with an ordinary inverse": {"Moore-Penrose": pr.euclidean, "constraints alone": shortest_acceleration},
+    "with an ordinary inverse": {"Moore-Penrose": me.euclidean, "constraints alone": shortest_acceleration},
     "with Moore-Penrose inverses": FREE | NO_MASS,
     "meets the constraints": FREE,
     "difference from the truth": {"other sign": -1.0, "half": 0.5},

@@ -18,8 +18,7 @@ from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics, with_inertias
-from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
-from gauss_bench.papers.running import first_turn, turn
+from gauss_bench.papers.rest import equilibria, find_bound, first_turn, settles, torque_range, turn
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.tables import read_table
 from gauss_bench.trajectory import Reference
@@ -91,7 +90,7 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankM
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
         for formula, full in (
             (EQ_16, yuan_ge_eq16(problem.terms).a),
-            (EQS_10_11, least_squares.acceleration(problem, (-0.5, -0.5))),
+            (EQS_10_11, least_squares.printed_exponents(problem)),
         ):
             found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3

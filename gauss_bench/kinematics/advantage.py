@@ -1,17 +1,11 @@
 """Velocity ratios and mechanical advantage of a linkage with one degree of freedom.
 
-Let x (n,) be the free motion of the linkage, and g_in, g_out (n,) the gradients of two coordinates "in" and "out". The ratio of the
-rates of these coordinates is
+With the free motion x (n,) of the linkage and the gradients g_in, g_out (n,) of two coordinates, the ratio of their rates is
 
-    d out / d in = (g_out . x) / (g_in . x).
+    d out / d in = (g_out . x) / (g_in . x) = F_in / F_out,
 
-Without losses and weights the power that enters at the input leaves at the output. If the force or torque F_in at the input
-balances F_out at the output, then
-
-    F_in / F_out = d out / d in.
-
-The mechanical advantage F_out / F_in = d in / d out is infinite where the output is at rest (at a toggle, a dead centre), and zero
-where the input is at rest (at a limit of its motion).
+because without losses and weights the power that enters at the input leaves at the output. The mechanical advantage F_out / F_in is
+infinite where the output is at rest (at a toggle, a dead centre), and zero where the input is at rest (at a limit of its motion).
 """
 
 from dataclasses import dataclass
@@ -32,8 +26,7 @@ class Advantage:
     """Velocity ratio and mechanical advantage between one input and one output at k positions.
 
     Attributes:
-        input, output: names of links (for their angles) or slides.
-        units: units of input and output, each "rad" or "m".
+        input, output: names of links (for their angles) or slides; units: "rad" or "m" of each.
         velocity: (k,) d output / d input; infinite at a limit of the input.
         mechanical: (k,) force or torque at the output over that at the input; infinite where the output stands still.
     """

@@ -1,14 +1,14 @@
 """Instant centres: the point at which two links have the same velocity, for every pair of links.
 
-Let the complex numbers z and u be the place and the velocity of the centre of mass of a link, and omega the angular speed of the
-link. The instant centre c of two links a and b follows from
+Let the complex numbers z and u be the place and the velocity of the centre of mass of a link, and omega its angular speed. The
+instant centre c of two links a and b follows from
 
-    u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b),
+    u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b).
 
-which is linear in c. Two links with the same angular speed have no instant centre at a finite distance: one of them translates
-relative to the other. Only ratios of velocities matter, so that a linkage with one degree of freedom has instant centres even while
-it is at rest. The three instant centres of any three links lie on one line (Aronhold, Kennedy).
-Source: Kennedy, The Mechanics of Machinery (1886); Uicker, Pennock, Shigley, Theory of Machines and Mechanisms, chapter 3.
+Two links with the same angular speed have no instant centre at a finite distance: one of them translates relative to the other.
+Only ratios of velocities matter, so that a linkage with one degree of freedom has instant centres even while it is at rest. The
+three instant centres of any three links lie on one line (Aronhold, Kennedy). Source: Kennedy, The Mechanics of Machinery (1886);
+Uicker, Pennock, Shigley, Theory of Machines and Mechanisms, chapter 3.
 """
 
 from dataclasses import dataclass, replace
@@ -29,12 +29,10 @@ FARTHEST = 1e6  # a centre farther away than this many sizes of the linkage coun
 
 @dataclass(frozen=True, eq=False)
 class Centre:
-    """The instant centre of two links.
+    """The instant centre of two links, whose indices are in ascending order; the ground has the smallest, GROUND.
 
     Attributes:
-        links: indices of the two links, the smaller one first; the ground has the smallest index, GROUND.
-        at: place (2,) of the centre [m]; None if the centre is infinitely far away, or if the links do not move relative to each
-            other.
+        at: place (2,) of the centre [m]; None if it is infinitely far away, or if the links do not move relative to each other.
         along: unit vector (2,) of the relative translation if the centre is infinitely far away, else None.
     """
 
@@ -65,8 +63,6 @@ def _undriven(mechanism: Mechanism) -> Freedom:
 def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     """Return the instant centre of every pair of links (bodies, if some are welded) in the free motion at q (n,).
 
-    A centre that is infinitely far away has the direction of the relative translation instead of a place.
-
     Raises:
         ValueError: the joints leave no motion free, or more than one.
     """
@@ -83,8 +79,7 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
         if (a, b) in pins:
             centres.append(Centre((a, b), pins[a, b]))
             continue
-        # u_a + i omega_a (c - z_a) = u_b + i omega_b (c - z_b), sorted by c, is  i turn c = -slip  with the relative angular speed
-        # turn and the relative velocity slip of the points of both links that are at the origin of the world
+        # sorted by c, the equation is  i turn c = -slip, with the relative velocity slip of the points of both links at the origin
         turn = float(angle_at(v, b) - angle_at(v, a))
         slip = _velocity_at_origin(q, v, b) - _velocity_at_origin(q, v, a)
         if abs(turn) * size > STILL * fastest and abs(slip) < FARTHEST * size * abs(turn):
@@ -97,8 +92,5 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
 
 
 def _velocity_at_origin(q: Array, v: Array, link: int) -> complex:
-    """Return the velocity u - i omega z of that point of a link which is at the origin of the world (for v (n,) at q (n,)).
-
-    z and u are place and velocity of the link's centre of mass as complex numbers, and omega is the link's angular speed.
-    """
+    """Return the velocity u - i omega z of that point of a link which is at the origin of the world."""
     return complex(*place_at(v, link)) - 1j * float(angle_at(v, link)) * complex(*place_at(q, link))

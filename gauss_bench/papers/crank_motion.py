@@ -1,10 +1,8 @@
 """The motion of the crank-slider as one equation for its crank angle th, in closed form, with any torque, damper or inertia.
 
-The angle of the rod is th2, with sin th2 = -l1/l2 sin th. The coordinates q(th) of crank, rod and slider are those of
-`crank_slider`. With the derivatives d = dq/dth and e = d2q/dth2 and the crank's speed w, every acceleration that the constraints
-allow is a = d w' + e w^2. The true acceleration is the one among them that is nearest to M^-1 Q in the metric of M (Gauss's
-principle). Some wrong formulas of Yuan and Ge (2016) also satisfy the constraints J a = g, but minimise another distance among
-these accelerations. With a weight matrix W and a vector R, the true formula and the wrong ones give
+The angle of the rod is th2, with sin th2 = -l1/l2 sin th. With the derivatives d = dq/dth and e = d2q/dth2 of the coordinates of
+`crank_slider` and the crank's speed w, every acceleration that the constraints allow is a = d w' + e w^2. The true one is nearest
+to M^-1 Q in the metric of M (Gauss's principle). Some wrong formulas of Yuan and Ge (2016) minimise another distance:
 
     w' = d . (R - W e w^2) / (d . W d)
 
@@ -58,8 +56,7 @@ class CrankMotion:
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
         """Return q, dq/dtheta and d2q/dtheta2 at crank angles theta [rad]: seven entries each, which have the shape of theta.
 
-        The seven coordinates are x1, y1, theta1 and x2, y2, theta2 (centre and angle of crank and rod), and x3 of the slider. For a
-        single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
+        For a single float `math` is used, because an integrator calls this a million times.
         """
         library = math if isinstance(theta, float) else np
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0  # one: the number 1, or ones in the shape of theta
@@ -77,18 +74,13 @@ class CrankMotion:
         return q, d, e
 
     def forces(self, x3: Any, x3_rate: Any) -> Seven:
-        """Return the seven applied forces of the paper's eq. (19) at positions x3 [m] and speeds x3_rate [m/s] of the slider."""
+        """Return the seven applied forces of eq. (19) at positions x3 [m] and speeds x3_rate [m/s] of the slider."""
         m1, m2 = self.mass[1], self.mass[4]  # of crank and rod
         push = self.k * (self.rest - x3) - self.c * x3_rate
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
     def acceleration(self, theta: Any, w: Any) -> Any:
-        """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
-
-        The acceleration is w' = d . (R - W e w^2) / (d . W d), where d and e are the first and second derivatives of the
-        coordinates with respect to theta. The weight W and the load R are W = M and R = Q for the formula TRUE, W = 1 and R = Q/M
-        for EQ_16, and W = 1/M and R = Q/M for EQS_10_11. M is diagonal.
-        """
+        """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape."""
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d
         # q[6] is the slider's position x3, and d[6] * w is its speed
@@ -107,10 +99,7 @@ class CrankMotion:
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the function `event` of t and y becomes 0.
-
-        y is the crank's angle and speed. The run stops at a zero of `event` only if this function has the attribute `terminal`, as
-        scipy defines it.
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until event(t, y) becomes 0, if it is `terminal`.
 
         Raises:
             ArithmeticError: the integrator fails.
@@ -138,10 +127,7 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """Return the closed-form model of the linkage file `crank_slider`, loaded in any scenario that has the spring.
-
-    The scenario may have a torque on the crank or none.
-    """
+    """Return the closed form of the linkage file `crank_slider`, in a scenario that has the spring."""
     torque = sum(f.value for f in mechanism.forces if isinstance(f, Torque))
     (spring,) = (f for f in mechanism.forces if isinstance(f, AxisSpringDamper))
     crank, rod, _ = mechanism.links
