@@ -7,12 +7,7 @@ from gauss_bench.untrusted import BadInput
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault of a linkage file.
-
-    Attributes:
-        path: dotted path of the table and field, such as "links.rod.mass"; empty for the whole file.
-        text: what is wrong.
-    """
+    """One fault of a linkage file at a path of keys, such as "links.rod.mass"; an empty path is the whole file."""
 
     path: str
     text: str

@@ -1,8 +1,4 @@
-"""Choose the coordinates whose initial values a new linkage file should prescribe.
-
-Together with the joints, the prescribed coordinates determine the position of all links. The import of MJCF and URDF models and the
-studio (the drawing program of this suite) use this module.
-"""
+"""Choose the coordinates whose initial values a new linkage file, of the import or of the studio, should prescribe."""
 
 from dataclasses import dataclass
 
@@ -19,12 +15,9 @@ TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "p
 
 @dataclass(frozen=True)
 class Candidate:
-    """An angle, a slide or a point, whose coordinates the table `start` of a linkage file may prescribe.
+    """An angle of a link, a slide, or a point (x and y), whose coordinates the table `start` of a linkage file may prescribe.
 
-    Attributes:
-        kind: "angle" of a link, "slide", or "point" for x and y of a point.
-        name: of the link or joint, or "LINK.POINT".
-        coordinates: one, or two for a point.
+    `kind` is a key of TABLES, `name` that of the link or joint, or "LINK.POINT".
     """
 
     kind: str
@@ -49,11 +42,10 @@ def candidates(mechanism: Mechanism) -> list[Candidate]:
 
 
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return the link angles, slides and points to prescribe at the start, which together determine the position at q (n,).
+    """Return the candidates to prescribe at the start, which together determine the position at q (n,).
 
-    The columns of `free` (n, dof) are the directions of motion that the joints leave free. Candidates are chosen one after the
-    other, until no motion remains free. Each choice is the first candidate, in the order of `candidates`, whose sensitivity to the
-    motions that are still free is at least GOOD times the largest sensitivity.
+    The columns of `free` (n, dof) are the motions that the joints leave free. Each choice is the first candidate whose sensitivity
+    to the motions that are still free is at least GOOD times the largest.
     """
     offered = candidates(mechanism)
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]
