@@ -25,7 +25,7 @@ from gauss_bench.terms import Array, largest
 
 TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
 TURNED = 1.0  # [rad] largest random turn of a link
-STEPS = 200  # largest number of steps of a search
+STEPS = 200
 ALONG = 0.5  # smallest cosine of the angle between a link and the gap if a change of its length is to close the gap
 GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, at which J has its usual rank
 MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the attempted step
@@ -84,7 +84,6 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
         # `joints` are closed already; `chord` is the joint at which the loop is cut open, and still has to be closed
         nearest, gap = _approach(bare, joints, chord, place)
         if gap > CLOSED:
-            # the gap if only the joints of this loop are closed
             _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
             links = tuple(mechanism.link_name(x.link) for x in loop.passages)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
@@ -129,7 +128,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
     local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # `_chord` returns a slide only if there is no pin at which the loop could be cut
+    if chord.slides:
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -191,7 +190,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
     for _ in range(3):
-        motion = place.free @ rng.normal(size=place.free.shape[1])  # a random free motion in scaled coordinates
+        motion = place.free @ rng.normal(size=place.free.shape[1])
         size = largest(motion) or 1.0
         step = motion * (GENERIC * freedom.size / size) / freedom.scale
         neighbour = freedom.close(place.q + step)
@@ -199,7 +198,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
         if neighbour is None or np.abs((neighbour.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
         is_generic, rank = True, max(rank, _rank(neighbour))
-    if is_generic or rank == len(place.J):  # the rank cannot exceed the number of rows
+    if is_generic or rank == len(place.J):
         return rank
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)

@@ -30,7 +30,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
-LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
+LARGEST_SLIDE = 0.1
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
 STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
@@ -107,7 +107,6 @@ class _Follower:
         self.max_change = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
-        # in the vector z of `points`, the inputs come before the points
         places = model.at(self.x, self.p)[model.points.first :]
         self.tolerance = TOLERANCE * max(model.size, largest(places))
         self.corrections = 0
@@ -124,7 +123,7 @@ class _Follower:
         start, change = self.x, goal - self.x
         # smallest number of equal steps in which no input changes by more than its `max_change`; 1e-9: rounding must not add a step
         count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
-        max_share = 1 / count  # the largest step, as a share of the whole change
+        max_share = 1 / count
         self.corrections = 0
 
         def advance(share: float) -> None:
@@ -132,7 +131,7 @@ class _Follower:
 
         try:
             walk(advance, SHORTEST * max_share, max_share)
-        except _StepTooLong as error:  # even the shortest step failed: find out why
+        except _StepTooLong as error:
             raise self._failure(max_share * change) from error
 
     def _step(self, x: Array) -> None:
@@ -145,10 +144,9 @@ class _Follower:
         # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
-        r = model.rows(Z[0])  # complex derivatives of phi with respect to z
+        r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
-        # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
@@ -156,8 +154,8 @@ class _Follower:
             raise _StepTooLong
         # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
-        near = self.theta + (dE * E.conj()).imag  # predicted angles
-        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))  # from these to the solution
+        near = self.theta + (dE * E.conj()).imag
+        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn
@@ -192,7 +190,6 @@ class _Follower:
             raise self._singular(J) from error
         Z[1] = model.fill(Z[1], -inverse @ (r @ Z[1]).real)
         Z[2] = model.fill(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
-        # (3, links) each: exp(i theta) of the links and their centres of mass, with first and second derivatives
         E, centre = Z @ model.directions.T, Z @ model.centres.T
         turns = (self.theta, *(E[1:] * E[0].conj()).imag)
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)

@@ -47,7 +47,7 @@ def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
 def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
     """Return the loop equations, a function of the unknown variables, with the inputs as in q0, and their solution there."""
     equations = LoopEquations(mechanism)
-    start = equations.start()  # unknown variables, then inputs
+    start = equations.start()
     unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:

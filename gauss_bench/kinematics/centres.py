@@ -67,9 +67,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
         ValueError: the joints leave no motion free, or more than one.
     """
     v, size = free_motion(mechanism, q), mechanism.size
-    # a turn of one radian counts as a displacement of the linkage's own size
     fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
-    pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
+    pins = {}
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in pins_of_all_pairs(tuple(x for x in mechanism.pins if x.joint == name)):
             links = sorted(end.link for end in pair.ends)

@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
-HALVINGS = 12  # largest number of halvings of a step
+HALVINGS = 12
 MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
 NEAR = 1e-13  # a distance from the target that is smaller is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
@@ -71,11 +71,11 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: the linkage has no part with a name in `locks`.
     """
-    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
+    pins, drivers = [], []
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
-        if point.link != GROUND:  # a point on the ground keeps its place in any case
+        if point.link != GROUND:
             pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
     for name in locks.joints:
         own = [x for x in mechanism.pins if x.joint == name]
@@ -162,7 +162,7 @@ class Drag:
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
-        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]  # stuck if there is no free motion
+        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]
         for _ in range(most):
             if apart <= NEAR * size or is_stuck:
                 break
@@ -196,7 +196,7 @@ class Drag:
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
                 self.place = place
-                self.side = self.side or self._side()  # sign of det P: fixed as soon as |det P| exceeds MARGIN
+                self.side = self.side or self._side()
                 return not is_tiny
             if is_tiny:
                 break
@@ -224,13 +224,13 @@ class Drag:
             bends: (f, f, n) second derivatives of the scaled coordinates with respect to y.
         """
         P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
-        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
+        N = self.place.free / self.freedom.scale[:, None]
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
         # second derivatives (f, f, 2) of the point by y: `velocity` is linear in the rates, here those of the coordinates
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r  # derivatives of |r|^2 / 2 with respect to y
+        gradient, H = P.T @ r, P.T @ P + bent @ r
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
         # mu raises a negative smallest curvature to its absolute value, one near zero to at least FLAT * largest
@@ -258,9 +258,9 @@ class Drag:
         least = MARGIN - self.side * float(np.linalg.det(P))
         # d det P / dy_k: one column of P at a time is replaced by its derivative
         d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
-        if d @ y >= least or not d.any():  # d = 0: to first order no step changes det P
+        if d @ y >= least or not d.any():
             return y
-        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and the direction of the line
+        base, along = d * least / (d @ d), np.array([-d[1], d[0]])
         # minimum on the line base + t along; FLAT keeps the curvature in the denominator away from zero
         curved = abs(float(along @ H @ along))
         return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
@@ -268,8 +268,8 @@ class Drag:
     def _try_step(self, y: Array, bends: Array) -> Place | None:
         """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
         N, scale = self.place.free, self.freedom.scale
-        move = N @ y  # (n,) first-order displacement in scaled coordinates
-        guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale  # to second order
+        move = N @ y
+        guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
         if place is None or place.free.shape[1] > N.shape[1]:
             return None
@@ -300,7 +300,7 @@ class Drag:
 
     def _point_jacobian(self, place: Place) -> Array:
         """Return P (2, f): the derivatives of `at(place)` by the amplitudes of the f free motions at `place`."""
-        motions = place.free.T / self.freedom.scale  # (f, n) in absolute coordinates
+        motions = place.free.T / self.freedom.scale
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)
         return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T

@@ -77,7 +77,6 @@ class Way:
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
         """The elements of this path that have a coordinate s, sorted by its name, with the sign of s u in A."""
-        # this order does not depend on the sense of the path, so that the reverse path has the same columns
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
@@ -94,10 +93,10 @@ class Way:
             places, speeds: coordinates s [m] and their rates [m/s], in the order of `slides`.
         """
         E = cmath.exp(1j * angle)
-        w = self.leave.at - self.enter.at  # vector from element to element in the frame of the link
+        w = self.leave.at - self.enter.at
         w_rate = 0j
         columns: list[complex] = []  # columns of J
-        rates: list[complex] = []  # columns of J'
+        rates: list[complex] = []
         for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
             w += sign * s * element.along
             w_rate += sign * s_rate * element.along

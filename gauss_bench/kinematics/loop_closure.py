@@ -83,7 +83,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
         _End: the motion ends before, even with the shortest step.
     """
     first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]  # values of the inputs at the start
+    inputs = first[len(equations.unknown) :]
     change = goal - inputs
     size = largest(change)
 
@@ -96,7 +96,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
     if size:
         try:
-            walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
+            walk(advance, SMALLEST_PART / size)
         except Stopped as error:
             raise _end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)
@@ -109,8 +109,6 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
         Stopped: the step is too long, or leads to no regular position.
     """
     unknowns, x = len(equations.unknown), state.x
-    # prediction of second order: the inputs change linearly with a parameter s from 0 to 1, and `first`, `second` are derivatives
-    # of x by s at s = 0
     first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
     guess = x + first + second / 2
     guess[unknowns:] = target

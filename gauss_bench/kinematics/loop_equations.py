@@ -127,7 +127,6 @@ class LoopEquations:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
         self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
-        # link -> (root, phase), see `shared_angles`; a bar shares its angle with no other link
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
@@ -168,7 +167,6 @@ class LoopEquations:
         # in the order of the columns of the link unit: the angle of the link's root, then slides
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
         own += [Variable(name) for name in way.slides]
-        # the shape is given because `own` may be empty
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
@@ -200,14 +198,14 @@ class LoopEquations:
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
-        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
+        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
-        return np.array([values[key] for key in self.column])  # `column` has the order of x
+        return np.array([values[key] for key in self.column])
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
-        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate  # angles and angular speeds of all links
+        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, unknowns = len(self.ways), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
@@ -226,10 +224,10 @@ class LoopEquations:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
         x, zero_rates, unknowns = x.copy(), np.zeros_like(x), len(self.unknown)
-        count, last = 0, np.inf  # number of Newton steps, size of the last one
+        count, last = 0, np.inf
         while count < NEWTON_STEPS and last >= SETTLED:
             here = self.at(x, zero_rates)
-            step = solve_rows(here.J, -here.A)  # A: residual of the loop equations
+            step = solve_rows(here.J, -here.A)
             x[:unknowns] += step
             count, last = count + 1, largest(step)
         here = self.at(x, zero_rates)
@@ -261,6 +259,5 @@ class LoopEquations:
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
-        # variables without a link are coordinates along slides and bars
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)

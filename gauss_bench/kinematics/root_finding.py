@@ -21,8 +21,8 @@ from gauss_bench.terms import Array, largest
 
 Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
-TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
-LIMIT = 100  # largest number of iterations
+TOLERANCE = 1e-13
+LIMIT = 100
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
@@ -67,7 +67,7 @@ def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | N
 
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`."""
-    return search_along(residual, x, tolerance, lengths=0)  # 0: no shorter step is tried
+    return search_along(residual, x, tolerance, lengths=0)
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
@@ -92,12 +92,12 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
         # SUFFICIENT of this
         size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
         for part in 0.5 ** np.arange(max(1, lengths)):
-            G, K = residual(x + part * h)  # F and J after the step
+            G, K = residual(x + part * h)
             if not lengths or size - part * required >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if at_rest(x, part * h):  # the step changes x only within rounding
+        if at_rest(x, part * h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
     return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))

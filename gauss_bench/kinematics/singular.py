@@ -22,10 +22,10 @@ from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-STEP = 0.02  # [rad, m] length of a step along the curve
+STEP = 0.02
 LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
 ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which the last step has passed a reversal
-NEWTON_STEPS = 30  # largest number of corrections of a position
+NEWTON_STEPS = 30
 TOLERANCE = 1e-12  # [rad, m] largest last correction; |g . x| below it is zero
 REVERSED = 1e-9  # largest |g . x| at a root; at a fork of the curve the search ends at a jump of g . x instead
 SAME = 1e-6  # [rad, m] distance below which two positions are the same
@@ -77,8 +77,8 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
         if GROUND in links:
-            turning = max(links)  # the other link: the ground has the smallest index, -1
-            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))  # a motor at the pin drives the link's angle
+            turning = max(links)
+            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
             coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
     return coordinates
 
@@ -162,9 +162,9 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q = mechanism.q0
-    tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
-    first, side = tangent, curve.orientation(q, tangent)  # the orientation changes its sign where the curve forks
-    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
+    tangent = curve.tangent(q, gradient(driving.coordinate, q))
+    first, side = tangent, curve.orientation(q, tangent)
+    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
@@ -176,7 +176,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
             raise ChangePoint(f"change point near {driving.name}{place}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
             rate = gradient(c.coordinate, q) @ tangent
-            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
+            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):
                 at = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes

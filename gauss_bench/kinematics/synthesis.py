@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import pi
 
 Pose = tuple[complex, float]
-NAMES = ("first", "second")  # connections of the coupler to the ground
+NAMES = ("first", "second")
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
 FARTHEST = 100.0  # largest distance to a pivot, in lengths of that side: a farther one moves by metres for a tiny change of a pose
@@ -129,7 +129,7 @@ def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))  # of the circle through a, b and c
+    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
     return Connection(pin, places, centre)
@@ -162,12 +162,12 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 
     `name` is "first" or "second", for the text of the result.
     """
-    coupler = abs(driven.pin - other.pin)  # length of the coupler between its pins
+    coupler = abs(driven.pin - other.pin)
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
-        first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
+        first_side = next(x for x in sides if x)
         k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
@@ -176,7 +176,6 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
-    # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         ends = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
@@ -224,7 +223,7 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
     `end`, or where the pin is nearest or farthest between them.
     """
     tried = [start, end]
-    if driven.direction is None:  # a bar
+    if driven.direction is None:
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
         # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
         # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi

@@ -122,7 +122,7 @@ def _pair(joint: Joint) -> Pair:
         a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
     along = complex(np.cos(joint.angle), np.sin(joint.angle))
-    start = complex(*joint.guide.local) + 1j * along * joint.offset  # the point of the line at which the coordinate s is zero
+    start = complex(*joint.guide.local) + 1j * along * joint.offset
     guide = Element(joint.name, node=joint.name, kind=GUIDE, at=start, along=along, slide=joint.name)
     block = Element(joint.name, node=joint.name, kind=BLOCK, at=complex(*joint.block.local))
     return Pair((joint.guide.link, joint.block.link), (guide, block))
@@ -143,7 +143,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        first = next(iter(net[parent][i].values()))  # of the pairs between both links
+        first = next(iter(net[parent][i].values()))
         tree.add_edge(parent, i, pair=first["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
     used = {pair.name for _, pair in edges.values()}
@@ -178,7 +178,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
     """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links."""
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
-    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
+    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))
     links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
     # crossed[k] is the pair between links[k] and the next link, cyclically
     crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]
@@ -222,9 +222,8 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         """Return the vector from the centre of link i to an element, and its two time derivatives, complex (k,)."""
         zero = np.zeros(len(theta))
         s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (zero, zero, zero)))
-        local = element.at + s  # in the frame of the link, as a complex number
+        local = element.at + s
         e, rate = E[:, i], omega[:, i]  # for the ground, i = -1 is the last column
-        # e local, differentiated twice by the product rule
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)
