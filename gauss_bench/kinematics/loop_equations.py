@@ -108,6 +108,7 @@ class LoopEquations:
         is_angle: (TU + TK,) True for variables that are angles.
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
+        offsets: (TK,) driven angle of each input minus that of the root, which is the variable [rad]; 0 for lengths.
         ways: for each loop the list of its paths through its links.
         lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
@@ -130,6 +131,7 @@ class LoopEquations:
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
+        self.offsets = np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         # one angle for each root; links that slide on the frame share its angle, which is no variable
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
@@ -181,16 +183,12 @@ class LoopEquations:
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
-        return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
+        return prescribed[0] - self.offsets, prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
         """Return input -> value in a state x [rad, m], measured as in the motion law of its driver."""
-        values = x[len(self.unknown) :] + self._phases()
+        values = x[len(self.unknown) :] + self.offsets
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
-
-    def _phases(self) -> Array:
-        """Return the driven angle of each input minus the angle of the root, which is the variable (TK,) [rad]; 0 for lengths."""
-        return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
 
     def start(self) -> Array:
         """Return the state x at the mechanism's start q0."""

@@ -69,7 +69,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         add(pin.joint, *pin.ends)
     for slide in slides:
         add(slide.block.name, slide.block)
-    for bar in active_bars(mechanism).values():
+    for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
@@ -95,11 +95,6 @@ def link_size(points: list[BasicPoint]) -> float:
         for link in p.at.keys() & q.at.keys() - {GROUND}:
             largest = max(largest, abs(p.at[link] - q.at[link]))
     return largest or 1.0
-
-
-def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
-    """Return the drivers that prescribe the distance of two points, by name."""
-    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
 
 
 class Points:
@@ -131,8 +126,21 @@ class Points:
         """
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
-        self.bars = active_bars(mechanism)
-        self.turned, self.pushed, self.stretched = self._enter_inputs()
+        self.bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
+        # the driver k, counted from 1, has the entry k; `setdefault` returns an older entry of a quantity that is known already
+        self.turned: dict[int, int] = {GROUND: 0}
+        self.pushed: dict[str, int] = {}
+        self.stretched: dict[str, int] = {}
+        for entry, driver in enumerate(self.drivers, 1):
+            match driver:
+                case AngleDriver():
+                    found = self.turned.setdefault(self.frames[driver.link][0], entry)
+                case SlideDriver():
+                    found = self.pushed.setdefault(driver.name, entry)
+                case LengthDriver():
+                    found = self.stretched.setdefault(driver.name, entry)
+            if found != entry:
+                raise ValueError(f"{mechanism.name}: the position of {driver.name} is known without driver {entry}")
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
         self.first = 1 + len(self.drivers)
@@ -148,27 +156,6 @@ class Points:
         self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
         self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
         self.anchor |= {link: A for link, A, _ in self.base.values()}
-
-    def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return the attributes `turned`, `pushed` and `stretched`; the driver k, counted from 1, has the entry k.
-
-        Raises:
-            ValueError: a driver prescribes a quantity that another driver or the joints already determine.
-        """
-        turned: dict[int, int] = {GROUND: 0}
-        pushed: dict[str, int] = {}
-        stretched: dict[str, int] = {}
-        for entry, driver in enumerate(self.drivers, 1):
-            match driver:  # `setdefault` returns an older entry if this quantity is already determined
-                case AngleDriver():
-                    found = turned.setdefault(self.frames[driver.link][0], entry)
-                case SlideDriver():
-                    found = pushed.setdefault(driver.name, entry)
-                case LengthDriver():
-                    found = stretched.setdefault(driver.name, entry)
-            if found != entry:
-                raise ValueError(f"{self.mechanism.name}: the position of {driver.name} is known without driver {entry}")
-        return turned, pushed, stretched
 
     def unit(self, entry: int) -> Vectors:
         """Return the row (N,) that selects one entry of z."""

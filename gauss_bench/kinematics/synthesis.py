@@ -37,7 +37,7 @@ class Connection:
     """
 
     pin: complex
-    places: tuple[complex, complex, complex]
+    places: tuple[complex, ...]
     pivot: complex
     direction: complex | None = None
 
@@ -89,7 +89,7 @@ def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
     connections = []
     for name, pin in zip(NAMES, pins, strict=True):
         places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
-        connections.append(connect(pin, (places[0], places[1], places[2]), f"the {name} pin"))
+        connections.append(connect(pin, places, f"the {name} pin"))
     return join(connections[0], connections[1])
 
 
@@ -102,17 +102,17 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin, its centre
-        seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]
-        circle = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
+        seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
+        circle = connect(0j, seen, f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
         pin = circle.pivot
         places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
-        connections.append(Connection(pin, (places[0], places[1], places[2]), pivot))
+        connections.append(Connection(pin, places, pivot))
     return join(connections[0], connections[1])
 
 
-def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
+def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     """Return the connection that guides a pin through three places: a bar from their circle's centre, or a slide along their line.
 
     `pin` is its place in the frame of the coupler; `name` begins the message of an exception.

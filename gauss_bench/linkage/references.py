@@ -77,7 +77,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
-        welds = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
+        welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
         self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
         self.points["ground"] = set(table(table(document, "ground"), "points"))
@@ -167,7 +167,21 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for key in IN_DEGREES:
             if {key, f"{key}_deg"} <= entry.keys():
                 names.fault(f"{path}.{key}", f"given together with {key}_deg")
-    # the rules that only a function can express
+    for path, joint in places(document, "joints.*"):
+        if joint.get("type") == "prismatic":
+            names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+    for path, rows in places(document, "forces.*.over_time.rows", *(f"{driver}.rows" for driver in GRAMMAR["tables"]["driver"])):
+        times = [row[0] for row in rows if row and row[0] is not None]
+        if any(b <= a for a, b in pairwise(times)):
+            names.fault(path, "times must increase")
+    for path, name in places(document, "assembly.sketch.~"):
+        names.check(path, name, "point" if "." in name else "joint")
+    for path, scenario in places(document, "scenarios.*"):
+        active = sequence(scenario, "forces")
+        for i, force in enumerate(active):
+            if force in names.forces and force in active[:i]:
+                names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
+    # the rules that take a function
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
             check(names, path, entry)
@@ -244,12 +258,6 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
             names.fault(f"{place}.angle_deg", "given together with two pairs of points, which fix it")
 
 
-def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
-    """Check that guide and block of a slide are different links."""
-    if joint.get("type") == "prismatic":
-        names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
-
-
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     """Check the names of a force, that it acts between different links, and that friction has a radius in a pin only."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
@@ -273,30 +281,10 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
-def _check_times(names: Names, path: str, rows: list[Any]) -> None:
-    """Check that the times in the rows of a table of values over time increase."""
-    times = [row[0] for row in rows if row and row[0] is not None]
-    if any(b <= a for a, b in pairwise(times)):
-        names.fault(path, "times must increase")
-
-
-def _check_sketch(names: Names, path: str, name: str) -> None:
-    """Check that the sketch places an existing joint or point "link.point"."""
-    names.check(path, name, "point" if "." in name else "joint")
-
-
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     """Check that a driver has a travel if its law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
-
-
-def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
-    """Check that a scenario names no force twice."""
-    active = sequence(scenario, "forces")
-    for i, force in enumerate(active):
-        if force in names.forces and force in active[:i]:
-            names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
 
 
 def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
@@ -330,15 +318,10 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {  # pattern -> the check
     "links.*.points": _check_points,
     "links.*": _check_link,
     "welds": _check_welds,
-    "joints.*": _check_joint,
     "crank": Names.check_turns_on_ground,
     "forces.*": _check_force,
-    "forces.*.over_time.rows": _check_times,
     "assembly": _check_angles,
-    "assembly.sketch.~": _check_sketch,
-    "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
     **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
-    **{f"{driver}.rows": _check_times for driver in GRAMMAR["tables"]["driver"]},
     **{f"{driver}.link": Names.check_turns_on_ground for driver in GRAMMAR["tables"]["driver"]},
 }

@@ -30,24 +30,18 @@ class Candidate:
         return TABLES[self.kind]
 
 
-def candidates(mechanism: Mechanism) -> list[Candidate]:
-    """List the coordinates that a start may prescribe: angles of links, slides, and one point of every link."""
-    world = Point(GROUND, np.zeros(2), "ground.")
-    candidates = [Candidate("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
-    candidates += [Candidate("slide", joint.name, [joint.motion]) for joint in mechanism.slides]
-    for k, link in enumerate(mechanism.links):
-        point = mechanism.point(k, next(iter(link.points)))
-        candidates.append(Candidate("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
-    return candidates
-
-
 def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return the candidates to prescribe at the start, which together determine the position at q (n,).
+    """Return the angles of links, slides, and points (one of every link) to prescribe, which together determine q (n,).
 
     The columns of `free` (n, dof) are the motions that the joints leave free. Each choice is the first candidate whose sensitivity
     to the motions that are still free is at least GOOD times the largest.
     """
-    offered = candidates(mechanism)
+    world = Point(GROUND, np.zeros(2), "ground.")
+    offered = [Candidate("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
+    offered += [Candidate("slide", joint.name, [joint.motion]) for joint in mechanism.slides]
+    for k, link in enumerate(mechanism.links):
+        point = mechanism.point(k, next(iter(link.points)))
+        offered.append(Candidate("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]
     chosen: list[Candidate] = []
     remaining = np.eye(free.shape[1])  # columns: an orthonormal basis of the freedoms that no chosen candidate determines

@@ -19,8 +19,9 @@ all of this independently and must not import this file: a certificate is only a
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, assert_never
+from typing import ClassVar, NamedTuple, assert_never
 
 import numpy as np
 
@@ -123,12 +124,13 @@ class AlongState:
         return frame.omega if self.axes.rests else frame.omega - self.axes.omega
 
 
-class AngleState(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class AngleState:
     """The coordinate theta_b - theta_a between two bodies at a state, unwrapped [rad]."""
 
     a: Frame
     b: Frame
-    bias = 0.0  # no field: the coordinate is linear
+    bias: ClassVar[Real] = 0.0  # the coordinate is linear
 
     @property
     def value(self) -> Real:

@@ -204,7 +204,8 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
     if "over_time" not in table and "against" not in table:
         return None
     factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()
-    return replace(factor, **{key: float(x) for key, x in table.get("against", {}).items()})  # share and speed
+    against = table.get("against")
+    return replace(factor, share=float(against["share"]), speed=float(against["speed"])) if against else factor
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:
