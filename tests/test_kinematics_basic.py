@@ -12,8 +12,7 @@ import pytest
 from gauss_bench.kinematics import root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.branches import branches
-from gauss_bench.kinematics.errors import LimitOfMotion
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag
 from gauss_bench.linkage.load import built_in, load, load_document

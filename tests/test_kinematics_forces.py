@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.kinematics.advantage import advantages
 from gauss_bench.kinematics.branches import branches
-from gauss_bench.kinematics.centres import centres
+from gauss_bench.kinematics.centres import advantages, centres
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position

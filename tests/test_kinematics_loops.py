@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from gauss_bench.kinematics.basic_coordinates import basic_motion
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition
 from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, SingularPosition
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity

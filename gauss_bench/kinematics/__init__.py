@@ -1,6 +1,6 @@
 """Kinematics: the motion of a linkage without forces.
 
-Two methods compute the motion (`motion`, with its `errors`) that the drivers of a scenario (the inputs) prescribe:
+Two methods compute the motion (`motion`) that the drivers of a scenario (the inputs) prescribe:
 - loop closure: `topology`, `link_units`, `loop_equations`, `loop_closure`.
 - point coordinates: `points`, `point_equations`, `root_finding`, `basic_coordinates`; `basins` studies the convergence.
 
@@ -9,6 +9,6 @@ Other modules:
 - `branches`: the other assemblies with the same inputs.
 - `assembly`: the loop of a drawn linkage that cannot be closed.
 - `synthesis`: four-bars through given poses.
-- `centres`, `advantage`: instant centres, ratios of velocities and of forces.
+- `centres`: instant centres, ratios of velocities and of forces.
 - `freedom`, `dragging`: the free motions at a position; a linkage is moved by one of its points.
 """

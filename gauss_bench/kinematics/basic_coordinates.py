@@ -20,8 +20,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk

@@ -18,7 +18,7 @@ from gauss_bench.terms import Array, largest
 
 SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 
-Form = Callable[[Mechanism], tuple[Residual, Array]]
+Form = tuple[Residual, Array, Callable[[Array, Array], Array]]  # equations, their solution, difference of two solutions
 
 
 @dataclass(frozen=True)
@@ -38,31 +38,26 @@ class Basin:
     iterations: float
 
 
-def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the point equations, a function of p (2 u,), with the inputs as in q0, and their solution there."""
+def point_form(mechanism: Mechanism) -> Form:
+    """Return the point equations, a function of p (2 u,), with the inputs as in q0."""
     model = PointModel(mechanism)
-    return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
+    return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0), np.subtract
 
 
-def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the loop equations, a function of the unknown variables, with the inputs as in q0, and their solution there."""
+def loop_form(mechanism: Mechanism) -> Form:
+    """Return the loop equations, a function of the unknown variables, with the inputs as in q0.
+
+    Whole turns are removed from differences, which is right for a slide [m] only below pi metres.
+    """
     equations = LoopEquations(mechanism)
-    start = equations.start()
+    start = equations.start()  # unknown variables, then inputs
     unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
         system = equations.at(np.concatenate([x, start[unknown:]]), zero_rates)
         return system.A, system.J
 
-    return residual, start[:unknown]
-
-
-def whole_turns_apart(x: Array, y: Array) -> Array:
-    """Return the difference x - y of the unknowns of the loop equations, with whole turns removed.
-
-    It is right for a slide [m] only if x and y differ by less than pi metres.
-    """
-    return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
+    return residual, start[:unknown], lambda x, y: np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
 def basins(
@@ -70,17 +65,13 @@ def basins(
     spreads: Sequence[float],
     starts: int = 200,
     seed: int = 0,
-    form: Form = point_form,
-    difference: Callable[[Array, Array], Array] = np.subtract,
+    form: Callable[[Mechanism], Form] = point_form,
 ) -> tuple[Basin, ...]:
     """Count how often each root finder finds the assembled start q0 from the same random guesses, by spread and root finder.
 
-    Args:
-        spreads: largest distances of a guess from the solution in any coordinate [m, or rad for angles].
-        form: function of the mechanism that returns the equations and their solution: `point_form` or `loop_form`.
-        difference: difference of two vectors of unknowns: `whole_turns_apart` for `loop_form`.
+    `spreads` are the largest distances of a guess from the solution in any coordinate [m, or rad for angles].
     """
-    residual, solution = form(mechanism)
+    residual, solution, difference = form(mechanism)
     rows = []
     for spread in spreads:
         offsets = np.random.default_rng(seed).uniform(-spread, spread, size=(starts, len(solution)))

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition, describe_drivers
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion, SingularPosition, describe_drivers
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
