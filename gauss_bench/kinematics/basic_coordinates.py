@@ -12,8 +12,10 @@ its frame, and E = (B - A) / (b - a), the angle of the link is arg E plus whole 
 alpha = Im(E'' conj E).
 
 A step is halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion
-therefore follows an input up to its limit, and never changes to another assembly. Sources: Men, Feng, He (see `point_equations`),
-section 2; Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
+therefore follows an input up to its limit, and never changes to another assembly.
+
+Sources: Men, Feng, He (see `point_equations`), section 2; Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section
+3.2.
 """
 
 from collections.abc import Mapping
@@ -98,7 +100,6 @@ class _Follower:
     """
 
     def __init__(self, model: PointModel):
-        """Begin at the mechanism's assembled start q0."""
         self.model = model
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()

@@ -15,6 +15,7 @@ With the free motion x (n,) and the gradients g_in, g_out (n,) of two coordinate
 
 because without losses and weights the power that enters at the input leaves at the output. The mechanical advantage F_out / F_in is
 infinite where the output is at rest (at a toggle, a dead centre), and zero where the input is at rest (at a limit of its motion).
+
 Source: Kennedy, The Mechanics of Machinery (1886); Uicker, Pennock, Shigley, Theory of Machines and Mechanisms, chapter 3.
 """
 

@@ -47,7 +47,6 @@ class Freedom:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Set up the constraints."""
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, knife_edges=()))
         self.size = mechanism.size

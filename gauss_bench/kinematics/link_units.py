@@ -14,8 +14,9 @@ the Jacobian J of A and its time derivative J' are
 The sign is + if the loop leaves the link at the element of s, else -. A link that cannot turn lacks the first column. These
 formulas cover every type of link of the paper: RR, RRR, 4R (pins), RP1 (pin and block), RP2 (pin and guide), PP (two slides), S (an
 active bar), and the frame. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos
-phi, in place of -s' sin phi, s' cos phi. Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on
-link units, Transactions of CSAM 41(2), 2010, eqs. (6)-(10) and table 1.
+phi, in place of -s' sin phi, s' cos phi.
+
+Source: Wang et al. (2010), eqs. (6)-(10) and table 1.
 """
 
 import cmath

@@ -4,8 +4,9 @@ A state x has TU unknown variables, then TK inputs, as in `LoopEquations`. Betwe
 A step is halved until nothing suggests that the new state belongs to another assembly: every angle changes by a small amount,
 Newton's method converges near the second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
 J: its determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
-closed, or at a singular position, where they can be closed in more than one way. Source: Wang et al., Automated modeling for
-kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2), 2010, fig. 4.
+closed, or at a singular position, where they can be closed in more than one way.
+
+Source: Wang et al. (2010), fig. 4.
 """
 
 from typing import NamedTuple

@@ -16,10 +16,10 @@ The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage.
     velocities:                                   J phi' = -B q'
     accelerations:                                J phi'' = -B q'' - B' q' - J' phi'
 
-All are solved in the least-squares sense, because redundant joints make the equations of the loops dependent. Source: Wang et al.,
-Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2), 2010, eqs. (1)-(5),
-(9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which the blocks of the loops would be beside,
-not below, each other.
+All are solved in the least-squares sense, because redundant joints make the equations of the loops dependent.
+
+Source: Wang et al. (2010), eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which
+the blocks of the loops would be beside, not below, each other.
 """
 
 from collections.abc import Sequence
@@ -44,7 +44,6 @@ class Stopped(ArithmeticError):
     """The loops cannot be closed near a state, or J loses rank there; `singular` is True in the second case."""
 
     def __init__(self, text: str, singular: bool):
-        """`text` is the message."""
         self.singular = singular
         super().__init__(text)
 
@@ -118,7 +117,6 @@ class LoopEquations:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Find the variables and the loops of a linkage."""
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
             self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")

@@ -19,8 +19,9 @@ places of A, B, C in the frame of a link, and u is the unit vector of a slide's 
 
 All residuals are in metres. The two linear equations exclude the mirror image of a third point, and the turn of a direction by 180
 degrees. The paper prints the equation of a line as a quotient, which is 0/0 if the line is parallel to the x axis; here it is a
-cross product. Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, Journal of
-Mechanical Transmission 33(4), 2009, section 1: eq. (2).
+cross product.
+
+Source: Men, Feng, He (2009), section 1: eq. (2).
 """
 
 from cmath import exp

@@ -6,9 +6,10 @@ Let J be the Jacobian of F at the present point x. Each method goes from x to x 
     Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, Armijo's condition)
     Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu falls if the linear model predicts |F| well, else it grows (Nielsen's rule)
 
-More equations than unknowns must be consistent; J h = -F is then solved in the least-squares sense. Sources: Nocedal and Wright,
-Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for Non-Linear Least Squares Problems
-(2004), algorithm 3.16.
+More equations than unknowns must be consistent; J h = -F is then solved in the least-squares sense.
+
+Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
+Non-Linear Least Squares Problems (2004), algorithm 3.16.
 """
 
 from collections.abc import Callable

@@ -5,8 +5,9 @@ c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage 
 coordinate is the crank's angle, and a dead centre if it is any other coordinate.
 
 The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses. If g . x changes its sign,
-a root finder searches along the tangent for g . x = 0, and solves the constraints at every trial. Source: Govaerts, Numerical
-Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
+a root finder searches along the tangent for g . x = 0, and solves the constraints at every trial.
+
+Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
 from dataclasses import dataclass, replace

@@ -3,8 +3,10 @@
 The coupler carries a body through three poses. A pin of the coupler is then at three places, and the centre of the circle through
 these is the fixed pivot of the bar that guides the pin. In kinematic inversion, seen from the coupler, a fixed pivot is at three
 places, and the centre of their circle is the pin. If the three places of a pin lie on a line, a slide guides the pin. Places are
-complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's frame. Source: Sandor, Erdman (1984), Advanced
-Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics, and Design of Machinery.
+complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's frame.
+
+Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
+and Design of Machinery.
 """
 
 from cmath import phase, rect

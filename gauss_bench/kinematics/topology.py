@@ -7,8 +7,10 @@ of the other
     L = p - n + 1
 
 pairs closes one loop with the path through the tree. The tree is the breadth-first tree from the frame, which keeps the loops
-short. Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM
-41(2), 2010, sections 2.2 and 3.1. The paper does not say how loops are chosen; those of its examples are of the breadth-first tree.
+short.
+
+Source: Wang et al. (2010), sections 2.2 and 3.1. The paper does not say how loops are chosen; those of its examples are of the
+breadth-first tree.
 """
 
 from collections.abc import Mapping, Sequence

@@ -73,7 +73,6 @@ class Names:
     """
 
     def __init__(self, document: Document):
-        """Collect the names of links, joints, forces and points."""
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))

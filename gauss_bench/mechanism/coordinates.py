@@ -70,7 +70,6 @@ class AlongState:
     """The coordinate x = n . (p_b - p_a) at a state; the unit vector n is fixed in the body whose frame is `axes`."""
 
     def __init__(self, direction: Direction, a: End, b: End):
-        """Store the body `axes` and the direction n that is fixed in it, and the points a and b."""
         self.axes, self.n = direction
         self.a, self.b = a, b
         self.gap = b.place - a.place
@@ -155,7 +154,6 @@ class DistanceState:
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
-        """Store the points a and b, the functions for their type of number, and the value of x if it is known."""
         self.a, self.b, self.gap = a, b, b.place - a.place
         self.arithmetic, self.known = arithmetic, known
 
@@ -365,7 +363,6 @@ class Placed(Placement):
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
-        """Store the states q, v (..., n)."""
         self.q, self.v = q, np.zeros_like(q) if v is None else v
 
     def body(self, body: int) -> tuple[list[Array], list[Array]]:

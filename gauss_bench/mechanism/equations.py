@@ -121,7 +121,6 @@ class Symbols(Given):
     """
 
     def __init__(self, n: int):
-        """Begin an empty program for n coordinates."""
         self.n, self.program = n, Program()
         self.arithmetic = self.program  # a program also has the functions sqrt, sin, ... for its symbols
         self.laws: list[MotionLaw] = []  # the motion laws whose values are inputs of the program so far

@@ -118,7 +118,6 @@ class Evaluator:
     """The equations of motion of one mechanism, with the mass matrix M (n, n) and its diagonal `mass`."""
 
     def __init__(self, mechanism: Mechanism):
-        """Set up rows and forces; functions are generated when needed."""
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)

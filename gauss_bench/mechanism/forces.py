@@ -38,7 +38,6 @@ class AppliedForces:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Separate the steady forces of a mechanism from those that vary."""
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):

@@ -27,7 +27,6 @@ class Symbol:
     __slots__ = ("number", "program", "text")
 
     def __init__(self, program: "Program", text: str, number: Number | None = None):
-        """Create a symbol; a program creates its own symbols by `symbol`, `input` and `record`."""
         self.program, self.text, self.number = program, text, number
 
     @property
@@ -112,7 +111,6 @@ class Program:
     """
 
     def __init__(self) -> None:
-        """Begin a program without operations."""
         self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}
