@@ -64,9 +64,7 @@ METHOD: dict[str, Wrong] = {
     "Gauss's function by the root of M": {"positive root": lambda p, a: np.sum((power(p.M, 0.5) @ (p.M @ a + p.f - p.Q)) ** 2) / 2},
     "constraint forces that do work": {"other sign": lambda p, a, extra: me.root_function(p, a, -extra)},
     "constraints in accelerations": {"other sign": lambda rate, q, v: -me.differentiate(rate, q, v)},
-    "general solution": {
-        "plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h,
-    },
+    "general solution": {"plus in the projector": lambda p, X, h: X @ p.g + (np.eye(p.n) + X @ p.J) @ h},
     "rows that disagree": INVERSES,
     "least-squares form": {"no half": lambda A, b, h: 2 * me.half_square(A, b, h)},
     "exponent of M in A": {"no M": 0.0},
@@ -94,9 +92,7 @@ PROJECTOR: dict[str, Wrong] = {
 EXAMPLE: dict[str, Wrong] = {
     "mass matrix": {"inertia about the end": lambda: crank_slider.mass() * [1, 1, 4, 1, 1, 4, 1]},
     "velocity forces": {"something": 1.0},
-    "applied forces": {
-        "spring": changed(crank_slider.forces, 6, lambda old, q, v: 5.0 * (q[6] - L1 - L2) - v[6]),
-    },
+    "applied forces": {"spring": changed(crank_slider.forces, 6, lambda old, q, v: 5.0 * (q[6] - L1 - L2) - v[6])},
     "order of the accelerations": {"y before x": [0, 1, 2, 4, 3, 5, 6], "angles last": [0, 1, 3, 4, 6, 2, 5]},
     "constraints": {"sign in row 4": changed(crank_slider.residual, 3, lambda old, q: old + 2 * q[4])},
     "Jacobian but for one entry": {"sign of (1, 3)": changed(crank_slider.jacobian, (0, 2), lambda old, q: -old)},
@@ -135,9 +131,7 @@ LOOPS: dict[str, Wrong] = {
     },
     "incidence matrix": {"the diagonal": True},
     "number of independent loops": {"without the frame": [1, -1, 0], "degrees of freedom": [-2, 3, -3]},
-    "loops of the examples": {
-        "a joint left out": {"eight_bar": ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4"]},
-    },
+    "loops of the examples": {"a joint left out": {"eight_bar": ["1-2-5-3", "1-2-6-7-9-4", "1-2-6-8-9-4"]}},
     "motion laws": {"sign of the sine": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)}},
 }
 POINTS: dict[str, Wrong] = {

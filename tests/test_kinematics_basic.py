@@ -113,16 +113,6 @@ def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
         np.testing.assert_array_equal(np.sign(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0]), branch["C"])
 
 
-@pytest.mark.parametrize("degrees", [3, 10])
-@pytest.mark.parametrize("name", ["shaper", "eight_bar"])
-def test_the_warm_start_keeps_the_branch_over_a_turn(name: str, degrees: int) -> None:
-    mechanism = load(name, "driven")
-    motion = basic_motion(mechanism, np.arange(0, 361, degrees) / 360)
-    assert [branch_of(mechanism, q) for q in motion.q[:: 90 // degrees]] == [branch_of(mechanism, mechanism.q0)] * 5
-    assert np.abs(np.sin((motion.q[-1] - motion.q[0])[2::3] / 2)).max() < 1e-12  # the turn ends where it began
-    assert motion.iterations.max() <= 4  # one step a time, not a path of halves
-
-
 def test_a_limit_of_motion_is_named_with_the_input_it_lies_at() -> None:
     mechanism = driven(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), a=motion_laws.constant(np.radians(60.0), 1.0))
     limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4))

@@ -70,19 +70,6 @@ def test_at_a_dead_centre_the_advantage_is_infinite() -> None:
     assert abs(told.velocity[0]) < 1e-12
 
 
-def test_the_other_assembly_of_a_four_bar_is_the_mirrored_triangle() -> None:
-    mechanism, motion = driven("four_bar", 9)
-    for q in motion.q[:3]:
-        found = branches(mechanism, q)
-        assert len(found) == 2
-        assert np.abs(found[0] - q).max() < 1e-12
-        B, C, D = (position(q, mechanism.find_point(x)) for x in ("crank.B", "coupler.C", "ground.D"))
-        line = (D - B) / np.hypot(*(D - B))
-        mirrored = B + 2 * line * ((C - B) @ line) - (C - B)
-        assert position(found[1], mechanism.find_point("coupler.C")) == pytest.approx(mirrored, abs=1e-12)
-        assert np.abs((found[1] - q)[2::3]).max() <= np.pi
-
-
 def test_branches_of_what_is_not_held_are_refused() -> None:
     mechanism = load("five_bar")
     with pytest.raises(ValueError, match="1 of its motions stay free"):

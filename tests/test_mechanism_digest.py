@@ -78,19 +78,15 @@ def test_how_a_number_is_written_changes_nothing_and_an_override_does() -> None:
 
 @pytest.mark.parametrize("law", ["constant", "sine", "cosine", "poly345", "table"])
 def test_a_driven_linkage_arrives_in_another_process_as_it_is(law: str) -> None:
-    travel = {"start_deg": 10.0, "travel_deg": 90.0, "time": 0.5}
-    table = {"start_deg": 10.0, "rows": [[0.0, 0.0], [0.2, 30.0], [0.5, 90.0]]}
-    numbers = {"constant": {"start_deg": 10.0, "speed": 2.0}, "table": table}.get(law, travel)
-    document = document_of(built_in()["four_bar"])[0]
-    name = next(key for key, value in document["scenarios"].items() if "driver" in value)
-    driver = document["scenarios"][name]["driver"]
-    document["scenarios"][name]["driver"] = {"link": driver["link"], "law": law, **numbers}
-    sent = load_document(document, name)
+    rows = [[0.0, 0.0], [0.2, 30.0], [0.5, 90.0]]
+    numbers = {"constant": {"speed": 2.0}, "table": {"rows": rows}}.get(law, {"travel_deg": 90.0, "time": 0.5})
+    document = document_of("four_bar")[0]
+    document["scenarios"]["driven"]["driver"] = {"link": "crank", "law": law, "start_deg": 10.0, **numbers}
+    sent = load_document(document, "driven")
     arrived = pickle.loads(pickle.dumps(sent))
     assert content_digest(arrived) == content_digest(sent)
-    assert sent.driver is not None
     for t in (0.0, 0.1, 0.7):
-        assert arrived.driver.law(t) == sent.driver.law(t)
+        assert arrived.drivers[0].law(t) == sent.drivers[0].law(t)
 
 
 def test_a_digest_of_sources_follows_files_at_any_depth_of_its_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

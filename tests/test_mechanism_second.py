@@ -241,14 +241,6 @@ def test_a_torque_over_time_gives_the_impulse_of_its_law(law: str) -> None:
     assert found.error_v[-1] < 1e-11
 
 
-def test_a_torque_against_its_direction_has_a_share_of_its_value() -> None:
-    """Braked at three times the value, then turned round at the value: -1 N m on 0.5 kg m^2 from 1 rad/s."""
-    found = build_reference(rotor({"value": -1.0, "against": {"share": 3.0, "speed": 1e-4}}, speed=1.0), 1.0)
-    omega = found.v[:, 2]
-    np.testing.assert_allclose(omega[:16], 1.0 - 6.0 * found.t[:16], atol=1e-9)
-    np.testing.assert_allclose(omega[20:], -2.0 * (found.t[20:] - 1 / 6), atol=1e-3)
-
-
 def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
     mechanism = load(str(VARYING))
     for name in {*names()} - GIVEN:

@@ -1,5 +1,4 @@
-"""The formulas that the audit of the papers (`papers/audit.py`) checks, as functions, and measures that compare them with a
-reference.
+"""The formulas that the audit of the papers checks, as functions, and measures that compare them with a reference.
 
 Each module has the formulas of one or more chapters of the data files:
 - `least_squares`, `example`: Yuan & Ge 2016, on random problems with known solutions (`problems`) and on the crank-slider.
