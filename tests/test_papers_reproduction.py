@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
+from gauss_bench.papers import crank_motion
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import formulas, paper_motion, reproduction, running, statics
-from gauss_bench.papers.rest import equilibria, first_turn, settles, torque_range, turn
 from gauss_bench.tables import read_table
 from gauss_bench.trajectory import Reference
 
@@ -22,7 +22,7 @@ ROUNDING = 1e-12  # relative: accelerations of the general library are closed to
 
 @pytest.fixture(scope="module")
 def motion() -> CrankMotion:
-    return motion_of(linkage())
+    return crank_motion.motion_of(linkage())
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +106,9 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
         (place,) = (p.theta for p in equilibria(other) if p.stable)
         assert (course.theta[-1], course.w[-1]) == pytest.approx((place, 0.0), abs=1e-3)
     else:
-        speeds = [0.0, abs(first_turn(other)[1])]
+        speeds = [0.0, abs(crank_motion.first_turn(other)[1])]
         while len(speeds) < 8:
-            speeds.append(float(turn(other, -speeds[-1])[0, -1]))
+            speeds.append(float(crank_motion.turn(other, -speeds[-1])[0, -1]))
         assert speeds == sorted(speeds)
 
 

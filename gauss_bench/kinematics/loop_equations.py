@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.kinematics.link_units import MOVING, Way
-from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
+from gauss_bench.kinematics.topology import Levels, Passage, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
@@ -142,7 +142,7 @@ class LoopEquations:
         self.column = {x.name if x.link is None else x.link: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([x.link is not None for x in self.variables])
         self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._place(p.way(self.roots[p.link] != GROUND)) for p in loop.passages] for loop in self.graph.loops]
+        self.ways = [[self._place(p) for p in loop.passages] for loop in self.graph.loops]
         # length of the longest vector through a moving link [m]
         vectors = (p.way.leave.at - p.way.enter.at for loop in self.ways for p in loop if p.way.link != GROUND)
         size = max(map(abs, vectors), default=0.0) or 1.0
@@ -162,10 +162,12 @@ class LoopEquations:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return matching[0]
 
-    def _place(self, way: Way) -> PlacedWay:
-        """Return the part of a loop that runs through one link, with the indices of its variables in a state x."""
+    def _place(self, passage: Passage) -> PlacedWay:
+        """Return the path of a loop through one link, with the places of its variables in a state x."""
+        link = passage.link
+        way = Way(link, passage.enter.element(link), passage.leave.element(link), turns=self.roots[link] != GROUND)
         # in the order of the columns of the link unit: the angle of the link's root, then slides
-        own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
+        own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[link]]
         own += [Variable(name) for name in way.slides]
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)

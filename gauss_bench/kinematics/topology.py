@@ -20,7 +20,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -56,10 +56,6 @@ class Passage:
     link: int
     enter: Pair
     leave: Pair
-
-    def way(self, turns: bool) -> Way:
-        """Return the loop's path through the link as a `Way`; `turns` tells whether the angle of the link is variable."""
-        return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, motion_of
+from gauss_bench.papers import crank_motion
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import KEPT, linkage
-from gauss_bench.papers.rest import balance_speed, equilibria, find_bound, integrate_slope, regime, settles, torque_range
 from gauss_bench.trajectory import Reference
 
 COARSE = 1e2  # factor on the tolerance of a second run; the difference of both runs bounds the error of the finer run
@@ -41,7 +41,7 @@ def reproduction() -> dict[str, Any]:
     `value` is None for a claim of the paper or data that it omits; `bracket` is the uncertainty of the value, None if it is exact
     to rounding. The verdict of a claim is "refuted", "holds" or "not shown".
     """
-    motion = motion_of(linkage())
+    motion = crank_motion.motion_of(linkage())
     given: Values = {"torque": (motion.torque, None), "damper": (motion.c, None), "watched": (WATCHED, None)}
     values = given | running(motion) | statics(motion) | settling(motion) | formulas(motion)
     verdicts = {key: "holds" if holds else "refuted" for key, holds in claims(motion).items()}
@@ -59,9 +59,9 @@ def running(motion: CrankMotion) -> Values:
 
     Also "swept", the integral of (dx3/dtheta)^2 over a turn, and "balance", the speed at which torque and damper balance.
     """
-    fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
+    fine, coarse = crank_motion.regime(motion), crank_motion.regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
-    exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
+    exact = {"taken": fine["taken"], "swept": crank_motion.integrate_slope(motion), "balance": crank_motion.balance_speed(motion)}
     return values | {key: (value, None) for key, value in exact.items()}
 
 
