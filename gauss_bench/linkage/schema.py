@@ -257,10 +257,13 @@ class CoulombFrictionTable(Table, units="mu: 1; radius: m; speed: rad/s or m/s")
     speed: Positive
 
 
-class DrivenTable(Table, units="start: rad or m"):
+class CoordinateTable(Table):
     link: Text | None = None
     joint: Text | None = None
     between: Couple | None = None
+
+
+class DrivenTable(CoordinateTable, units="start: rad or m"):
     start_deg: Number | None = None
     start: Number | None = None
 
@@ -332,10 +335,7 @@ class ObserveTable(Table):
     links: list[Text] = []
 
 
-class MeasureTable(Table):
-    link: Text | None = None
-    joint: Text | None = None
-    between: Couple | None = None
+class MeasureTable(CoordinateTable):
     point: Text | None = None
     angle_deg: Number | None = None
     angle: Number | None = None
