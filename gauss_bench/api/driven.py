@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import MotionError
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import MotionError
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import assemble, free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
