@@ -1,11 +1,11 @@
 """Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
-The environments are in a folder of the user's data. venv and pip make an environment from the engine's `requirements.txt`, and pip
-checks the hashes in this file. The environment is built in a hidden folder. When pip has succeeded, the hidden folder gets the name
-of the engine, and a table of the engine is added to the user's file of engines (`gauss_bench/engines/__init__.py` describes this
-file). An installation that fails or is interrupted leaves nothing behind. An installation that is killed leaves its hidden folder
-behind, and the next call of this module removes it. Apart from hidden folders, a folder is removed only if it contains the file
-MADE. The user's own tables in the file of engines stay as they are.
+The environments are in a folder of the user's data. venv and pip make one from the engine's `requirements.txt`, whose hashes pip
+checks, in a hidden folder. When pip has succeeded, the hidden folder gets the name of the engine, and a table of the engine is
+added to the user's file of engines (`gauss_bench/engines/__init__.py` describes this file). An installation that fails or is
+interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, and the next call of this module removes it.
+Apart from hidden folders, a folder is removed only if it contains the file MADE. The user's own tables in the file of engines stay
+as they are.
 """
 
 import contextlib
@@ -58,11 +58,7 @@ class Offered:
 
 
 def read_offered(name: str) -> Offered:
-    """Return the description of an engine's environment.
-
-    Raises:
-        UnknownEngine: no engine of ELSEWHERE has that name.
-    """
+    """Return the description of an engine's environment; an UnknownEngine if no engine of ELSEWHERE has that name."""
     if name not in ELSEWHERE:
         raise UnknownEngine(f"{name!r} is no engine that can be installed; there are {', '.join(ELSEWHERE)}")
     return Offered(**parse_toml((ROOMS / name / "environment.toml").read_text(encoding="utf-8")))
@@ -90,8 +86,8 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
     """Install the environment of an engine and add a table of the engine to the user's file of engines.
 
     Args:
-        why_unusable: function that is called with the engine's name after the packages are installed; it returns the reason why the
-            engine cannot be used, or an empty text if it can.
+        why_unusable: function of the engine's name, called after the packages are installed; it returns the reason why the engine
+            cannot be used, or an empty text if it can.
         told: function that shows the user one line of progress.
 
     Raises:
@@ -103,13 +99,9 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         require_free(name)
         told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
         failure = f"{offered.library} cannot be installed (there are wheels for {offered.pythons})"
-        requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
 
-        def fill(folder: Path) -> None:
-            """Install the engine's packages into the environment in a folder."""
-            run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told)
-
-        make_environment(place, fill, told)
+        packages = ("install", *OPTIONS, "--require-hashes", "-r", str(ROOMS / name / "requirements.txt"))
+        make_environment(place, lambda folder: run_program([*pip_of(folder), *packages], failure, told), told)
         try:
             _enter(name, interpreter_in(place))
             if reason := why_unusable(name):
@@ -120,14 +112,11 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
 
 
 def make_environment(place: Path, fill: Callable[[Path], object], told: Told, quiet: bool = False) -> None:
-    """Make an environment in a folder; if that fails, leave nothing behind. The caller must hold the lock of the parent folder.
-
-    `hold` locks the parent folder.
+    """Make an environment in the folder `place`; if that fails, leave nothing behind. The caller must `hold` the parent folder.
 
     Args:
         place: the folder; an environment that is already there is replaced.
         fill: function that installs the packages into a folder; the folder is the hidden one in which the environment is built.
-        told: function that shows the user one line of progress.
         quiet: whether the programs' output is kept from the terminal.
 
     Raises:
@@ -164,10 +153,7 @@ def remove(name: str) -> None:
 
 
 def _undo(name: str) -> None:
-    """Delete the environment of an engine.
-
-    If the user's file of engines has a table that names this environment, this table is removed as well.
-    """
+    """Delete the environment of an engine, and its table in the user's file of engines."""
     if is_installed_here(name):
         _take_out(name)
     _delete(home() / name)
@@ -208,10 +194,8 @@ def is_ours(folder: Path) -> bool:
 
 
 def _make_hidden(place: Path) -> Path:
-    """Make a hidden folder with a new unique name in the folder that contains a path, and return it.
-
-    The name must be new, because the pip of an installation that was killed may still run and write into its own hidden folder.
-    """
+    """Make a hidden folder beside a path, and return it."""
+    # the name is unique, because the pip of an installation that was killed may still write into its own hidden folder
     folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
     (folder / MADE).touch()  # marks a folder that gauss-bench made and may remove
     return folder
@@ -225,7 +209,7 @@ def _delete(place: Path) -> None:
 
 
 def require_free(name: str) -> None:
-    """Check that an engine can be installed: it is not installed yet, and the user has neither a table nor a folder of that name.
+    """Check that an engine is not installed yet, and that the user has neither a table nor a folder of that name.
 
     Raises:
         InstallationFault: it cannot be installed.
@@ -249,7 +233,6 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
     Args:
         failure: beginning of the message if the program fails.
-        told: function that gets messages and, without a terminal, the lines of the output.
         quiet: whether `told` gets the output even if there is a terminal; if so, the message of a failure quotes the output.
 
     Raises:
@@ -291,13 +274,9 @@ def _read_file() -> str:
 
 
 def _enter(name: str, python: Path) -> None:
-    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines.
-
-    The text that the user wrote stays as it is, and an empty line separates the new table from it.
-    """
+    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines, after an empty line."""
     before = _read_file()
     gap = "\n" if before.endswith("\n") or not before else "\n\n"
-    # ELSEWHERE: engine -> class of its adapter; `_write_file` checks that the text contains exactly the given tables
     table = {"class": ELSEWHERE[name], "python": str(python)}
     lines = [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
     text = f"{before}{gap if before else ''}" + "\n".join(lines) + "\n"
@@ -305,10 +284,7 @@ def _enter(name: str, python: Path) -> None:
 
 
 def _take_out(name: str) -> None:
-    """Remove the table of an engine from the user's file of engines, with the empty line before it.
-
-    `_write_file` checks that the new text holds exactly the other tables.
-    """
+    """Remove the table of an engine from the user's file of engines, with the empty line before it."""
     before = _read_file()
     # an empty line, [name] with or without quotes, and the lines of the keys below it
     table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
@@ -319,12 +295,8 @@ def _take_out(name: str) -> None:
 def _write_file(text: str, tables: dict[str, object]) -> None:
     """Replace the text of the user's file of engines; remove the file if the text is empty.
 
-    Args:
-        text: the new text.
-        tables: the parsed tables that the text must contain, in any order and with any comments.
-
     Raises:
-        InstallationFault: the text does not contain exactly the tables in `tables`; the file is left unchanged.
+        InstallationFault: the text does not contain exactly the parsed `tables`; the file is left unchanged.
     """
     path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:

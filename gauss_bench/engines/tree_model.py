@@ -1,9 +1,4 @@
-"""The common parts of adapters to libraries that model mechanisms as trees of joints.
-
-TreeModel:               The base class of models in tree coordinates y (n,), with rates dy. It translates states and samples.
-verify:                  The function compares a library's model of the tree with the linkage, at states with open loops.
-acceleration_by_steps:   The function finds accelerations from the steps of a library that computes none itself.
-"""
+"""The common parts of adapters to libraries that model mechanisms as trees of joints."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -26,14 +21,14 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 class TreeModel(ABC):
     """Base class of models of a mechanism in a library of joint trees, run with one setting of the engine (`Choice`).
 
-    A subclass calls this `__init__` and then builds the library's model. The subclass supplies `tree_acceleration`, and `run`,
-    which takes the steps of `plan` and stores tree states in `y` and `dy`; it may extend `prepare` and `read`.
+    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which takes
+    the steps of `plan` and stores tree states in `y` and `dy`; it may extend `prepare` and `read`.
 
     Attributes:
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: intervals of time, each with steps of equal size; `prepare` sets it.
+        plan: intervals of time, each with steps of equal size.
         y, dy: (k, n) tree coordinates and rates at the sample times.
     """
 
@@ -67,10 +62,7 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,).
-
-        By default `accelerate` computes them; a subclass may override this function.
-        """
+        """Return the accelerations (3 links,) of a sample; a subclass may compute them otherwise than `accelerate` does."""
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -94,8 +86,6 @@ class TreeModel(ABC):
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
         """Return the samples y, dy (k, n) in absolute coordinates, with the accelerations that the library computes for them.
 
-        The times of the samples are those that `prepare` was given.
-
         Raises:
             RunFailure: the library finds no accelerations at a sample; the exception holds the samples before this one.
         """
@@ -111,7 +101,7 @@ class TreeModel(ABC):
 class OpenModel:
     """Quantities that a library computes for the open tree of a linkage, without closures and drivers, at a tree state y, dy.
 
-    The motion must be determined by the mass matrix and the forces, or by the accelerations. All fields except `gaps` may be None.
+    Either `mass` and `forces` must be given, or `accelerations`.
 
     Attributes:
         gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
@@ -128,7 +118,7 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check that the mass matrix and forces are given, or else the accelerations."""
+        """Check that the quantities determine the motion."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
