@@ -8,7 +8,7 @@ import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, PinocchioModel
-from gauss_bench.engines.pinocchio.forces import DrivingTorques, TreeForces
+from gauss_bench.engines.pinocchio.dynamics import DrivingTorques, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.formulations.gauss import gauss

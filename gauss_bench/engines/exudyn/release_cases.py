@@ -1,7 +1,7 @@
 """Cases that compare Exudyn's releases beyond the adapter's runs: joints that the adapter does not use, and default settings.
 
-The bars are planar rigid bodies whose loop is closed by a constraint of constant distance, or spatial rigid bodies whose loop is
-closed by a spatial joint. The accelerations that are compared are those that Exudyn computes at the start of a run.
+The loop of the bars is closed by a constraint of constant distance between planar bodies, or by a spatial joint of spatial ones.
+The accelerations that are compared are those that Exudyn computes at the start of a run.
 """
 
 import inspect
@@ -32,13 +32,7 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
-
-    The closure PLANAR is a constant distance between the ends of two planar bodies; all other closures join bodies in space.
-
-    Args:
-        name: name of the case, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
-    """
+    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`."""
     closure, _, solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
@@ -59,7 +53,6 @@ def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, clo
     Args:
         items: Exudyn's module of item classes.
         settings: Exudyn's simulation settings.
-        build: function that builds the bars and returns the indices of their coordinates in the plane.
         closure: name of the item that closes the loop.
     """
     container = exu.SystemContainer()
@@ -131,8 +124,7 @@ def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
 def defaults() -> dict[str, str]:
     """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads.
 
-    The table serves to compare releases. Linear solvers and integrators have no default value; so each one that the release has is
-    listed with the value "there". Arguments that only serve for drawing are left out.
+    Linear solvers and integrators have no default value; each one that the release has is listed with the value "there".
     """
     exu, items = library()
     found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
@@ -149,7 +141,7 @@ def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, 
     """Yield the path and the value of every number, flag and word of settings.
 
     Args:
-        place: path of `settings` below the top level, such as "timeIntegration."; the beginning of every path that is yielded.
+        place: beginning of every path, such as "timeIntegration.".
         depth: number of nested levels of settings that are read.
     """
     for name in dir(settings):

@@ -39,7 +39,7 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.engines.minimal.structure import Dyad, Links, OuterJoint, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
 from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
+from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, Prismatic, loads
 from gauss_bench.mechanism.spaces import Vec, angle_at, cross, dot, rotate_vec
 from gauss_bench.terms import Array
 
@@ -52,11 +52,10 @@ class Equation:
     """The equation of motion for one independent coordinate on one branch of the linkage.
 
     Attributes:
-        way: the coordinate and the dyads by which the positions of the other links follow.
         signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
         integrated: links whose angles are integrated together with the coordinate.
-        program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
         angles: link whose angle a spring needs -> index of an entry of the program's q, and the constant [rad] that is added to it.
+        program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
         motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
     """
 
@@ -85,29 +84,15 @@ class Equation:
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
-def links_of_springs(mechanism: Mechanism) -> list[int]:
-    """List the links whose angles torsion springs need, in the file's order."""
-    links: set[int] = set()
-    for load in loads(mechanism.forces):
-        if isinstance(load, Law) and load.k and isinstance(load.coordinate, Angle):
-            links |= {load.coordinate.a, load.coordinate.b}
-    return sorted(links - {GROUND})
-
-
 class Root(NamedTuple):
-    """The link from whose angle that of another link follows, because slides between them make both turn together.
-
-    Attributes:
-        link: the root, that is, the link whose angle is used.
-        turn: constant angle [rad]; the other link's angle is the root's angle plus `turn`.
-    """
+    """The link from whose angle that of another link follows, which is the root's angle plus `turn` [rad]: slides join both."""
 
     link: int
     turn: float
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> root (see `Root`) for every link; a link that no slide joins to an earlier one is its own root, turn 0."""
+    """Return link -> root for every link; a link that no slide joins to an earlier one is its own root."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -123,18 +108,16 @@ def _roots(way: Way) -> dict[int, Root]:
 
 
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
-    """Write the equation of motion of a linkage in one independent coordinate.
-
-    The vector q of the returned program has the independent coordinate first, then the angles that are integrated with it.
+    """Write the equation of motion of a linkage in one independent coordinate, on the branch of the given signs.
 
     Args:
-        way: the coordinate and the dyads by which the positions of the other links follow.
-        signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
         q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
-        least: (dyads,) for each dyad the smallest opening (distance from its dead centre) at which the equation may be used.
+        least: (dyads,) for each dyad the smallest opening at which the equation may be used.
     """
-    # links whose angles springs need, without those whose angles slides fix relative to the ground -> root
-    roots = {link: root for link, root in _roots(way).items() if link in links_of_springs(mechanism) and root.link != GROUND}
+    # links whose angles torsion springs need, without those whose angles slides fix relative to the ground -> root
+    torsion = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and x.k and isinstance(x.coordinate, Angle)]
+    needed = {link for angle in torsion for link in (angle.a, angle.b)}
+    roots = {link: root for link, root in _roots(way).items() if link in needed and root.link != GROUND}
     integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
     slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
     angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
@@ -142,7 +125,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
     states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
     motion = _Motion(mechanism, way, signs, integrated, states)
     a, openings = motion.acceleration(), motion.openings
-    square_roots = [node for node, _ in openings]  # one of each dyad, zero at its dead centre
+    square_roots = [node for node, _ in openings]
     n = 1 + len(integrated)
     inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
     program = Program(
@@ -180,8 +163,7 @@ class Body:
     Attributes:
         e: direction exp(i angle) of the link.
         omega, alpha: first and second derivative of the angle with respect to q.
-        at: (2,) a point of the link in its own frame [m].
-        place: motion of this point.
+        at, place: (2,) a point of the link in its own frame [m], and the motion of this point.
         pin: (2,) a second pin of the link in its own frame [m], or None: with two pins, masses at both replace the link's mass.
     """
 
@@ -210,37 +192,29 @@ def _product(a: Vec, b: Vec) -> Vec:
     return rotate_vec(b, a)
 
 
-def _quarter(x: Vec) -> Vec:
-    """Return i x, the vector x rotated by 90 degrees counterclockwise."""
-    return cross(1.0, x)
-
-
 def _unit(graph: ExpressionGraph, angle: float) -> Vec:
     """Return the constant vector exp(i angle)."""
     return _constant(graph, float(np.cos(angle)), float(np.sin(angle)))
 
 
 class _Motion:
-    """The poses of all links as functions of the independent coordinate, as expressions.
-
-    A node is an expression in the graph of all expressions.
+    """The poses of all links as functions of the independent coordinate, as nodes (expressions) of a graph.
 
     Attributes:
         roots: link -> its `Root`, the link from whose angle its own follows.
         q: nodes of the coordinate and of the angles that are integrated together with it.
         v: node of the coordinate's rate q'.
         bodies: link -> its `Body`; the ground is included.
-        openings: for each dyad the node of the square root in its solution, and the value of this root at which the dyad's opening
-            is 1. The opening is the root divided by this value; it is zero at the dead centre.
+        openings: for each dyad the node of the square root in its solution, which is zero at the dead centre, and the value of this
+            root at which the dyad's opening is 1.
     """
 
     def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
         """Compute the pose of the link whose motion is the coordinate, and then those of the other links, dyad after dyad.
 
         Args:
-            signs: for each dyad the sign that selects one of its two solutions.
-            integrated: links whose angles are integrated together with the coordinate.
-            states: (k, n) sampled values of the coordinate and of these angles, at which expressions are tested for equality.
+            states: (k, n) sampled values of the coordinate and of the integrated angles, at which expressions are tested for
+                equality.
         """
         self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
         self.graph = graph = ExpressionGraph(len(states))
@@ -251,7 +225,6 @@ class _Motion:
         rest = Place(origin, origin, origin)  # the ground's origin, which does not move
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[way.link] = self._place_input_link(way)
-        # for each dyad its square root, which is zero at the dead centre, and a number by which the root is divided
         self.openings: list[tuple[Node, float]] = []
         close = {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}
         for dyad, sign in zip(way.dyads, signs, strict=True):
@@ -260,9 +233,8 @@ class _Motion:
     def _place_input_link(self, way: Way) -> Body:
         """Return the motion of the link whose motion is the coordinate q: the link turns by q, or it slides by q.
 
-        `way.fixed` is the joint's point on the ground, and `way.moved` its point on the link. A slide moves the link from
-        `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's line. `turn` is the constant
-        angle of the block relative to the guide.
+        A slide moves the link from `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's
+        line.
         """
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vec(self.zero, self.zero)
@@ -319,13 +291,13 @@ class _Motion:
     def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
         """Add a link of a dyad that is pinned to a placed link at its outer joint.
 
+        `omega` and `alpha` are derivatives by q, not by time.
+
         With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
 
         Args:
-            arm: vector from the outer joint to the link's point `pin`, in world axes.
-            omega, alpha: first and second derivative of the link's angle with respect to the coordinate q, not to time.
+            arm: vector from the outer joint to the link's point `pin` (2,), in world axes.
             place: motion of the outer joint.
-            pin: (2,) the point in the link's frame [m].
         """
         s = pin - outer.own.local
         # 1 / s as a complex number
@@ -347,7 +319,7 @@ class _Motion:
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
-        n, base, height, r = _quarter(u), R - A, dyad.height, dyad.lengths[0]
+        n, base, height, r = cross(1.0, u), R - A, dyad.height, dyad.lengths[0]
         y = dot(n, base.p) + height
         root_squared = r * r - y * y
         root = self.graph.sqrt(root_squared)
@@ -386,7 +358,7 @@ class _Motion:
         x = root * sign
         inverse = x * self.graph.inverse(root_squared)  # 1 / x
         u = base.p * inverse if height == 0 else (base.p * x - cross(height, base.p)) * self.graph.inverse(D)
-        n = _quarter(u)
+        n = cross(1.0, u)
         omega = dot(n, base.d) * inverse
         slip = dot(u, base.d) + omega * height
         alpha = (dot(n, base.b) + omega * omega * height - omega * slip * 2.0) * inverse
@@ -397,30 +369,28 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the angles that are integrated together with q.
-
-        Here m is the inertia of the whole linkage reduced to the coordinate q, h is m'(q) / 2, and Q is the power of all loads at
-        q' = 1, that is, the generalised force.
-        """
+        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the angles that are integrated together with q."""
         m, h, Q = list[Node](), list[Node](), list[Node]()  # the summands of each
         for k, link in enumerate(self.mechanism.links):
             terms_of_m, terms_of_h, momentum = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *terms_of_m], [*h, *terms_of_h]
             Q.append(dot(_constant(self.graph, *self.mechanism.gravity), momentum))  # power of the weight at q' = 1
         for load in loads(self.mechanism.forces):
-            Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
+            if isinstance(load, Law):
+                Q.append(self._power_of_law(load))
+            else:
+                force = _product(self.bodies[load.frame].e, _constant(self.graph, *load.value))
+                Q.append(dot(force, self.at(load.point).d))
         total, square = self.graph.total, self.v * self.v
         a = (total(Q) - total(h) * square) / total(m)
         return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.integrated)]
 
     def _power_of_law(self, law: Law) -> Node:
-        """Return the power of a force law at q' = 1, that is, its generalised force.
+        """Return the power of a force law at q' = 1, that is, its generalised force: strength times the rate of its coordinate.
 
-        The power is the strength of the force times the rate, at q' = 1, of the coordinate on which the law acts. For a law on a
-        distance, `strength` returns the force divided by the distance, so it is multiplied by half the rate of the squared
-        distance, which is the distance times its rate.
+        For a distance, `strength` returns the force divided by the distance, so it is multiplied by half the rate of the squared
+        distance.
         """
-        # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
         unit_rate = self.graph.node(rate)
@@ -428,15 +398,8 @@ class _Motion:
         self.graph.mul(unit_rate, self.v)
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
 
-    def _power_of_force(self, force: PointForce) -> Node:
-        """Return the power, at q' = 1, of a force that acts at a point: its generalised force."""
-        # `e` is the direction of the link in which the force is fixed, `d` the derivative of the point by q
-        F = _product(self.bodies[force.frame].e, _constant(self.graph, *force.value))
-        power: Node = dot(F, self.at(force.point).d)
-        return power
-
     def angle(self, link: int) -> Node:
-        """Return a link's angle [rad], including whole turns: the angle of its root (see `Root`) plus a constant."""
+        """Return a link's angle [rad], including whole turns: the angle of its root plus a constant."""
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
@@ -445,10 +408,7 @@ class _Motion:
         return self.q[k] + turn
 
     def links(self) -> list[list[Node]]:
-        """Return three lists, with entries for each link: (x, y, cos, sin), (x', y', omega) and (x'', y'', alpha).
-
-        x and y are the centre of mass, and primes denote derivatives by the coordinate q. `Equation.motion` returns these lists.
-        """
+        """Return, with entries for each link, (x, y, cos, sin), (x', y', omega) and (x'', y'', alpha) of the centres of mass."""
         places, first, second = list[Node](), list[Node](), list[Node]()
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -462,13 +422,10 @@ class _Motion:
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
     """Return the summands of one link in m and in h of m q'' + h q'^2 = Q, and the link's momentum at q' = 1.
 
-    The momentum at q' = 1 is the mass M times the derivative of the centre of mass by q. The mass of a link with two pins A and B
-    is replaced by masses at the pins and a moment of inertia J. Let s = B - A, let the centre of mass be at A + (k + i j) s in
-    complex notation, and let primes denote derivatives by q. Then
+    The mass M of a link with two pins A and B is replaced by masses at the pins and a moment of inertia J. Let s = B - A, and let
+    the centre of mass be at A + (k + i j) s in complex notation. Then
 
         m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
-
-    with the mass M and omega = theta', the derivative of the link's angle.
     """
     if body.pin is None:
         centre = body.point(np.zeros(2))
@@ -499,7 +456,6 @@ class _Rates(Placement):
     """
 
     def __init__(self, motion: _Motion, speed: Node):
-        """Store `motion`, the poses of the links as functions of q, and `speed`, the graph node of the rate q' (or of 1)."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 
@@ -513,7 +469,7 @@ class _Rates(Placement):
         return Frame(link, place, velocity, omega, self.motion.angle(link))
 
     def end(self, point: Point) -> End:
-        """Return a point as the origin of a frame of its own, so that the vector from the frame's origin to the point is zero."""
+        """Return a point as the origin of a frame of its own."""
         place = self.motion.at(point)
         return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 

@@ -53,17 +53,13 @@ class Links:
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
         """Compute z, e, u and w of all links from states q, v (..., n) with x, y and angle of each link."""
-        exp, z, e, u, w = exponential(q), [], [], [], []
-        for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
-            z.append(x + 1j * y)
-            e.append(exp(1j * angle))
-            u.append(dx + 1j * dy)
-            w.append(spin)
-        return Links.with_ground(z, e, u, w)
+        exp, poses, rates = exponential(q), _by_body(q), _by_body(v)
+        z, u = ([x + 1j * y for x, y, _ in given] for given in (poses, rates))
+        return Links.with_ground(z, [exp(1j * angle) for _, _, angle in poses], u, [spin for _, _, spin in rates])
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
-        """Return `Links` of four lists, each with one entry for each moving link; an entry for the ground is added at the end."""
+        """Return `Links` of four lists, each with one entry for each moving link, and the ground at the end."""
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
@@ -86,7 +82,7 @@ def _by_body(x: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class OuterJoint:
-    """A joint that connects a link of a dyad to a placed link, that is, a link whose position is computed already.
+    """A joint that connects a link of a dyad to a placed link.
 
     Attributes:
         own, other: the joint's points on the dyad's link and on the placed link.
@@ -105,24 +101,23 @@ class OuterJoint:
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other, and each of them to a placed link, whose position is computed already.
+    """Two links that are joined to each other, and each of them to a placed link.
 
     In an RRR dyad both links are pinned to placed links, at A and C, and to each other at B.
 
-    In an RRP dyad a rod is pinned to a placed link at A. At B it is pinned to the second link, which slides on a placed link. The
-    distance of B from a line of the placed link is `height`.
+    In an RRP dyad a rod is pinned to a placed link at A, and at B to the second link, which slides on a placed link.
 
     In an RPR dyad the first link carries the guide of a slide and is pinned to a placed link at C. The second link is the block of
-    this slide and is pinned to a placed link at A. The distance of A from the line through C along the guide is `height`.
+    this slide and is pinned to a placed link at A.
 
     Attributes:
-        kind: kind of the dyad, "RRR", "RRP" or "RPR".
+        kind: "RRR", "RRP" or "RPR".
         first, second: the outer joints, which connect the two links to placed links.
         middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the points C and A on the two links.
         line: a point on the line of the slide, fixed in the link that carries this line. An RRR dyad has no line; the entry is then
             the point B of the first link.
         angle: direction [rad] of the line in the frame of the link that carries it.
-        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left.
+        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left; the line of an RPR dyad passes C.
         turn: constant angle [rad] of the second link minus that of the link that carries the line.
     """
 
@@ -153,7 +148,6 @@ class Dyad:
         The number is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the
         distance of A from C along the guide [m] (RPR).
         """
-        # on the first and on the second link: the points of B, or in an RPR dyad the pins C and A
         on_first, on_second = self.middle
         # for complex x and y, Re(conj(x) y) is their scalar product, and Im(conj(x) y) their cross product
         along = at.direction(self.line.link, self.angle).conjugate()
@@ -187,10 +181,7 @@ class Way:
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
-        """Return the coordinate and its rate at one state or many: angle [rad] and angular rate, or displacement [m] and speed.
-
-        An angle is known up to whole turns.
-        """
+        """Return the coordinate and its rate at one state or many: angle [rad], up to whole turns, or displacement [m]."""
         if not isinstance(self.joint, Prismatic):
             e = at.e[self.link]
             return np.arctan2(e.imag, e.real), at.w[self.link]
@@ -200,7 +191,7 @@ class Way:
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
     def openings(self, at: Links) -> Array:
-        """Return the openings of all dyads, that is, how far each is from its dead centre: (..., dyads) in the dyads' order."""
+        """Return the openings of all dyads (..., dyads): how far each is from its dead centre."""
         if not self.dyads:
             return np.zeros((*np.shape(at.w[self.link]), 0))
         return np.stack([dyad.opening(at) for dyad in self.dyads], axis=-1)
@@ -209,8 +200,7 @@ class Way:
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
     """Return the possible choices of the independent coordinate, each with the dyads by which all other links are placed.
 
-    The coordinate may be the angle or displacement of a joint with the ground if dyads, added one after another to the link of this
-    joint, reach all links. The joint of the crank comes first.
+    The joint of the crank comes first.
 
     Raises:
         NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate does not
@@ -262,16 +252,10 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
 
 
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order, or None if they form none.
-
-    The first link must be pinned to a placed link. In an RRR dyad a pin joins the two links, and the second link is pinned to a
-    placed link too. In an RRP dyad a pin joins the two links, and a slide joins the second link to a placed link. In an RPR dyad a
-    slide with its guide on the first link joins the two links, and the second link is pinned to a placed link. A link is placed if
-    its position is computed already. `Dyad` explains the line's angle, height (positive to its left) and turn.
+    """Return the dyad that two links form in this order (see `Dyad`), or None if they form none.
 
     Args:
         pins: for each pin, link -> point of the pin on this link.
-        pair: indices of the two links.
         placed: indices of the links that are placed already.
     """
     one, two = pair
@@ -311,16 +295,9 @@ def _outer_joints(
     pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
 ) -> list[OuterJoint]:
     """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
-    joints = []
-    for pin in pins:
-        others = placed & pin.keys()
-        if link in pin and others:
-            joints.append(OuterJoint(pin[link], pin[min(others)]))
-    for slide in slides:
-        for own, other in permutations(slide.ends):
-            if own.link == link and other.link in placed:
-                joints.append(OuterJoint(own, other, slide))
-    return joints
+    by_pins = [OuterJoint(pin[link], pin[min(others)]) for pin in pins if link in pin and (others := placed & pin.keys())]
+    ends = [(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
+    return by_pins + [OuterJoint(*end) for end in ends if end[0].link == link and end[1].link in placed]
 
 
 def _left_of(angle: float, x: Array) -> float:

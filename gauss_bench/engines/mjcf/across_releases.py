@@ -47,7 +47,6 @@ def set_spring(item: Any, k: float, c: float) -> None:
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
     """Return the mass matrix (n, n) at the state that was evaluated last."""
     M = np.zeros((model.nv, model.nv))
-    # mj_fullM fills M; older releases take M before the packed matrix of the state, and refuse the other order by a TypeError
     try:
         mujoco.mj_fullM(model, data, M)
     except TypeError:

@@ -74,25 +74,21 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
         "integrator": words[int(model.opt.integrator)],
         "iterations": int(model.opt.iterations),
         "tolerance": float(model.opt.tolerance),
-        "solref": {name: [float(x) for x in model.eq_solref[k]] for k, name in enumerate(names)},
-        "solimp": {name: [float(x) for x in model.eq_solimp[k]] for k, name in enumerate(names)},
+        "solref": dict(zip(names, model.eq_solref.tolist(), strict=True)),
+        "solimp": dict(zip(names, model.eq_solimp.tolist(), strict=True)),
     }
 
 
 def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
-    """Set options of a compiled model, given by their names in MJCF.
-
-    One option is no attribute of MJCF: "body_invweight0" is a factor on the compiled inverse weights.
+    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights.
 
     Raises:
         KeyError: an option has another name.
     """
     for key, value in changes.items():
         match key:
-            case "solref":
-                model.eq_solref[:] = value
-            case "solimp":
-                model.eq_solimp[:] = value
+            case "solref" | "solimp":
+                getattr(model, f"eq_{key}")[:] = value
             case "integrator":
                 model.opt.integrator = find_integrator(mujoco, value)
             case "body_invweight0":
@@ -104,14 +100,14 @@ def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
 
 
 def open_model(mujoco: Any, path: Path | str) -> Any:
-    """Return the compiled model of a file. MuJoCo must not reset a diverging run to the start, which would look like a motion."""
+    """Return the compiled model of a file; MuJoCo must not reset a diverging run to the start, which would look like a motion."""
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return model
 
 
 def start_model(mujoco: Any, model: Any, data: Any, key: int) -> None:
-    """Set MuJoCo's data to the keyframe with the index `key`; if the model has no keyframe, set it to the model's own start."""
+    """Set MuJoCo's data to the keyframe with the index `key`, or to the model's own start if it has no keyframe."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, key)
     else:
@@ -122,25 +118,16 @@ class OwnModelRun:
     """The model that MuJoCo compiles from a file, run with the integrator and step of a `Choice`.
 
     Attributes:
-        seen: how the model represents the links: their bodies, centres of mass and angles, and the plane of motion.
+        seen: how the model represents the links.
         model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy of both that only evaluates accelerations at given states, without changing the state of a run.
+        still, still_data: a copy of both that evaluates accelerations without changing the state of a run.
         key: index of the keyframe at which runs start.
         y0, dy0: (nv,) joint coordinates and rates at the start.
         y, dy: (k, nv) samples of joint coordinates and rates.
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
-        """Compile the file, change options of the model, and set the model to a keyframe.
-
-        A copy of the model evaluates accelerations, so that these evaluations do not change the state of a run.
-
-        Args:
-            path: path of the MJCF file.
-            seen: how the model represents the links of a linkage.
-            key: index of the keyframe.
-            changes: name of an option in MJCF -> new value.
-        """
+        """Compile a file, change options of the model (name in MJCF -> new value), and set the model to its keyframe."""
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -202,10 +189,7 @@ class OwnModelRun:
         return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Set the model to its keyframe at times[0], and compute the sequence of steps.
-
-        `native` has no effect, because MuJoCo's own loop always takes the steps.
-        """
+        """Set the model to its keyframe at times[0], and plan the steps, which MuJoCo's own loop always takes."""
         self.times, self.plan = times, list(stretches(times, self.choice.step))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
@@ -229,23 +213,17 @@ class OwnModelRun:
 
 
 def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
-    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts.
-
-    The constraints that close loops, MuJoCo's equality constraints, act all the time and do not end the run.
-
-    Args:
-        key: index of the keyframe at which the run starts.
-        until: time [s] at which the run ends.
+    """Run the model of a file from a keyframe until `until` [s], or until a contact, a joint limit or dry friction acts.
 
     Returns:
-        A table with two keys. "what": a sentence that names the element which acts; empty if none does. "at": the time [s].
+        "what": a sentence that names the element which acts, empty if none does; and "at": the time [s].
     """
     import mujoco
 
     model = open_model(mujoco, path)
     data = mujoco.MjData(model)
     start_model(mujoco, model, data, key)
-    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)  # constraints that close loops, which act all the time
     with collect_warnings(mujoco, []):
         mujoco.mj_forward(model, data)
         for _ in range(1 + round(until / model.opt.timestep)):
@@ -284,14 +262,9 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the compiled models of two files, after the options in `changes` were applied to the first one.
+    """Compare the compiled models of two files, after the options in `changes` (name in MJCF -> value) were applied to the first.
 
     Return a table with the key "reason": a sentence that says how the two models differ, or an empty text if they are equal.
-
-    Args:
-        before: path of the original file.
-        after: path of the file into which the changes were written.
-        changes: name of an option in MJCF -> value.
     """
     import mujoco
 

@@ -26,7 +26,7 @@ def find_algorithm(pin: Any, name: str) -> Any:
 
 
 def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data: Any) -> None:
-    """Prepare the data of a model for an algorithm with constraints; the function fills `data` and returns nothing.
+    """Prepare the data of a model for an algorithm with constraints.
 
     Args:
         rows: Pinocchio's list of constraint models, one for each pin that closes a loop.
