@@ -3,6 +3,7 @@
 import ast
 import builtins
 import csv
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,16 +64,6 @@ def list_undefined(text: str) -> set[str]:
     return used - known
 
 
-def list_packages(text: str) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            found |= {x.name.partition(".")[0] for x in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found.add(str(node.module).partition(".")[0])
-    return found
-
-
 @pytest.mark.usefixtures("adapters")
 @pytest.mark.parametrize("engine", LIBRARIES)
 @pytest.mark.parametrize(("name", "scenario"), LINKAGES)
@@ -84,7 +75,8 @@ def test_a_program_has_all_that_it_names_and_needs_its_library_alone(engine: str
         pytest.skip("the engine does not take it")
     text = write(engine, mechanism)
     assert not list_undefined(text)
-    assert list_packages(text) == {"math", "numpy", "sys", *LIBRARIES[engine]}
+    packages = set(re.findall(r"^ *(?:import|from) (\w+)", text, re.MULTILINE))
+    assert packages == {"math", "numpy", "sys", *LIBRARIES[engine]}
     for link in mechanism.links:
         assert repr(float(link.mass)) in text
     assert python(mechanism.q0.tolist()) in text
@@ -94,13 +86,9 @@ def test_a_program_has_all_that_it_names_and_needs_its_library_alone(engine: str
 def test_every_setting_of_drake_has_its_closure_and_integrator() -> None:
     mechanism = load("four_bar", "torque")
     assert "AddBallConstraint" in write("drake", mechanism)
-    soft = write("drake", mechanism, "bushing", "radau3")
-    assert "MultibodyPlant(0.0)" in soft
-    assert "LinearBushingRollPitchYaw" in soft
-    assert "set_fixed_step_mode(True)" in soft
     chosen = write("drake", mechanism, "bushing", "runge_kutta3_adaptive", tolerance=1e-7)
-    assert "set_fixed_step_mode(False)" in chosen
-    assert "set_target_accuracy(1e-07)" in chosen
+    for words in ("MultibodyPlant(0.0)", "LinearBushingRollPitchYaw", "set_fixed_step_mode(False)", "set_target_accuracy(1e-07)"):
+        assert words in chosen
     assert not list_undefined(chosen)
 
 
@@ -143,8 +131,8 @@ def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:
 def table(mechanism: Mechanism) -> str:
     """Return a program that prints a library's greeting, then a heading and two rows: zeros, and all coordinates at 2."""
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
-    rows = [[0.0] * (1 + 2 * mechanism.n), [1.0, *[2.0] * (2 * mechanism.n)]]
-    return f"print('library 1.0')\nprint({heading!r})\nfor row in {rows}:\n    print(*row, sep=',')\n"
+    n = 2 * mechanism.n
+    return f"print('library 1.0')\nprint({heading!r})\nprint(0.0, *[0.0] * {n}, sep=',')\nprint(1.0, *[2.0] * {n}, sep=',')\n"
 
 
 def test_the_table_of_a_program_is_read_below_what_its_library_prints() -> None:
@@ -153,8 +141,7 @@ def test_the_table_of_a_program_is_read_below_what_its_library_prints() -> None:
     assert why == ""
     assert rows is not None
     assert rows.t.tolist() == [0.0, 1.0]
-    assert rows.q.shape == rows.v.shape == (2, mechanism.n)
-    assert (rows.q[1] == 2.0).all()
+    assert rows.q.tolist() == rows.v.tolist() == [[0.0] * mechanism.n, [2.0] * mechanism.n]
 
 
 def test_a_program_sees_no_package_but_those_of_its_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,22 +163,12 @@ def test_a_program_that_does_not_end_well_says_why(program: str, words: str) -> 
         run_python(program, load("four_bar", "torque"), Interpreter(), 1.0 if "sleep" in program else 60.0)
 
 
-def test_numbers_that_are_none_or_not_finite_are_no_motion() -> None:
-    assert read_rows(["0,1,2", "1,3,4"], 1).v.tolist() == [[2.0], [4.0]]
-    with pytest.raises(ProgramFailed, match="not finite"):
-        read_rows(["0,1,nan"], 1)
-    with pytest.raises(ProgramFailed, match="not finite"):
-        read_rows([], 1)
-    with pytest.raises(ProgramFailed, match="no numbers"):
-        read_rows(["0,1,x"], 1)
-    with pytest.raises(ProgramFailed, match="no numbers"):
-        read_rows(["0,1"], 1)
-
-
-def test_a_program_without_a_table_is_judged_by_the_suites_run() -> None:
-    rows, why = run_python("print('t,x')\n", load("four_bar", "torque"), Interpreter(), 60.0)
-    assert rows is None
-    assert "prints no table" in why
+@pytest.mark.parametrize(
+    ("rows", "words"), [(["0,1,nan"], "not finite"), ([], "not finite"), (["0,1,x"], "no numbers"), (["0,1"], "no num")]
+)
+def test_numbers_that_are_none_or_not_finite_are_no_motion(rows: list[str], words: str) -> None:
+    with pytest.raises(ProgramFailed, match=words):
+        read_rows(rows, 1)
 
 
 # In the environments
@@ -235,8 +212,7 @@ def test_a_program_moves_as_the_engines_run(
     mechanism, file = linkage(name, scenario), DATA / f"{name}.toml"
     last = run_alone(engine, ask(get(engine), "program")(mechanism, choice), tmp_path, "0.1")
     asked = {"settings": choice.settings, "integrator": choice.integrator, "step": choice.step, "tolerance": choice.tolerance}
-    if choice.tolerance is not None:
-        asked.pop("step")
+    asked = {key: x for key, x in asked.items() if key != "step" or choice.tolerance is None}
     run = gauss_bench.simulate(file if file.exists() else name, engine, mechanism.scenario, at=[0.0, 0.1], **asked)
     wanted = [run.links[link.name][key][-1] for link in mechanism.links for key in ("x", "y", "theta")]
     assert last[0] == pytest.approx(0.1)

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,18 +33,11 @@ OFF = {("mujoco", "default"), *((name, "default") for name in CONTROLS)}
 
 
 @pytest.fixture(scope="module")
-def worker() -> Iterator[Worker]:
-    with Worker() as one:
-        yield one
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> str:
-    return str(tmp_path_factory.mktemp("references"))
-
-
-def row(worker: Worker, store: str, case: Case) -> dict[str, Any]:
-    return dict(worker.call(measure, (case, store), 120.0)[0])
+def row(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[Case], dict[str, Any]]]:
+    """A function that returns the row of a case, measured in a worker."""
+    store = str(tmp_path_factory.mktemp("references"))
+    with Worker() as worker:
+        yield lambda case: dict(worker.call(measure, (case, store), 120.0)[0])
 
 
 SETTINGS = [(engine, settings) for engine in names() for settings in get(engine).settings]
@@ -56,10 +49,10 @@ HARDEST = ("crank_slider", "eight_bar")  # a slide, and the worst condition; the
 @pytest.mark.slow("gauss-default-crank_slider", "gauss-native-default-eight_bar", "lagrange-native-default-eight_bar")
 @pytest.mark.parametrize("linkage", HARDEST)
 @pytest.mark.parametrize(("engine", "settings"), SETTINGS)
-def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: str, worker: Worker, store: str) -> None:
+def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: str, row: Any) -> None:
     adapter = get(engine)
     case = Case(linkage, SCENARIOS[linkage], engine, settings, adapter.integrators[0], "none", 1e-3, 0.05)
-    found = row(worker, store, case)
+    found = row(case)
     if engine in DERIVED and adapter.skip(load(linkage, SCENARIOS[linkage]), case.choice):
         assert found["status"] == "skip"
         return
@@ -73,7 +66,7 @@ def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: st
 
 @pytest.mark.slow("gauss-native", "lagrange-native")
 @pytest.mark.parametrize("engine", names())
-def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, worker: Worker, store: str) -> None:
+def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, row: Any) -> None:
     adapter = get(engine)
     first, best = next(iter(adapter.settings)), list(adapter.settings)[-1]
     for linkage, scenario, settings, end in (
@@ -81,7 +74,7 @@ def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, worker:
         ("six_bar", "cycloid", first, 0.02),
         (str(DATA / "everything.toml"), "free", first, 0.02),
     ):
-        found = row(worker, store, Case(linkage, scenario, engine, settings, adapter.integrators[0], "none", 1e-3, end))
+        found = row(Case(linkage, scenario, engine, settings, adapter.integrators[0], "none", 1e-3, end))
         if found["status"] == "skip":
             assert engine in SOME
             assert linkage != "jansen"
@@ -95,7 +88,7 @@ def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, worker:
 
 @pytest.mark.parametrize("engine", FOREIGN)
 def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
-    engine: str, store: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
     (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
@@ -103,7 +96,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     monkeypatch.setattr("gauss_bench.runs.worker._kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
-    found = measure(case, store).row
+    found = measure(case, str(tmp_path)).row
     assert found["status"] == "skip"
     assert "not installed" in found["message"]
 

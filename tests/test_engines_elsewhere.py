@@ -181,53 +181,31 @@ def test_libraries_have_springs_on_one_coordinate_of_the_tree_alone() -> None:
     assert not on_one_joint(OnJoints(np.array([1.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
 
 
-def test_python_code_of_a_run_is_named() -> None:
-    dart = adapter("dart")
-    assert dart.in_python(load("parallelogram", "torque"), Choice("default")) == ""
-    assert "forces" in dart.in_python(load("crank_slider", "paper"), Choice("explicit"))
-    assert dart.in_python(load("four_bar", "cycloid"), Choice("default")).startswith("motion laws")
-
-
 # errors of the crank after 1 s, Newton's after 0.1 s [rad]: linkage, scenario, settings, step [s], and the measured error
 MEASURED = {
     "bullet": [  # damping=0.04 is Bullet's own, which slows every link
-        ("crank_slider", "paper", "default", 1e-3, 0.0935),
-        ("eight_bar", "torque", "default", 1e-3, 0.0626),
         ("parallelogram", "torque", "default", 1e-3, 0.0324),
         ("crank_slider", "paper", "damping=0.04", 1e-3, 0.963),
         ("eight_bar", "torque", "bodies_direct/DANTZIG", 1e-3, 0.00287),
     ],
     "dart": [
-        ("crank_slider", "paper", "explicit", 1e-3, 0.0904),
         ("eight_bar", "torque", "explicit", 1e-3, 0.0537),
-        ("parallelogram", "torque", "explicit", 1e-3, 0.0326),
         ("parallelogram", "torque", "explicit", 1e-4, 0.00326),
-        ("crank_slider", "paper", "shut", 1e-3, 0.0553),
         ("crank_slider", "paper", "default", 1e-3, 0.0614),
     ],
     "drake": [  # steps of a millisecond are so coarse that the judge calls two of these runs invalid
-        ("crank_slider", "paper", "default", 1e-3, 9.951e-2),
         ("crank_slider", "paper", "default", 1e-4, 1.005e-2),
         ("eight_bar", "torque", "default", 1e-3, 5.111e-2),
-        ("parallelogram", "torque", "default", 1e-3, 3.801e-3),
         ("crank_slider", "paper", "bushing_runge_kutta_adaptive/0.003", 1e-3, 1.423e-3),
     ],
     "mjx": [("crank_slider", "paper", "tuned", 1e-3, 6.4e-3), ("eight_bar", "torque", "tuned", 1e-3, 1.7e-2)],
-    "newton": [
-        ("crank_slider", "paper", "default", 1e-3, 4.6e-3),
-        ("crank_slider", "paper", "dvi", 1e-3, 4.8e-3),
-        ("four_bar", "torque", "dvi", 1e-3, 3.8e-3),
-    ],
+    "newton": [("crank_slider", "paper", "default", 1e-3, 4.6e-3), ("four_bar", "torque", "dvi", 1e-3, 3.8e-3)],
     "opensim": [  # on redundant rows (the parallelogram) the error of the default is noise, 4e-8 to 2e-6
-        ("crank_slider", "paper", "default", 1e-3, 1.5e-8),
         ("eight_bar", "torque", "default", 1e-3, 9.0e-8),
-        ("crank_slider", "paper", "tight", 1e-3, 8.1e-9),
-        ("eight_bar", "torque", "tight", 1e-3, 8.1e-8),
         ("parallelogram", "torque", "tight", 1e-3, 9.8e-11),
     ],
 }
-SHARE = {"bullet": (0.9, 1.1), "dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim": (0.5, 1.2)}
-SHARE["newton"] = (0.9, 1.1)
+SHARE = {"dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim": (0.5, 1.2)}
 
 
 @pytest.fixture
@@ -256,7 +234,7 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, float(certified.t[at])])
     assert run.status == "ok" or (engine in ("bullet", "dart", "drake", "newton") and run.status == "invalid"), run.message
     error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certified.q[at, 3 * crank + 2])
-    low, high = SHARE[engine]
+    low, high = SHARE.get(engine, (0.9, 1.1))
     assert low * measured < error < high * measured
 
 

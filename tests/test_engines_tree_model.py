@@ -159,21 +159,6 @@ def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name: str, 
 
 # accelerations of a library that only steps
 
-C, H = 0.9, 1e-3
-Y, DY = np.array([0.3, -0.2]), np.array([1.1, 0.4])
-
-
-def test_an_implicit_damper_loses_its_first_orders_in_the_step() -> None:
-    """dy' = dy / (1 + c h): a single step shows -c dy (1 - c h ...)."""
-
-    def rates(t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
-        return dy / (1 + C * h), dy / (1 + C * h) ** 2
-
-    one, several = (acceleration_by_steps(rates, 0.0, Y, DY, steps) for steps in ((H,), (H, H / 2, H / 4)))
-    np.testing.assert_allclose(one / (-C * DY) - 1, -2 * C * H, rtol=2 * C * H)
-    # D(h) = -c dy (1 + c h)^-2 has the terms 1 - 2 x + 3 x^2 - 4 x^3; three sizes leave 4 x^3 (1/2) (1/4)
-    np.testing.assert_allclose(several / (-C * DY) - 1, -4 * (C * H) ** 3 / 8, rtol=10 * C * H)
-
 
 class Bead:
     """A mass on a ring of radius 1 in the plane; a step constrains the velocity along the ring at its beginning."""
