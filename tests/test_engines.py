@@ -11,14 +11,11 @@ import pytest
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.engines import DERIVED, FOREIGN, MissingExtra, get, names, not_installed
-from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.worker import Worker
 from gauss_bench.suites.read import read_suite
-from tests.conftest import everything
 
-DATA = Path(__file__).parent / "data"
 SCENARIOS = read_suite("gate").accuracy[0].linkages
 # median relative error at the same state that each engine's arithmetic explains
 GATES = {
@@ -28,7 +25,7 @@ GATES = {
     ("exudyn", "tuned"): 1e-9,  # central differences
 }
 EXACT = 1e-11  # rounding at the condition of the eight-bar
-SOME = (*DERIVED, *FOREIGN)  # take some linkages only; own formulations take every one
+
 OFF = {("mujoco", "default"), *((name, "default") for name in CONTROLS)}
 
 
@@ -64,28 +61,6 @@ def test_accelerations_at_the_same_state(engine: str, settings: str, linkage: st
         assert found["valid"], found["flag"]
 
 
-@pytest.mark.slow("gauss-native", "lagrange-native")
-@pytest.mark.parametrize("engine", names())
-def test_an_engine_runs_a_linkage_or_skips_it_with_a_reason(engine: str, row: Any) -> None:
-    adapter = get(engine)
-    first, best = next(iter(adapter.settings)), list(adapter.settings)[-1]
-    for linkage, scenario, settings, end in (
-        ("jansen", "walk", best, 0.1),
-        ("six_bar", "cycloid", first, 0.02),
-        (str(DATA / "everything.toml"), "free", first, 0.02),
-    ):
-        found = row(Case(linkage, scenario, engine, settings, adapter.integrators[0], "none", 1e-3, end))
-        if found["status"] == "skip":
-            assert engine in SOME
-            assert linkage != "jansen"
-            assert len(found["message"]) > 20
-        elif (engine, settings) in OFF:
-            assert found["status"] in ("ok", "invalid"), found["message"]
-        else:
-            assert found["status"] == "ok", found["message"]
-            assert linkage != "jansen" or found["position_error"] < 1e-4  # a native integrator of second order is the coarsest
-
-
 @pytest.mark.parametrize("engine", FOREIGN)
 def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -105,14 +80,3 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it() -> None:
     missing = not_installed(ImportError("no package mujoco", name="mujoco"))
     assert missing == "not installed: no package mujoco; pip install 'gauss-bench[mujoco]'"
     assert not_installed(MissingExtra(missing, name="mujoco")) == missing
-
-
-def test_defaults_come_first() -> None:
-    every, four_bar = everything(), load("four_bar")
-    for name in names():
-        adapter = get(name)
-        assert next(iter(adapter.settings)) == "default"
-        assert adapter.stabilizations[0] == "none"
-        assert adapter.native_loop or adapter.python_loop
-        assert adapter.skip(every, Choice(integrator=adapter.integrators[0])) is None or name in SOME
-        assert adapter.skip(four_bar, Choice(integrator=adapter.integrators[0])) is None

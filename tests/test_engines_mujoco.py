@@ -82,16 +82,6 @@ def test_a_driven_crank_follows_its_law_at_every_stage_of_a_step(native):
     assert mujoco.get_mjcb_control() is None
 
 
-def test_accelerations_do_not_depend_on_integrator_step_or_history():
-    mechanism = linkage("loaded")  # with dampers, which MuJoCo's Euler method takes implicitly
-    (q, other_q), (v, other_v) = (getattr(random_states(mechanism, 2), x) for x in "qv")
-    expected = ENGINE.build(mechanism, Choice("rigid")).acceleration(0.0, q, v)
-    for integrator in ENGINE.integrators:
-        model = ENGINE.build(mechanism, Choice("rigid", integrator, "none", 1e-2))
-        model.acceleration(0.0, other_q, other_v)
-        assert (model.acceleration(0.0, q, v) == expected).all()
-
-
 @pytest.mark.parametrize("integrator", ENGINE.integrators)
 def test_both_loops_give_the_same_bits(integrator):
     mechanism, times = linkage("four_bar"), [0.0, 0.05, 0.0777, 0.1]
