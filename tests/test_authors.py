@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.api.recommend import list_owned
 from gauss_bench.bench.measurements.search import exact_tasks
 from gauss_bench.bench.tasks import Context
@@ -145,17 +144,3 @@ def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
         list_owned(["gauss"], [SOUND])
     (part,) = (x for x in with_authors(read_suite("search"), [SOUND]).search)
     assert part.authors == (str(SOUND),)
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_recommendation_has_an_answer_of_theirs_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    needs("llvmlite")
-    found = gauss_bench.recommend("crank_slider", 1e-6, until=0.2, engines=["minimal"], authors=[SOUND], budget=600.0)
-    ours, theirs = sorted(found.answers, key=lambda x: x.owner)
-    assert (ours.owner, theirs.owner) == ("", "Those who wrote it")
-    assert theirs.settings in (TIGHT, EQUAL)
-    assert (ours.variants, theirs.variants) == (3, 2)
-    assert all(x.status == "ok" and 0 < x.errors["position"] <= 0.5e-6 for x in (ours, theirs))
-    assert theirs.options["dop853_rtol"] == float(theirs.settings.partition("=")[2])
-    assert ", by its authors" in found.text

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench.api import program_error
 from gauss_bench.api.program_error import ProgramFailed, read_rows, run_python
 from gauss_bench.engines import environment_of, get
 from gauss_bench.engines.base import Choice, ask
@@ -22,7 +21,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.programs import run_there
 from gauss_bench.runs.worker import Interpreter
-from gauss_bench.trajectory import RunFailure, Trajectory
+from gauss_bench.trajectory import RunFailure
 from tests.conftest import DATA, needs
 from tests.engine_runs import linkage
 
@@ -206,21 +205,3 @@ def test_a_program_moves_as_the_engines_run(
     wanted = [run.links[link.name][key][-1] for link in mechanism.links for key in ("x", "y", "theta")]
     assert last[0] == pytest.approx(0.1)
     np.testing.assert_allclose(last[1 : 1 + mechanism.n], wanted, rtol=0, atol=tolerance)
-
-
-@pytest.mark.slow
-def test_an_exported_program_states_the_error_of_its_own_numbers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    if environment_of("opensim") is None:
-        pytest.skip("there is no environment of OpenSim here")
-    found = gauss_bench.export("four_bar", "opensim", tmp_path / "x.py")
-    assert found.error is not None
-    assert found.error.measured_on == "this program itself"
-
-    def run_elsewhere(*asked: object) -> tuple[Trajectory | None, str]:
-        rows, why = run_python(*asked)  # type: ignore[arg-type]
-        assert rows is not None
-        return Trajectory(rows.t, rows.q + np.linspace(0.0, 1.0, len(rows.t))[:, None], rows.v, rows.a, 0), why
-
-    monkeypatch.setattr(program_error, "run_python", run_elsewhere)
-    assert "a link ends up 1 m from where it should be" in gauss_bench.export("four_bar", "opensim", tmp_path / "y.py").refused
-    assert not (tmp_path / "y.py").exists()

@@ -234,38 +234,3 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certified.q[at, 3 * crank + 2])
     low, high = SHARE.get(engine, (0.9, 1.1))
     assert low * measured < error < high * measured
-
-
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize(
-    ("engine", "name", "scenario", "settings", "angle", "speed"),
-    [
-        *((x, y, "driven", "default", 1e-12, 1e-12) for x in ("dart", "opensim") for y in ("crank_slider", "four_bar")),
-        *(
-            ("bullet", name, scenario, *most)
-            for name, scenario in (("crank_slider", "driven"), ("four_bar", "cycloid"))
-            for most in (("default", 1e-6, np.inf), ("converged", 1e-12, np.inf))  # by default a speed may be 3e-4 rad/s off
-        ),
-        ("dart", "four_bar", "cycloid", "default", 1e-4, 1e-9),  # its place to first order in the step
-    ],
-)
-def test_a_driven_crank_follows_its_law(engine: str, name: str, scenario: str, settings: str, angle: float, speed: float) -> None:
-    run = gauss_bench.simulate(name, engine, scenario, settings, at=[0.0, 0.1])
-    (driver,) = load(name, scenario).drivers
-    value, rate, _ = driver.law(0.1)
-    assert abs(run.links["crank"]["theta"][-1] - float(value)) < angle * max(1.0, float(rate))
-    assert abs(run.links["crank"]["omega"][-1] - float(rate)) < speed
-
-
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize(
-    ("engine", "settings", "integrator", "tolerances"),
-    [("opensim", None, "rk_merson_adaptive", (1e-5, 1e-9)), ("drake", "bushing", "radau3_adaptive", (1e-3, 1e-6))],
-)
-def test_steps_that_an_engine_chooses_are_counted_and_follow_the_tolerance(
-    engine: str, settings: str | None, integrator: str, tolerances: tuple[float, float]
-) -> None:
-    runs = [
-        gauss_bench.simulate("four_bar", engine, "torque", settings, integrator, tolerance=x, at=[0.0, 0.1]) for x in tolerances
-    ]
-    assert 0 < runs[0].metrics["steps"] < runs[1].metrics["steps"]

@@ -18,7 +18,7 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import everything, exhaustive, needs, redundant
-from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, linkage, relative_error
+from tests.engine_runs import LINKAGES, acceleration_errors, linkage, relative_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = needs("pinocchio")
@@ -76,16 +76,6 @@ def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
     assert "spring" in ran(made("swinging_block"), np.array([0.0, 0.01])).note
     for name in LINKAGES:
         assert build(load(name)).forces.others == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["redundant", "parallelogram"])
-@pytest.mark.parametrize("settings", VARIANTS.settings)
-def test_redundant_rows_run_when_projection_keeps_them_together(name: str, settings: str) -> None:
-    mechanism, times = made(name), np.linspace(0.0, 0.4, 5)
-    found = ran(mechanism, times, settings=settings, stabilization="projection")
-    expected = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
-    assert np.abs(found.q - expected.q).max() < 1e-6  # RK4 at 1 ms and 15 rad/s, stepping tree and absolute coordinates
 
 
 @pytest.mark.parametrize("settings", VARIANTS.settings)

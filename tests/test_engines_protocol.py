@@ -277,17 +277,6 @@ def test_the_template_asks_the_suite_for_no_equations() -> None:
     assert "from gauss_bench" not in library
 
 
-def test_the_template_is_simulated_and_listed(trees: dict[str, str], tmp_path: Path) -> None:
-    found = command(trees, "simulate", "four_bar", "--engine", "trees", "--at", "0.2")
-    own = gauss_bench.simulate("four_bar", at=[0.2])
-    assert found["status"] == "ok", found["message"]
-    for key in ("x", "theta", "omega", "alpha"):
-        np.testing.assert_allclose(found["links"]["coupler"][key], own.links["coupler"][key], rtol=1e-6, atol=1e-6)
-    refused = command(trees, "export", "four_bar", "--scenario", "cycloid", "--engine", "trees", "--out", tmp_path / "x")
-    assert "cannot become a Python program: driven motions are not modelled" in refused
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.long
 @pytest.mark.slow
 def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:

@@ -17,9 +17,8 @@ The file is `authors.toml` in the engine's folder, or any file that a user names
     integrator = "rk4"                # may be left out if the engine has only one
     iterations = 2
 
-The engine's `variants.toml` defines the knobs (options of the engine), and the type and range of their values. A file for an engine
-may have at most as many settings as the search has variants of the same engine. Tables name a setting by the text of its options,
-such as "rigid,iterations=2", with which everybody can run it again (`own_options.py`).
+The engine's `variants.toml` defines the knobs. A file may have at most as many settings as the search has variants of the engine.
+Tables name a setting by the text of its options, such as "rigid,iterations=2".
 """
 
 from collections.abc import Mapping, Sequence

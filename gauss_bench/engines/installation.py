@@ -1,11 +1,9 @@
 """Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
-The environments are in a folder of the user's data. venv and pip make one from the engine's `requirements.txt`, whose hashes pip
-checks, in a hidden folder. When pip has succeeded, the hidden folder gets the name of the engine, and a table of the engine is
-added to the user's file of engines (`gauss_bench/engines/__init__.py` describes this file). An installation that fails or is
-interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, and the next call of this module removes it.
-Apart from hidden folders, a folder is removed only if it contains the file MADE. The user's own tables in the file of engines stay
-as they are.
+venv and pip make an environment, with the hashes of the engine's `requirements.txt`, in a hidden folder. When pip has succeeded,
+this folder gets the name of the engine, and a table of the engine is added to the user's file of engines. An installation that
+fails or is interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, which the next call of this
+module removes. Apart from hidden folders, a folder is removed only if it contains the file MADE.
 """
 
 import contextlib

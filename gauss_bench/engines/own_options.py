@@ -4,9 +4,8 @@
     KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
     NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings of an engine also define which options exist, and the types of their values. If an option is a number in the
-first settings, every value of the option must be a number; a list must have the length that it has there. If an option is a word,
-its value must be a word that occurs in settings or variants of the engine, or that the engine lists among the option's values.
+The first settings of an engine define which options exist, and whether a value is a number, a list of so many numbers, or a word. A
+word must occur in settings or variants of the engine, or among the values that the engine lists for the option.
 """
 
 import json

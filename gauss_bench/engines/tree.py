@@ -8,9 +8,8 @@ from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
     prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. The pins of the tree are either the first ones in
-the linkage's file, or those that give each link a short path to the ground. Branches are listed depth first. The map to absolute
-coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
+Slides enter the tree before pins, so that pins close the loops wherever possible. The map to absolute coordinates computes with
+Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
 """
 
 import cmath
@@ -33,11 +32,9 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A link and the joint that connects it to its parent.
+    """A link and the joint that connects it to its parent, or to the ground (GROUND); `kind` is "revolute", "prismatic" or "free".
 
     Attributes:
-        link, parent: indices of the link and of its parent; the parent may be GROUND.
-        kind: "revolute", "prismatic" or "free".
         joint: the joint of the linkage; None for a free link.
         at: index of the branch's first tree coordinate.
         parent_anchor, anchor: (2,) [m] the joint's point in the parent's frame and in the link's frame; the origin of a frame is
@@ -303,8 +300,8 @@ def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, i
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     """Return the branch from `parent` to `child`, whose coordinate has the index `at`.
 
-    If the parent is the second link of a slide, the slide is used backwards: its offset, direction and turn change their signs, and
-    the direction is given in the frame of the second link.
+    If the parent is the second link of a slide, the slide's offset, direction and turn change their signs, and the direction is
+    given in the frame of this link.
     """
     zero = np.zeros(2)
     (_, offset), (_, turn) = joint.held  # values of the coordinates that a slide keeps constant: offset [m] and angle [rad]

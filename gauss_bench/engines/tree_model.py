@@ -21,15 +21,15 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 class TreeModel(ABC):
     """Base class of models of a mechanism in a library of joint trees, run with one setting of the engine (`Choice`).
 
-    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration`, and `run`, which takes
-    the steps of `plan` and stores tree states in `y` and `dy`; it may extend `prepare` and `read`.
+    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration` and `run`, and may extend
+    `prepare` and `read`.
 
     Attributes:
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: intervals of time, each with steps of equal size.
-        y, dy: (k, n) tree coordinates and rates at the sample times.
+        plan: intervals of time, each with steps of equal size, which `run` takes.
+        y, dy: (k, n) tree coordinates and rates at the sample times, which `run` stores.
     """
 
     library: str
@@ -124,14 +124,10 @@ class OpenModel:
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
-    """Compare a library's model of the tree with the linkage, at the start and at tree states at which loops are open.
-
-    Args:
-        describe: function of a tree state y, dy (n,); it returns the library's quantities at that state.
-        tolerance: largest allowed difference, relative to the scale of each quantity.
+    """Compare a library's model of the tree, as `describe` returns it, with the linkage at the start and where loops are open.
 
     Raises:
-        RunFailure: a quantity differs by more than the tolerance allows.
+        RunFailure: a quantity differs by more than the tolerance times its scale.
     """
     evaluator = evaluator_of(mechanism)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):

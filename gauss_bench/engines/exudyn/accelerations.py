@@ -1,11 +1,8 @@
 """Accelerations of an Exudyn system at a given state, and the comparison of this system with its linkage.
 
-Two classes compute accelerations, from the mass matrix M, the applied forces f and the Jacobian C_q of the constraints C:
-
-    BuiltIn:   uses the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
-               by one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout:   reads M, f and C_q from Exudyn, computes the rate of C_q by fourth-order differences along v, adds the second
-               derivatives of motion laws, and solves the system [M C_q^T; C_q 0].
+Exudyn itself (`BuiltIn`) differentiates C_q v by one-sided differences, which limits the accuracy of accelerations to about 1e-7,
+and ignores the second derivatives of motion laws. `Readout` reads the mass matrix, the forces and the Jacobian C_q of the
+constraints, and `kkt_acceleration` solves the equations.
 """
 
 from typing import Any

@@ -1,16 +1,6 @@
 """The differences between Exudyn's releases; only this file deals with them.
 
-The adapter is written for the newest release. Releases before 1.12 differ as follows:
-
-    errors:         Exudyn raises Python's built-in exceptions.
-    console:        The function SetWriteToConsole keeps Exudyn from printing.
-    settings:       The settings are named solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings.
-    integrator:     The solver is an argument of SolveDynamic. Flags of generalized-alpha select Newmark's method and index 2.
-    gaps:           Loop gaps are read from the whole residual, because ComputeAlgebraicEquations writes beyond the array's end.
-    log:            Exudyn flushes the log file line by line only since release 1.10.
-    bodies:         The arguments for mass and inertia have the prefix `physics`.
-
-The functions below test for the newer names; their second branch is for releases before 1.12.
+The functions test for the names of the newest release. Their second branch is for releases before 1.12, for the log before 1.10.
 """
 
 from typing import Any

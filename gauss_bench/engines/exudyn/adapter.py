@@ -1,17 +1,16 @@
 """Exudyn: links are rigid bodies in absolute coordinates, joints are algebraic equations, and the integrators are implicit.
 
-Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
+Exudyn's state is the displacement u from the assembled start of the linkage, so that
 
     q = q0 + u,    v = u',    a = u''
 
-If all steps between samples have the same size, a run is one call of SolveDynamic. Otherwise a run has one call for each sample.
-Each call continues with u, v and a, but starts the algorithmic accelerations of generalized-alpha anew, which causes an error
-within the method's order. Adaptive steps are always off, because they halve the step size without notice, and the benchmark
-compares at equal steps.
+If all steps between samples have the same size, a run is one call of SolveDynamic, and otherwise one call for each sample, which
+starts the algorithmic accelerations of generalized-alpha anew and causes an error within the method's order. Adaptive steps are
+always off, because they halve the step size without notice, and the benchmark compares at equal steps.
 
 Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
-whole run. Under all settings, driven linkages therefore start from accelerations of the KKT system. If the second derivative of a
-law is not zero at a given state, the accelerations at that state are those of the KKT system too.
+whole run. Therefore driven linkages start from accelerations of the KKT system, which also gives the accelerations at states at
+which the second derivative of a law is not zero.
 """
 
 import contextlib

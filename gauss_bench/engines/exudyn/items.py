@@ -1,19 +1,16 @@
 """A linkage as Exudyn items, and the reasons why some forces have no exact counterpart among them.
 
-Links are ObjectRigidBody2D with the centre of mass as reference point, so M is diagonal and constant. Exudyn takes the normal n of
-a slide from its second marker. Therefore the first marker is on the block b and the second on the guide g, and both constraint rows
-of the slide have the opposite sign of the linkage's rows:
+Exudyn takes the normal n of a slide from its second marker. Therefore the first marker is on the block b and the second on the
+guide g, and both constraint rows of the slide have the opposite sign of the linkage's rows:
 
     (p_g + offset n - p_b) . n = 0,    (R_b u_b) . n = 0        p: points on the line, R_b u_b: direction of the line
 
 Trap: if the axis of a force moves with a link, Exudyn applies the reaction at the marker of the axis' origin. The link with the
 axis then lacks a torque, unless the force acts along the axis through the origin. If a slide between the two links keeps the point
-at a fixed distance from the axis, the adapter moves the marker sideways by this distance, and the force law is exact. Otherwise the
-mechanism is refused.
+at a fixed distance from the axis, the adapter moves the marker sideways by this distance; otherwise the mechanism is refused.
 
-User functions are Python functions that Exudyn calls at every evaluation; it approximates their derivatives by finite differences.
-They give the laws of drivers and the forces that vary. A torque that varies is a connector between two angles, whose relative speed
-Exudyn passes to the user function, so the torque may depend on the direction of motion.
+Drivers and forces that vary are user functions, which Exudyn calls at every evaluation and differentiates by finite differences. A
+torque that varies is a connector between two angles, whose relative speed its user function gets.
 """
 
 from typing import Any, assert_never

@@ -1,11 +1,10 @@
 """The engine `minimal`: the equation of motion of a linkage with one degree of freedom, in one independent coordinate.
 
-The positions of the links follow from the independent coordinate, one pair of links (dyad) after the other. Each dyad can be
-assembled in two positions, which a sign distinguishes; the signs of all dyads are the branch of the linkage. The opening of a dyad
-tells how far it is from its dead centre, where the opening is zero and the coordinate no longer determines the motion. The equation
-is generated for the cheapest coordinate whose dyads stay away from their dead centres during the whole motion. If no coordinate
-avoids all dead centres, steps are taken in one coordinate until the opening of one of its dyads falls below `least`. From there the
-motion is integrated in the coordinate whose dyads are farthest from their dead centres, on the branch that the linkage is on.
+The positions of the links follow from the coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two
+positions; the signs that tell which are the branch of the linkage. The opening of a dyad is its distance from its dead centre,
+where the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away
+from their dead centres during the whole motion. If there is none, another coordinate and branch, with the largest openings,
+replaces the present one when the opening of one of its dyads falls below `least`.
 """
 
 from collections.abc import Callable, Sequence
@@ -91,12 +90,9 @@ class Minimal:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """The part of a run that was integrated by one equation, that is, in one independent coordinate on one branch.
+    """The part of a run that was integrated by one equation, with states (2n,) at its start and end, and (k, 2n) at its samples.
 
-    Attributes:
-        row: index in the run's samples of the first row of `states`.
-        start, end: (2n,) states at the beginning and at the end of the segment.
-        states: (k, 2n) states at the samples.
+    The first of these samples has the index `row` in the run.
     """
 
     equation: Equation
@@ -154,10 +150,10 @@ class MinimalModel:
         signs: for each way the signs (states, dyads) of the openings at the sampled states.
         open: (ways, states) smallest opening of the dyads of each way at each sampled state, after division by `scales`.
         steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
-        least: a way is not used at states at which the opening of one of its dyads is below this number.
+        least: smallest opening with which a way is used.
         first, now: keys of the equation with which a run starts, and of the equation that is integrated at present.
-        y: (2n,) present state in the variables of the present equation: its coordinates q (n,), of which the first is the
-            independent coordinate, and their rates v (n,).
+        y: (2n,) present state in the variables of the present equation: its coordinates q (n,), the independent one first, and
+            their rates v (n,).
         tried: keys of the equations that cannot continue from the present state.
         failure: the reason why the run ended early, or an empty text.
     """

@@ -1,8 +1,7 @@
 """The equation of motion of a linkage in one coordinate q, as expressions.
 
-Links and points have a position, and the first and second derivatives of this position with respect to q, which primes denote.
-Vectors of the plane are also written as complex numbers. A link has the direction e = exp(i theta), omega = theta' and
-alpha = theta''. Let the point p of a link be at the vector r from a point p0 of the same link. Then
+Primes denote derivatives by q. Vectors of the plane are also complex numbers. A link has the direction e = exp(i theta), omega =
+theta' and alpha = theta''. If the point p of a link is at the vector r from a point p0 of the same link,
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
@@ -11,20 +10,14 @@ energy is m(q) q'^2 / 2, and Lagrange's equation is
 
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
-Here M and I are the mass and the moment of inertia of a link, p is its centre of mass, and Q is the power of the loads at q' = 1.
+with the mass M, moment of inertia I and centre of mass p of each link, and the power Q of the loads at q' = 1.
 
-The mass of a link with two pins A and B is replaced by point masses at these pins and a moment of inertia. This saves operations,
-because neighbouring links share the pins. With s = B - A, r = |s|, and the link's centre of mass at A + kappa s, kappa = k + i j,
+The positions of the two links of a dyad follow from elementary geometry, with one square root. Their derivatives by q follow from
+two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is from its dead
+centre.
 
-    M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s
-
-A dyad is a pair of links. The positions of both links follow from elementary geometry, with one square root. Their derivatives by q
-follow from two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is
-from its dead centre.
-
-A torsion spring needs the angle of a link with whole turns counted, and the geometry gives angles only up to whole turns. The
-link's angle is therefore integrated together with q, from its rate omega q'. This is not needed if the angle is the coordinate q
-itself, or if slides fix the link's angle relative to q or to the ground.
+The angle of a link that a torsion spring needs, with whole turns counted, is integrated together with q, from its rate omega q',
+unless it is q itself, or slides fix it relative to q or to the ground.
 """
 
 from collections.abc import Mapping, Sequence
@@ -257,10 +250,9 @@ class _Motion:
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
         """Solve an RRR dyad: two links are pinned at A and at C, and their common pin B lies on circles about A and C.
 
-        The radii of the circles are r1 and r2. `base` = C - A is known; its fields p, d and b are its value and its first and
-        second derivative by q. Let a = B - A and c = B - C, so that a - c = C - A. The links with A and C have the rates of
-        rotation omega1 and omega2, so a' = i omega1 a and c' = i omega2 c. The scalar products of the first and second derivative
-        of a - c = C - A with c and with a give
+        The radii are r1 and r2. `base` = C - A has the fields p, d and b: its value and its first and second derivative by q. Let a
+        = B - A and c = B - C, so that a - c = C - A. The links with A and C turn at omega1 and omega2, so a' = i omega1 a and c' =
+        i omega2 c. The scalar products of the first and second derivative of a - c = C - A with c and with a give
 
             omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
             omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c
@@ -289,15 +281,10 @@ class _Motion:
         self.openings.append((root, 2 * r1 * r2))
 
     def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
-        """Add a link of a dyad that is pinned to a placed link at its outer joint.
+        """Add a link of a dyad that is pinned to a placed link at its outer joint, whose motion is `place`.
 
-        `omega` and `alpha` are derivatives by q, not by time.
-
-        With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
-
-        Args:
-            arm: vector from the outer joint to the link's point `pin` (2,), in world axes.
-            place: motion of the outer joint.
+        The link's direction is e = arm / s, with `arm` from the outer joint to the link's point `pin`, in world axes, and s the
+        same in the link's frame. `omega` and `alpha` are derivatives of the angle by q.
         """
         s = pin - outer.own.local
         # 1 / s as a complex number
@@ -307,15 +294,14 @@ class _Motion:
     def _close_rrp(self, dyad: Dyad, sign: float) -> None:
         """Solve an RRP dyad: a rod is pinned at A and, at its other end B, to a slider that moves along a line.
 
-        R is a point of the line. B lies on a circle of radius r about A, and on a parallel to the line, at the distance `height` to
-        the left of the line. Let u be the unit vector along the line, and n the unit vector a quarter turn to the left of u. Both
-        turn with the link on which the line is fixed. With coordinates x, y measured from A, and s from R, B is at
+        R is a point of the line. B lies on a circle of radius r about A, at the distance `height` to the left of the line. Let u be
+        the unit vector along the line, and n a quarter turn to its left. Both turn with the link of the line. With coordinates x, y
+        measured from A, and s from R, B is at
 
             B = A + x u + y n = R + s u + height n
 
-        The components along n of the derivatives of this equation give omega and alpha of the rod. The component along u of the
-        first derivative gives `slip` = s'. `base` = R - A is known; its fields p, d and b are its value and its first and second
-        derivative by q.
+        The components along n of the derivatives of this equation give omega and alpha of the rod, and the component along u of the
+        first one gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
@@ -339,16 +325,15 @@ class _Motion:
         self.openings.append((root, r))
 
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
-        """Solve an RPR dyad: a guide is pinned at C, and the block that slides on it is pinned at A.
+        """Solve an RPR dyad: a guide (the first link) is pinned at C, and the block that slides on it is pinned at A.
 
-        A has the coordinates x along the guide and `height` across it, to the left. Let u be the unit vector along the guide, n the
-        unit vector a quarter turn to its left, and omega the derivative of the guide's angle by q. Then, with complex numbers,
+        A has the coordinates x along the guide and `height` across it, to the left. Let u be the unit vector along the guide, n a
+        quarter turn to its left, and omega the derivative of the guide's angle by q. Then, with complex numbers,
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
-        The component along n of the first derivative gives omega, and its component along u gives `slip` = x'. The component along
-        n of the second derivative gives alpha. `base` = A - C is known; its fields p, d and b are its value and its first and
-        second derivative by q. The first link of the dyad is the guide, the second one the block.
+        The components of the first derivative along n and u give omega and `slip` = x', and that of the second along n gives alpha.
+        `base` = A - C has the fields p, d and b: its value and its first and second derivative by q.
         """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         base, height = A - C, dyad.height
@@ -422,8 +407,8 @@ class _Motion:
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
     """Return the summands of one link in m and in h of m q'' + h q'^2 = Q, and the link's momentum at q' = 1.
 
-    The mass M of a link with two pins A and B is replaced by masses at the pins and a moment of inertia J. Let s = B - A, and let
-    the centre of mass be at A + (k + i j) s in complex notation. Then
+    The mass M of a link with two pins A and B is replaced by masses at the pins and a moment of inertia J, because neighbouring
+    links share the pins. Let s = B - A, and let the centre of mass be at A + (k + i j) s in complex notation. Then
 
         m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
     """

@@ -1,16 +1,14 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
 A link is placed if its position is computed already. A dyad is two links and three joints: the inner joint connects the two links,
-and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint. The
-dyads of linkages are commonly of three kinds:
+and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint:
 
     RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
     RRP:   The outer joints are a pin at A and a slide. The inner pin B lies on a circle about A and on a line.
     RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances from them.
 
-Each dyad has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the independent
-coordinate, together with the dyads by which the other links are placed one after another.
-Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
+Each dyad has two solutions (branches), of which a sign selects one. Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov
+(1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
 import cmath
@@ -101,21 +99,14 @@ class OuterJoint:
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other, and each of them to a placed link.
-
-    In an RRR dyad both links are pinned to placed links, at A and C, and to each other at B.
-
-    In an RRP dyad a rod is pinned to a placed link at A, and at B to the second link, which slides on a placed link.
-
-    In an RPR dyad the first link carries the guide of a slide and is pinned to a placed link at C. The second link is the block of
-    this slide and is pinned to a placed link at A.
+    """Two links that are joined to each other, and each of them to a placed link; the second link of RRP or RPR slides.
 
     Attributes:
         kind: "RRR", "RRP" or "RPR".
         first, second: the outer joints, which connect the two links to placed links.
-        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the points C and A on the two links.
-        line: a point on the line of the slide, fixed in the link that carries this line. An RRR dyad has no line; the entry is then
-            the point B of the first link.
+        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the pins C and A of the guide, which
+            is the first link, and of the block.
+        line: a point on the line of the slide, fixed in the link that carries this line; in an RRR dyad, the point B.
         angle: direction [rad] of the line in the frame of the link that carries it.
         height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left; the line of an RPR dyad passes C.
         turn: constant angle [rad] of the second link minus that of the link that carries the line.
@@ -145,8 +136,8 @@ class Dyad:
     def opening(self, at: Links) -> Any:
         """Return a number that is zero at the dyad's dead centre and has opposite signs on its two branches.
 
-        The number is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the
-        distance of A from C along the guide [m] (RPR).
+        It is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the distance of
+        A from C along the guide [m] (RPR).
         """
         on_first, on_second = self.middle
         # for complex x and y, Re(conj(x) y) is their scalar product, and Im(conj(x) y) their cross product
@@ -198,13 +189,10 @@ class Way:
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the independent coordinate, each with the dyads by which all other links are placed.
-
-    The joint of the crank comes first.
+    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links.
 
     Raises:
-        NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate does not
-            cover.
+        NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate lacks.
     """
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")

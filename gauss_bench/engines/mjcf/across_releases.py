@@ -1,13 +1,11 @@
 """The differences between MuJoCo's releases; only this file deals with them.
 
-The adapter is written for the newest release of MuJoCo. Older releases differ as follows:
-
-    up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
-    before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
-    before 4.0:     There is no integrator `discrete`.
-    before 3.3.1:   Elements of a specification do not know their index in the model.
-    before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
-    before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
+up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
+before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
+before 4.0:     There is no integrator `discrete`.
+before 3.3.1:   Elements of a specification do not know their index in the model.
+before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
+before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,6 @@
 """The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is translated only if an element of MuJoCo
-expresses it exactly; otherwise the linkage is refused. The forces of a linkage and their elements are:
+A force is translated only if an element of MuJoCo expresses it exactly; otherwise the linkage is refused. The elements are:
 
     torque:                                               constant generalised force on the hinges of the chain
     force along a slide, with its reaction on the guide:  constant generalised force on the slide

@@ -1,8 +1,8 @@
 """Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-Rigidly connected bodies are one link, and the first of them stands for the link. The pose of this body in the plane follows from
-MuJoCo's joint coordinates, which determine the poses of all bodies even if soft closures are open. The angle theta is a sum over
-the hinges between the body and the world, omega and alpha are its rates, and r is the link's centre of mass:
+The first of rigidly connected bodies stands for the link. Its pose follows from MuJoCo's joint coordinates, even if soft closures
+are open. The angle theta is a sum over the hinges between the body and the world, omega and alpha are its rates, and r is the
+link's centre of mass:
 
     theta = theta_0 + sum of +-(qpos - ref)
     omega = J_rotation qvel . normal
@@ -118,9 +118,7 @@ class OwnModelRun:
     """The model that MuJoCo compiles from a file, run with the integrator and step of a `Choice`.
 
     Attributes:
-        seen: how the model represents the links.
-        model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy of both that evaluates accelerations without changing the state of a run.
+        still, still_data: a copy of the model and its state that evaluates accelerations without changing the state of a run.
         key: index of the keyframe at which runs start.
         y0, dy0: (nv,) joint coordinates and rates at the start.
         y, dy: (k, nv) samples of joint coordinates and rates.

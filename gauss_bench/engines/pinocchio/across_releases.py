@@ -1,10 +1,7 @@
 """The differences between Pinocchio's releases; only this file deals with them.
 
-The adapter is written for the newest release of Pinocchio. Releases before 4 differ as follows:
-
-    constraints:    The function initConstraintDynamics takes no data of the constraints.
-    gains:          Baumgarte's gains of a constraint are in the field `corrector`.
-    algorithms:     The function lcaba, the articulated-body algorithm for loops, does not exist.
+Releases before 4 keep Baumgarte's gains of a constraint in the field `corrector`, and have no lcaba, the articulated-body algorithm
+for loops.
 """
 
 from typing import Any

@@ -27,16 +27,16 @@ AFFINE = 1e-10  # largest relative deviation of a force that counts as affine in
 class TreeForces:
     """A function (y, dy, t) -> tau (n,), all applied forces except gravity, as forces on the tree coordinates.
 
-    A force is affine if it is a constant plus a linear function of the tree coordinates y and rates dy. Affine forces (torques,
-    dampers of joints, springs along slides) follow from three constant arrays, as a user of Pinocchio would compute them. The other
-    forces Q_others act on links, and are evaluated in every call. The absolute velocities are v = T dy. The sum of all forces is
+    Affine forces, a constant plus a linear function of the tree coordinates y and rates dy (torques, dampers of joints, springs
+    along slides), follow from three constant arrays, as a user of Pinocchio would compute them. The others, Q_others, act on links
+    with the velocities v = T dy, and are evaluated in every call:
 
         tau = constant + stiffness y + damping dy + T^T Q_others(q, v, t)
 
     Attributes:
         weightless: the mechanism without gravity; Pinocchio itself computes the weight of the links.
         others: the forces that are not affine, or that vary with time or with the direction of motion.
-        motion: function y -> absolute positions q and T = dq/dy, with which the other forces are evaluated.
+        motion: function y -> absolute positions q and T = dq/dy.
         inertia: (n, n) mass matrix of the tree at the start, which sets the size of driving torques.
     """
 
@@ -159,9 +159,9 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    Pinocchio's world Jacobian has a column for each joint. If only this joint moves, at unit rate, all links beyond it move as one
-    rigid body. The column holds this body's velocity [u, w] at the world's origin, and its angular speed omega. The centre of mass
-    of a link beyond the joint, at [x, y], then has the velocity [u - omega y, w + omega x].
+    A joint's column of Pinocchio's world Jacobian is the velocity [u, w] at the world's origin, and the angular speed omega, of the
+    body of all links beyond the joint at unit rate. The centre of mass [x, y] of such a link has the velocity [u - omega y, w +
+    omega x].
 
     Attributes:
         centres: for each link Pinocchio's joint that carries it, and the centre of mass (3,) [m] in this joint's frame.
