@@ -162,11 +162,7 @@ def not_installed(error: ImportError) -> str:
 
 
 def require(library: str) -> None:
-    """Check that an optional library, one of the keys of EXTRAS, is installed.
-
-    Raises:
-        MissingExtra: it is not installed.
-    """
+    """Check that an optional library, one of the keys of EXTRAS, is installed."""
     if find_spec(library) is None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
@@ -184,7 +180,6 @@ def read_environments() -> dict[str, Environment]:
     """Return engine -> environment, in the order of the user's file of engines; empty if there is no file.
 
     Raises:
-        EnvironmentFault: the file has a fault.
         OSError: the file cannot be read.
     """
     path = file_of_engines()
@@ -202,11 +197,7 @@ def read_environments() -> dict[str, Environment]:
 
 
 def _read_table(path: Path, name: str, table: Any) -> Environment:
-    """Return the environment that the table `name` of the file at `path` describes.
-
-    Raises:
-        EnvironmentFault: the table has a fault.
-    """
+    """Return the environment that the table `name` of the file at `path` describes."""
 
     def require(good: bool, place: str, otherwise: str) -> None:
         if not good:

@@ -84,7 +84,6 @@ def read_settings(path: Path) -> AuthorsSettings:
     """Read a file of settings and check it.
 
     Raises:
-        SettingsFault: the file has a fault.
         OSError: the file cannot be read.
     """
     try:
@@ -117,11 +116,7 @@ def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant
 
 
 def _read(path: Path, file: Line) -> AuthorsSettings:
-    """Check a parsed file table by table, and return its content.
-
-    Raises:
-        SettingsFault: a table or field has a fault.
-    """
+    """Check a parsed file table by table, and return its content."""
     for key in file:
         _require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
     _require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
@@ -153,11 +148,7 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
 
 
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
-    """Check one table [settings.NAME], called `place` in messages, and return it as a variant of these owners.
-
-    Raises:
-        SettingsFault: the table has a fault.
-    """
+    """Check one table [settings.NAME], called `place` in messages, and return it as a variant of these owners."""
     base = line.get(BASE, next(iter(variants.settings)))
     _require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators

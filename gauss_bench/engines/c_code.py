@@ -91,11 +91,7 @@ class Code:
 
 @lru_cache(maxsize=64)
 def _library(source: str) -> ctypes.CDLL:
-    """Compile and load a source.
-
-    Raises:
-        RunFailure: there is no compiler, or it rejects the source.
-    """
+    """Compile and load a source."""
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)

@@ -58,7 +58,6 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why there is no native code for a mechanism, or None if there is."""
         return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":

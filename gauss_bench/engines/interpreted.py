@@ -99,11 +99,7 @@ class OwnSteps:
         return int(steps)
 
     def _run_fixed(self) -> None:
-        """Take equal steps from sample to sample, and store the samples.
-
-        Raises:
-            RunFailure: a coordinate is not finite.
-        """
+        """Take equal steps from sample to sample, and store the samples."""
         x, dx = self.start
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
@@ -166,9 +162,6 @@ class InterpretedModel(OwnSteps):
 
         The iteration begins with `solution`, without friction. N (p,) are the loads of the p joints with friction, which depend on
         the multipliers lambda. W (n, p) has each joint's generalised friction force per unit of load.
-
-        Raises:
-            RunFailure: the iteration does not converge (the joints jam), or values are not finite.
         """
         if not np.isfinite(solution.a).all():
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
@@ -190,11 +183,7 @@ class InterpretedModel(OwnSteps):
         raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the equations of motion at time t [s], given by `terms`, by the chosen formulation.
-
-        Raises:
-            RunFailure: the system is singular or not finite, or its rank is higher than at the start.
-        """
+        """Solve the equations of motion at time t [s], given by `terms`, by the chosen formulation."""
         try:
             solution = self.formulation(terms)
         except (SingularSystem, np.linalg.LinAlgError) as error:

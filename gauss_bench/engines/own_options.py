@@ -39,12 +39,7 @@ class OptionTable:
     options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """Return option -> value for a text in one of the three forms.
-
-        Raises:
-            KeyError: no settings and no variant have that name.
-            OptionError: an option is unknown or given twice, or its value has the wrong type.
-        """
+        """Return option -> value for a text in one of the three forms."""
         if text in self.labels:
             return dict(self.labels[text])
         # a text without a name changes the engine's first settings
@@ -71,10 +66,9 @@ class OptionTable:
         return ", ".join(f"{key}={_write(usual[key])}" for key in self.options)
 
     def check_value(self, key: str, value: Any, shown: str) -> Any:
-        """Return the value of the option `key`, with its numbers as floats if the default has floats; messages show it as `shown`.
+        """Return the value of the option `key`, with its numbers as floats if the default has floats.
 
-        Raises:
-            OptionError: the value has another type than the default, or is not among the values that the option may have.
+        Messages show it as `shown`.
         """
         usual = next(iter(self.labels.values()))[key]
         match usual:

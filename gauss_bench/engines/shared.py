@@ -218,9 +218,6 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
 
     Args:
         pairs: name of a quantity -> its value in the model, its value in the linkage, and the scale of a difference.
-
-    Raises:
-        RunFailure: a quantity differs by more than the tolerance times its scale.
     """
     for what, (own, expected, scale) in pairs.items():
         error = np.abs(own - expected).max(initial=0.0)
@@ -234,11 +231,7 @@ def size(x: Array) -> float:
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """Return the accelerations a (n,) that a library computed at time t [s].
-
-    Raises:
-        RunFailure: some are not finite.
-    """
+    """Return the accelerations a (n,) that a library computed at time t [s]."""
     if not np.isfinite(a).all():
         raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
     return a

@@ -166,9 +166,6 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
     """Return one load of the linkage's force `name` as loads of the three kinds of this module.
 
     A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates. Every other load is an `OtherLoad`.
-
-    Raises:
-        TypeError: the load acts on a sum of coordinates.
     """
     if isinstance(load, PointForce):
         return [OtherLoad(name, load)]

@@ -153,21 +153,18 @@ TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # (t, y,
 
 
 def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
-    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps of several sizes.
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps [s].
 
-    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives the
-    acceleration a = D(0). If a library treats springs and dampers implicitly, this changes b, but not a. If the library rounds the
-    rates with an error e, the error of D(h) is about e / h.
+    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives a =
+    D(0). If a library treats springs and dampers implicitly, this changes b, but not a. An error e of the rates causes about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step satisfy J v1 = 0, with J at the beginning of
-    the step. If a single step began at a state with J v = 0, the velocities before and after it would satisfy the same equation,
-    and their difference would give J a = 0 in place of J a = gamma. Therefore D(h) is computed from the second of two steps. The
-    first step begins at the time t - h, and at the position y - h dy, where the loops have gaps of order h^2. The library must not
-    correct these gaps, because a correction within one step adds an acceleration whose size does not depend on h.
+    the step. The velocities before and after a single step from a state with J v = 0 would give J a = 0 in place of J a = gamma.
+    Therefore D(h) is computed from the second of two steps, of which the first begins at t - h and y - h dy. The library must not
+    correct the gaps of order h^2 there, because a correction within one step adds an acceleration whose size does not depend on h.
 
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.
-        steps: sizes of the steps [s].
     """
     changes = []
     for h in steps:

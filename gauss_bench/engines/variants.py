@@ -105,11 +105,7 @@ class Variants:
 
 
 def read_variants(room: Path) -> Variants:
-    """Read the knobs (options), settings and variants of the engine whose folder is `room`.
-
-    Raises:
-        VariantError: a table or field has a fault.
-    """
+    """Read the knobs (options), settings and variants of the engine whose folder is `room`."""
     path = room / FILE
     try:
         return _read(parse_toml(path.read_text(encoding="utf-8")))

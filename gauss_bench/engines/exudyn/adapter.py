@@ -67,7 +67,6 @@ class Exudyn(LibraryEngine, file=VARIANTS):
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Exudyn cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
@@ -107,9 +106,6 @@ def linear_solver(rule: str, unknowns: int) -> str:
     """Return the linear solver that a rule chooses for a number of unknowns.
 
     The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
-
-    Raises:
-        ValueError: the rule names no solver for this number of unknowns.
     """
     for part in rule.split(", "):
         name, _, most = part.partition(" to ")
@@ -254,11 +250,7 @@ class ExudynModel:
             self.failure = failure
 
     def _run_part(self, part: Stretch) -> None:
-        """Run Exudyn's solver for one stretch, an interval with equal steps, and store the sample at its end.
-
-        Raises:
-            RunFailure: the solver fails.
-        """
+        """Run Exudyn's solver for one stretch, an interval with equal steps, and store the sample at its end."""
         settings, mbs = self.simulation, self.system.mbs
         time = settings.timeIntegration
         time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
@@ -310,11 +302,7 @@ class ExudynModel:
         return trajectory
 
     def _check_closed(self, trajectory: Trajectory) -> None:
-        """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too.
-
-        Raises:
-            RunFailure: a joint is open by more than FAR.
-        """
+        """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too."""
         units = [coordinate.unit for joint in self.mechanism.joints for coordinate, _ in joint.held]
         of_joints = [self.mechanism.size if unit == "m" else 1.0 for unit in units]
         scale = np.array(of_joints + [1.0] * len(self.mechanism.drivers))  # (m,)

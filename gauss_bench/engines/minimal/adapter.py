@@ -44,12 +44,7 @@ CHECKED = 4  # number of states at which a generated equation is compared with t
 
 
 class Key(NamedTuple):
-    """The key of an equation of motion: the independent coordinate and the branch of the linkage to which the equation applies.
-
-    Attributes:
-        way: index in `MinimalModel.ways` of the independent coordinate.
-        signs: for each dyad the sign that selects one of its two assembly positions.
-    """
+    """The key of an equation of motion: its independent coordinate (index in `MinimalModel.ways`) and the signs of its branch."""
 
     way: int
     signs: tuple[float, ...]
@@ -71,7 +66,6 @@ class Minimal:
         return compiler_version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why one coordinate cannot describe a mechanism, or None if it can."""
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
         try:  # only the exception matters: NoWay has the reason why dyads do not reach all links
@@ -373,11 +367,7 @@ class MinimalModel:
         return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:
-        """Return the samples, with whole turns of angles counted from one segment to the next.
-
-        Raises:
-            RunFailure: at some time no coordinate was usable as the independent one; the exception holds the earlier samples.
-        """
+        """Return the samples, with whole turns of angles counted from one segment to the next."""
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
         for segment in self.segments:

@@ -189,11 +189,7 @@ class Way:
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links.
-
-    Raises:
-        NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate lacks.
-    """
+    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links."""
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
     if mechanism.knife_edges:

@@ -18,11 +18,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def new_spec(mujoco: Any) -> Any:
-    """Return an empty MjSpec whose angles are in radians.
-
-    Raises:
-        RunFailure: the release has no MjSpec to which elements can be added together with their properties.
-    """
+    """Return an empty MjSpec whose angles are in radians."""
     # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
@@ -53,11 +49,7 @@ def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
 
 
 def find_integrator(mujoco: Any, name: str) -> Any:
-    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler.
-
-    Raises:
-        RunFailure: the release does not have the integrator.
-    """
+    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler."""
     member = f"mjINT_{name.upper()}"
     if not hasattr(mujoco.mjtIntegrator, member):
         raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no {member}")

@@ -70,9 +70,6 @@ def write_document(built: Built, edited: bool = False) -> Document:
     Args:
         edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does;
             otherwise a mechanism that needs them is refused, because MJCF cannot express them.
-
-    Raises:
-        RunFailure: MJCF cannot express the mechanism or its settings.
     """
     mechanism = built.mechanism
     if mechanism.drivers and not edited:
@@ -189,9 +186,9 @@ class _Writer:
             yield node
 
     def _actuators(self) -> Iterator[Element]:
-        """Yield the actuators: motors, and springs along an axis, whose force is bias .
+        """Yield motors, and springs along an axis.
 
-        [1, L, dL/dt], L the transmission's length.
+        A spring's force is a linear function of the transmission's length and its rate.
         """
         kinds = self.mujoco.mjtTrn
         targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}

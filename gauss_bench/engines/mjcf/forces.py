@@ -100,11 +100,7 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements of MuJoCo for a constant force at a point.
-
-    Raises:
-        RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
-    """
+    """Return the elements of MuJoCo for a constant force at a point."""
     link, bias = f.point.link, (1.0, 0.0, 0.0)  # the element's force is bias . [1, L, dL/dt]: constant
     if not f.value.any():
         return []  # a force of zero needs no element, and has no direction in which a motor could change it
@@ -128,9 +124,6 @@ def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: T
     Trap: MuJoCo's site transmission leaves out the torque that the force law exerts on the link of the reference site. So the
     element is exact only if every hinge that turns the reference site also turns the other site. Such a hinge does not change the
     coordinate, and the missing torque would do no work on it.
-
-    Raises:
-        RunFailure: a hinge turns the reference site without turning the other site (status SKIP).
     """
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):

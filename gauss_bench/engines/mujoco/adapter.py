@@ -44,7 +44,6 @@ class Mujoco(LibraryEngine, file=VARIANTS):
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why MuJoCo cannot model a mechanism, or None if it can."""
         if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
@@ -177,9 +176,6 @@ class MujocoModel(TreeModel):
         """Return a function that takes `count` steps from each of the k states q, v (k, n), by `mujoco.rollout` on one thread.
 
         The function returns the last tree states y, dy as one array (k, 2, n).
-
-        Raises:
-            RunFailure: Python sets forces at every stage, which MuJoCo's rollout does not allow (status SKIP).
         """
         from mujoco import rollout
 

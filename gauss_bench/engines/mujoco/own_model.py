@@ -80,11 +80,7 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
 
 
 def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
-    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights.
-
-    Raises:
-        KeyError: an option has another name.
-    """
+    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights."""
     for key, value in changes.items():
         match key:
             case "solref" | "solimp":

@@ -12,11 +12,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def find_algorithm(pin: Any, name: str) -> Any:
-    """Return the function of Pinocchio with the given name.
-
-    Raises:
-        RunFailure: the installed release of Pinocchio has no function of that name.
-    """
+    """Return the function of Pinocchio with the given name."""
     if not hasattr(pin, name):
         raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")
     return getattr(pin, name)

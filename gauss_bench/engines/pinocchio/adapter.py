@@ -51,7 +51,6 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Pinocchio cannot run a mechanism with a given setting, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Pinocchio"):
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
@@ -143,11 +142,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         return super()._advance(begin, x, dx, h, count, last)
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the tree state x, dx (n,) nearest to the given one that satisfies the constraints at time t [s].
-
-        Raises:
-            RunFailure: the state is not finite.
-        """
+        """Return the tree state x, dx (n,) nearest to the given one that satisfies the constraints at time t [s]."""
         q, v, _ = self.tree.absolute(x, dx, dx)  # the accelerations are not used, so any values will do
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
@@ -168,11 +163,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         return trajectory
 
     def _check_constraints(self, x: Trajectory) -> None:
-        """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
-
-        Raises:
-            RunFailure: the accelerations of a sample do not; the exception holds the samples before this one.
-        """
+        """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         # (k,) largest residual of each sample, relative to its accelerations
         residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)

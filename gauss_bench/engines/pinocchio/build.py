@@ -52,11 +52,7 @@ def compiler() -> str | None:
 
 
 def find_tools() -> tuple[str, Path]:
-    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine.
-    """
+    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`."""
     root, program = prefix(), compiler()
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -93,11 +89,7 @@ def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
 
 
 def loop_library() -> bytes:
-    """Return the content of the library that was built from `loop.cpp`, from the user's cache.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, or was not built yet.
-    """
+    """Return the content of the library that was built from `loop.cpp`, from the user's cache."""
     content = user_cache.load(_cache_name())
     if content is None:
         raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")
@@ -105,11 +97,7 @@ def loop_library() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop of steps and keep it in the user's cache, unless another process has done that.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
-    """
+    """Build the loop of steps and keep it in the user's cache, unless another process has done that."""
     name, folder = _cache_name(), user_cache.trusted_folder()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
@@ -120,11 +108,7 @@ def build_loop() -> None:
 
 
 def _compile() -> bytes:
-    """Compile the loop of steps and return the content of the library.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, or the compiler rejects it or takes too long.
-    """
+    """Compile the loop of steps and return the content of the library."""
     program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"

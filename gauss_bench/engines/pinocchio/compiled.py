@@ -90,11 +90,7 @@ class CompiledDynamics(ConstrainedDynamics):
             self.library.destroy(linkage)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
-        """Add a load to the linkage in C++.
-
-        Raises:
-            RunFailure: the compiled loop does not support this kind of load.
-        """
+        """Add a load to the linkage in C++."""
 
         def place(point: Point) -> tuple[int, Array]:
             """Return the joint that carries a point, and the point (2,) in the joint's frame."""
@@ -144,7 +140,6 @@ class CompiledDynamics(ConstrainedDynamics):
         """Integrate from the first rows of y, dy (k, n), fill the other rows at the times (k,) [s], and return the number of steps.
 
         Raises:
-            StepFailure: the error control could not continue.
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
         # the loop replaces y_last, dy_last by the state, at an unknown time, at which it stopped if it returns FAILED

@@ -137,9 +137,6 @@ class DrivingTorques:
 
         Args:
             solve: function (t, y, dy, tau) -> accelerations (n,) under the forces tau (n,) alone.
-
-        Raises:
-            RunFailure: no torque gives the prescribed accelerations, as at a dead centre.
         """
         value, rate, second = np.array([law(t) for law in self.laws], dtype=float).T
         kp, kd = self.gains
@@ -256,9 +253,6 @@ class ConstrainedDynamics:
         `relative_residual` is the last change of the constraint forces f. Two other fields of `prox` cannot be used.
         `absolute_residual` is as large as the accelerations even if they are exact (Pinocchio 4.1). `iter` can reach its limit:
         with redundant rows f keeps changing in directions that have no effect.
-
-        Raises:
-            RunFailure: the accelerations are not finite, or violate the constraints.
         """
         finite_acceleration(t, a, "Pinocchio")
         missed, size = self.prox.mu * self.prox.relative_residual, max(1.0, float(np.abs(a).max()))  # [m/s^2]
