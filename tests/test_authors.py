@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 from gauss_bench.api.recommend import list_owned
-from gauss_bench.bench.measurements.search import exact_tasks
-from gauss_bench.bench.tasks import Context
-from gauss_bench.bench.ways import Way, loop_of
 from gauss_bench.cli import main
 from gauss_bench.engines import authors
 from gauss_bench.engines.authors import ROOMS, SettingsFault, candidates_of, read_settings
@@ -18,9 +15,8 @@ from gauss_bench.engines.own_options import OptionTable, write_options
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.suites.read import read_suite
-from gauss_bench.suites.schema import Suite
 from gauss_bench.verbs.suites import with_authors
-from tests.conftest import DATA, needs
+from tests.conftest import DATA
 
 SOUND = DATA / "settings" / "minimal.toml"
 TEXT = SOUND.read_text(encoding="utf-8")
@@ -120,21 +116,6 @@ def test_the_text_of_a_setting_has_the_same_values_bit_for_bit() -> None:
     usual = {"x": 1.0, "pair": [0.0, 0.0], "word": "none", "on": False, "count": 1}
     table = OptionTable({"base": usual}, {key: ('least "depth", so',) if key == "word" else () for key in usual})
     assert table.resolve(write_options("base", changes)) == changes
-
-
-def test_a_search_asks_their_settings_as_it_asks_ours(tmp_path: Path) -> None:
-    """Same function, same part of the suite, same store: the budget is the same because the argument is the same."""
-    needs("llvmlite")
-    (whole,) = read_suite("search").search
-    only = {"linkages": {"four_bar": "torque"}, "engines": ("minimal",), "own": ("minimal",), "authors": (str(SOUND),)}
-    part = whole.model_copy(update=only)
-    tasks = exact_tasks(Suite(format="gauss-bench-suite/1", title="one", search=(part,)), Context(str(tmp_path), ""))
-    asked = {task.arguments[3].name: task for task in tasks}
-    theirs, ours = asked.pop(TIGHT), asked["adaptive"]
-    assert theirs.function is ours.function
-    assert theirs.arguments[4] == ours.arguments[4] == part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
-    assert (theirs.start["owner"], "owner" in ours.start) == ("Those who wrote it", False)
-    assert loop_of(Way("minimal", TIGHT, "dop853", "none", 0.0)) == ""
 
 
 def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:

@@ -293,26 +293,6 @@ def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, st
     assert len(rows) > 50
 
 
-def test_the_library_of_the_template_is_raced_by_growth(trees: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
-    code = """
-import json, sys
-from gauss_bench.bench.measurements import growth
-from gauss_bench.bench.provenance import package_versions
-from gauss_bench.bench.survived import race_here
-for name in list(growth.CONTENDERS):
-    del growth.CONTENDERS[name]
-calls = growth.list_calls()
-print(json.dumps([calls, growth.race_growth(2, 3, 0, calls, race_here)["scaling_races"], package_versions()["numpy"]]))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=trees)
-    calls, (row,), numpy = json.loads(done.stdout)
-    assert calls == [["trees", "solve"]]
-    assert (row["engine"], row["quantity"], row["status"], row["size"]) == ("trees, solve", "called from Python", "ok", 2)
-    assert row["error"] < 1e-9
-    assert row["seconds"] > 0
-    assert numpy == np.__version__
-
-
 def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:
     run, way = Run("four_bar", load("four_bar"), 0.01), Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-3)
     assert [one_step(run, way, steps, {}).count for steps in (None, 7)] == [1, 7]

@@ -32,7 +32,7 @@ from gauss_bench.engines import ELSEWHERE, get
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import OptionError, write_options
 from gauss_bench.engines.variants import FILE as VARIANTS_FILE
-from gauss_bench.engines.variants import MIN_REASON_LENGTH, Variants, read_variants
+from gauss_bench.engines.variants import MIN_REASON_LENGTH, VariantError, Variants, read_variants, require
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent  # holds the folders of all engines
@@ -88,7 +88,7 @@ def read_settings(path: Path) -> AuthorsSettings:
     """
     try:
         return _read(path, parse_toml(read_bytes(path, LARGEST).decode("utf-8")))
-    except SettingsFault as fault:
+    except (SettingsFault, VariantError) as fault:
         raise SettingsFault(f"{path}: {fault}") from fault
     except ValueError as error:
         raise SettingsFault(f"{path}: TOML syntax: {error}") from error
@@ -118,56 +118,56 @@ def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant
 def _read(path: Path, file: Line) -> AuthorsSettings:
     """Check a parsed file table by table, and return its content."""
     for key in file:
-        _require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
-    _require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
+        require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
+    require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
-    _require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
+    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
     written = file.get("date")
     if not isinstance(written, date) or isinstance(written, datetime):  # a datetime is a date too
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
     # time zones: the authors' date may be a day ahead of the date here
-    _require(written <= date.today() + timedelta(days=1), "date", f"{written} has not come yet")
+    require(written <= date.today() + timedelta(days=1), "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
     there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
-    _require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
+    require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
     engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)  # the library need not be installed
     variants = read_variants(ROOMS / name)
     knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _table_of_tables(file, "knobs").items()}
     for key in knobs:
-        _require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
+        require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
     lines, most = _table_of_tables(file, "settings"), len(variants.space)
     allowed = f"there may be {most}, as many as the search has variants of {name}"
-    _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
+    require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
     for key, line in lines.items():
         for knob in line:
-            _require(knob in (BASE, *knobs), f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
+            require(knob in (BASE, *knobs), f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
     for key in knobs:
-        _require(any(key in line for line in lines.values()), f"knobs.{key}", "no setting names it")
+        require(any(key in line for line in lines.values()), f"knobs.{key}", "no setting names it")
     return AuthorsSettings(str(path), name, authors, contact, str(written), most, knobs, candidates)
 
 
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
     """Check one table [settings.NAME], called `place` in messages, and return it as a variant of these owners."""
     base = line.get(BASE, next(iter(variants.settings)))
-    _require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
+    require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators
     named = "integrator" in line or len(offered) == 1
-    _require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
+    require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
     chosen = {"integrator": line.get("integrator", offered[0]), "stabilization": line.get("stabilization", "none")}
     for key, available in (("integrator", offered), ("stabilization", engine.stabilizations)):
-        _require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
+        require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
     changes = {}
     for key in (x for x in line if x not in (BASE, *CHOSEN)):
-        _require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
+        require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
         try:
             changes[key] = variants.table.check_value(key, line[key], repr(line[key]))
         except OptionError as error:
             raise SettingsFault(f"{place}.{key}: {error}") from error
         least, most = variants.knobs[key].range
         in_range = variants.knobs[key].allows(changes[key])
-        _require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {line[key]!r}")
-    _require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
+        require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {line[key]!r}")
+    require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
     text = write_options(base, changes)
     return Variant(text, **chosen, options=variants.options(text), owner=owner)
 
@@ -175,10 +175,10 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
 def _read_reason(place: str, line: Line) -> Reason:
     """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence that gives the reason."""
     for key in line:
-        _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
+        require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
-    _require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
-    _require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
+    require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
+    require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
     return Reason(source, why)
 
 
@@ -194,11 +194,5 @@ def _read_text(line: Line, key: str, place: str) -> str:
     """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a SettingsFault."""
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
-    _require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
+    require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
     return str(text).strip()
-
-
-def _require(good: bool, place: str, otherwise: str) -> None:
-    """Raise a SettingsFault that names the place in the file, unless `good`."""
-    if not good:
-        raise SettingsFault(f"{place}: {otherwise}")

@@ -34,7 +34,6 @@ class BodyModel(ABC):
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def count_steps(self) -> int:
-        """Return the number of steps of a run."""
         return sum(stretch.steps for stretch in self.plan)
 
     def note(self) -> str:
@@ -42,8 +41,6 @@ class BodyModel(ABC):
         return ""
 
     def read(self) -> Trajectory:
-        """Return the samples of the last run, with accelerations that are computed at each sample."""
-
         def accelerate(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
 

@@ -83,7 +83,6 @@ class Code:
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the acceleration (n,) at the time t [s] and the state q, v (n,)."""
         a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
         self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a
@@ -91,7 +90,6 @@ class Code:
 
 @lru_cache(maxsize=64)
 def _library(source: str) -> ctypes.CDLL:
-    """Compile and load a source."""
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)
@@ -130,12 +128,10 @@ class CompiledSteps:
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; steps are always taken by the compiled loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        """Take the steps from sample to sample, each interval in one call of compiled code."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)

@@ -84,7 +84,6 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset the model to the start, and compile all code that the run needs, so that no timed run compiles."""
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native = times, native
         # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so that the rank of the
@@ -97,7 +96,6 @@ class CompiledModel:
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
-        """Integrate with the chosen integrator, and store the samples and the kernel's counts."""
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
             return

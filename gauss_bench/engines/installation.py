@@ -70,7 +70,6 @@ def home() -> Path:
 
 
 def interpreter_in(folder: Path) -> Path:
-    """Return the path of the interpreter of an environment."""
     return folder / "bin" / "python"
 
 
@@ -176,7 +175,6 @@ def hold(environments: Path) -> Iterator[None]:
 
 
 def is_ours(folder: Path) -> bool:
-    """Tell whether this module made a folder."""
     return not folder.is_symlink() and (folder / MADE).is_file()
 
 
@@ -246,7 +244,6 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
 
 def _read_file() -> str:
-    """Return the text of the user's file of engines; empty if there is none."""
     try:
         return read_bytes(file_of_engines(), LARGEST).decode()
     except FileNotFoundError:

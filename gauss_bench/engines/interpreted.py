@@ -77,12 +77,10 @@ class OwnSteps:
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; steps are always taken in Python, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        """Integrate, and store the samples."""
         with np.errstate(all="ignore"):  # no warnings: the steps check for values that are not finite
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
@@ -99,7 +97,6 @@ class OwnSteps:
         return int(steps)
 
     def _run_fixed(self) -> None:
-        """Take equal steps from sample to sample, and store the samples."""
         x, dx = self.start
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
@@ -201,8 +198,6 @@ class InterpretedModel(OwnSteps):
         return self.evaluator.project(t, x, dx)
 
     def read(self) -> Trajectory:
-        """Return the samples of the run, with accelerations that are computed from each state."""
-
         def accelerate(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 

@@ -48,14 +48,12 @@ class LibraryEngine:
     unfinished: Mapping[str, str]
 
     def __init_subclass__(cls, file: Variants | None = None) -> None:
-        """Copy what the engine's `variants.toml` declares to the class of its adapter."""
         if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
             return
         cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return an empty text: a timed run executes no Python code outside the library."""
         return ""
 
 

@@ -36,7 +36,6 @@ class Script:
         return StandIn(self, source)
 
     def comment(self, text: str) -> None:
-        """Add a comment to the script."""
         self.lines.append(f"# {in_a_sentence(text)}")
 
     def record_call(self, source: str, text: str) -> "StandIn":
@@ -70,13 +69,11 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
-        """Return the stand-in for an attribute of the object, such as a method."""
         if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Record the assignment of an attribute as a line of the script."""
         self._script.lines.append(f"{self._source}.{name} = {python(value)}")
 
     def __call__(self, *positional: Any, **named: Any) -> "StandIn":

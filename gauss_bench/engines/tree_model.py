@@ -35,7 +35,6 @@ class TreeModel(ABC):
     library: str
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Find the spanning tree, and the tree state at the start."""
         self.mechanism, self.choice, self.options = mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -76,7 +75,6 @@ class TreeModel(ABC):
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
 
     def read(self) -> Trajectory:
-        """Return the samples in absolute coordinates, with the library's accelerations."""
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:

@@ -131,20 +131,20 @@ def _read(file: Mapping[str, Any]) -> Variants:
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
             taken = variant.name in space or variant.name in settings
-            _require(not taken, f"variants.{name}", f"{variant.name} is there already")
+            require(not taken, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
     # every value of a knob, in settings and in variants, must be in the knob's range
     for label, values in [*settings.items(), *((x.name, x.options) for x in space.values())]:
         outside = [k for k, knob in knobs.items() if k in values and not knob.allows(values[k])]
-        _require(not outside, label, f"{', '.join(outside)} is not in its own range")
+        require(not outside, label, f"{', '.join(outside)} is not in its own range")
     first = tuple(file.get("first", ()))  # variants that a search tries first if its time is short
     for name in first:
-        _require(name in space, "first", f"there is no variant {name!r}")
+        require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
     lines = file.get("unfinished", [])
-    _require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
+    require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
     for line in lines:
         values = {key: x for key, x in line.items() if key != "cause"}
         _require_known(values, tuple(knobs), "unfinished")
@@ -157,19 +157,19 @@ def _table_of_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
     good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-    _require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
     return lines or {}
 
 
 def _read_knob(place: str, line: Line) -> Knob:
     """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try the knob."""
     for key in line:
-        _require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
+        require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
-    _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
-    _require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
-    _require(not address or str(address).startswith("https://"), place, "`source` is no address")
-    _require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
+    require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
+    require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
+    require(not address or str(address).startswith("https://"), place, "`source` is no address")
+    require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:
             values = tuple(line.get("values", ()))
@@ -193,7 +193,7 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
         options = {**defaults, **line}
         defaults = defaults or line  # the first label has no defaults, so it must give every knob a value
         lacking = ", ".join(x for x in own if x not in options)
-        _require(not lacking, place, f"{lacking} has no value")
+        require(not lacking, place, f"{lacking} has no value")
         settings[label] = {x: options[x] for x in own}
         if REMARK in line:
             settings[label][REMARK] = line[REMARK]
@@ -210,9 +210,9 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
         settings: label of settings -> (knob -> value).
     """
     place = f"variants.{name}"
-    _require(label in settings, place, f"there are no settings {label!r}")
+    require(label in settings, place, f"there are no settings {label!r}")
     _require_known(line, (*knobs, "settings"), place)
-    _require("integrator" in line, place, "integrator is missing")
+    require("integrator" in line, place, "integrator is missing")
     usual = settings[label]
     # names of combinations list the values in the order of the line's keys; `|` keeps the position of a key that the line has
     values = line | {"stabilization": line.get("stabilization", "none")}
@@ -227,7 +227,7 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
         yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
 
 
-def _require(good: bool, place: str, otherwise: str) -> None:
+def require(good: bool, place: str, otherwise: str) -> None:
     """Raise a VariantError that names the place in the file, unless `good`."""
     if not good:
         raise VariantError(f"{place}: {otherwise}")
@@ -236,10 +236,10 @@ def _require(good: bool, place: str, otherwise: str) -> None:
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a table of the file that has a key other than `names`."""
     for name in line:
-        _require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
+        require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
 
 
 def _read_cause(text: Any, place: str) -> str:
     """Return the cause that an exception (`soft` or [[unfinished]]) states; a VariantError if it is no text or too short."""
-    _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
+    require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)

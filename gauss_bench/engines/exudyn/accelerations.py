@@ -49,7 +49,6 @@ class Readout:
     """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = -(C_q)' v by differences."""
 
     def __init__(self, system: System):
-        """Prepare a solver of Exudyn from which matrices are read."""
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.settings = system.exu.SimulationSettings()  # with dense matrices, which Python can read and set
@@ -77,7 +76,6 @@ class Readout:
         return np.asarray(-((8 * near - far) / (12 * h) @ v))
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
-        """Return Exudyn's terms of the equations of motion at a state q, v (n,) and time t [s]."""
         mbs, solver = self.system.mbs, self.solver
         bias, J = self.bias(q, v), self.jacobian(q)  # this also puts q into Exudyn's current state
         bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]

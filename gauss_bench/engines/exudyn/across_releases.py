@@ -20,7 +20,6 @@ def solver_errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], 
 
 
 def silence(exu: Any) -> None:
-    """Keep Exudyn from printing on the console."""
     if hasattr(getattr(exu, "config", None), "printToConsole"):
         exu.config.printToConsole = False
     else:
@@ -36,12 +35,10 @@ def write_log(exu: Any, name: str) -> None:
 
 
 def version(exu: Any) -> str:
-    """Return Exudyn's version."""
     return str(exu.config.Version() if hasattr(getattr(exu, "config", None), "Version") else exu.__version__)
 
 
 def write_nothing(settings: Any) -> None:
-    """Keep a run from writing a solution file."""
     if hasattr(settings, "solution"):
         settings.solution.file.write = False
     else:

@@ -150,7 +150,6 @@ class ExudynModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build Exudyn's system, and compare it with the linkage."""
         self.exu, items = library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
@@ -226,7 +225,6 @@ class ExudynModel:
         step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
-            """Count a step, and store a sample if one is due; True lets Exudyn go on."""
             nonlocal step
             step += 1
             if step in rows:
@@ -236,12 +234,10 @@ class ExudynModel:
         across_releases.call_after_steps(self.system.mbs, after_step)
 
     def _store_sample(self, k: int) -> None:
-        """Store Exudyn's present state as sample k."""
         data = self.system.mbs.systemData
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
-        """Run Exudyn's solver for one stretch after another, and store the samples, or the failure."""
         try:
             for part in self.solver_runs:
                 if not self.failure:
@@ -285,7 +281,6 @@ class ExudynModel:
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
     def read(self) -> Trajectory:
-        """Return the samples; raise the failure of the run, an open joint or a warning of Exudyn as a RunFailure."""
         warning = self.log.close()
         across_releases.call_after_steps(self.system.mbs, 0)  # because the function would keep this object in memory
         q = self.mechanism.q0 + self.q

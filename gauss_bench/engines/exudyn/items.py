@@ -88,7 +88,6 @@ class System:
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
-        """Add all links, joints, drivers and forces of a mechanism to a new system of Exudyn."""
         self.exu, self.items, self.mechanism = exu, items, mechanism
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
@@ -116,7 +115,6 @@ class System:
         return getattr(self.mbs, f"Add{group}")(getattr(self.items, kind)(**fields))
 
     def _add_link(self, i: int) -> None:
-        """Add the node and the body of a link, and its weight."""
         link = self.mechanism.links[i]
         self.nodes[i] = self._add("NodeRigidBody2D", referenceCoordinates=list(self.mechanism.q0[3 * i : 3 * i + 3]))
         self.bodies[i] = self.mbs.AddObject(rigid_body(self.items.ObjectRigidBody2D, link.mass, link.inertia, self.nodes[i]))
@@ -183,7 +181,6 @@ class System:
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
         def full(of_both_links: Any) -> Array:
-            """Expand Exudyn's list for the driver's links to a vector (n,) for all links, with zeros for the other links."""
             state = np.zeros(self.mechanism.n)
             state[columns] = np.array(of_both_links)
             return state
@@ -231,7 +228,6 @@ class System:
                 self._add("LoadForceVector", markerNumber=marker, **fields, loadVectorUserFunction=scale)
 
     def _add_law(self, law: Law) -> None:
-        """Add a spring, damper or constant force on a coordinate."""
         match law.coordinate:
             case Angle(a, b):
                 for link, torque in ((b, law.bias), (a, -law.bias)):

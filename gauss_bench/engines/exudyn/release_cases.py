@@ -5,7 +5,7 @@ The accelerations that are compared are those that Exudyn computes at the start 
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,40 +32,29 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`."""
-    closure, _, solver = name.rpartition(", ")
+    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
+
+    They are those that Exudyn computes at the start of a run from each state.
+    """
+    closure, _, linear_solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
-    across_releases.set_linear_solver(exu, settings, solver, ignore_singular=False)
+    across_releases.set_linear_solver(exu, settings, linear_solver, ignore_singular=False)
     across_releases.set_method(exu, settings, "GeneralizedAlpha")
-    build = build_pair if closure == PLANAR else build_in_space
-    return np.array([initial_accelerations(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
-
-
-# function (mbs, items, q, v, closure) that builds the bars, and returns the indices of their coordinates in the plane: x, y, angle
-Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
-
-
-def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
-    """Return the accelerations (n,) of the bars in a closed loop that Exudyn computes at the start of a run from q, v (n,).
-
-    Args:
-        items: Exudyn's module of item classes.
-        settings: Exudyn's simulation settings.
-        closure: name of the item that closes the loop.
-    """
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
-    kept = build(mbs, items, q, v, closure)
-    mbs.Assemble()
-    solver = exu.MainSolverImplicitSecondOrder()
-    solver.InitializeSolver(mbs, settings)
-    # with this flag, the next call computes the accelerations
-    settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
-    solver.InitializeSolverInitialConditions(mbs, settings)
-    a = np.array(mbs.systemData.GetODE2Coordinates_tt())
-    return np.asarray(a[list(kept)])
+    answers = []
+    for state in zip(q, v, strict=True):
+        container = exu.SystemContainer()
+        mbs = container.AddSystem()
+        kept = (build_pair if closure == PLANAR else build_in_space)(mbs, items, *state, closure)
+        mbs.Assemble()
+        solver = exu.MainSolverImplicitSecondOrder()
+        solver.InitializeSolver(mbs, settings)
+        # with this flag, the next call computes the accelerations
+        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
+        solver.InitializeSolverInitialConditions(mbs, settings)
+        answers.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(kept)])
+    return np.array(answers)
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
@@ -111,7 +100,6 @@ def in_space(x: Array) -> list[float]:
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:
-    """Add gravity to a body."""
     marker = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 

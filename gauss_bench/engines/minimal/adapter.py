@@ -9,6 +9,7 @@ replaces the present one when the opening of one of its dyads falls below `least
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_function
 from gauss_bench.engines.minimal.structure import Links, NoWay, ways
-from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
+from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, Equal, equal_runs
@@ -43,6 +44,9 @@ AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the 
 CHECKED = 4  # number of states at which a generated equation is compared with the linkage
 
 
+Evaluate = Callable[[Array], list[Array]]
+
+
 class Key(NamedTuple):
     """The key of an equation of motion: its independent coordinate (index in `MinimalModel.ways`) and the signs of its branch."""
 
@@ -50,14 +54,11 @@ class Key(NamedTuple):
     signs: tuple[float, ...]
 
 
-class Minimal:
+class Minimal(LibraryEngine, file=VARIANTS):
     """The equation of motion in one coordinate, generated and compiled."""
 
     name = "minimal"
     integrators = ("rk4", ADAPTIVE, "dop853_fixed", "semi_implicit_euler")
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
@@ -153,7 +154,6 @@ class MinimalModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Choose the first independent coordinate, derive the equation of motion in it, and check it against the linkage."""
         self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
         self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         sampled = Links.of(self.walk.q, self.walk.v)
@@ -171,8 +171,9 @@ class MinimalModel:
         best_opening = float(self.open.max(axis=0).min())
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
-        self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
-        self.machines: dict[Key, Machine] = {}
+        # a key's `Equation.motion` as a function of a state (2n,) in its variables, and the code that takes steps, compiled once
+        self._evaluator: Callable[[Key], Evaluate] = cache(lambda key: compile_function(self._equation(key).motion))
+        self._machine: Callable[[Key], Machine] = cache(lambda key: Machine(self._equation(key), self.choice.integrator))
         start = int(np.abs(self.walk.q - mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
         # the cheapest coordinate that serves for the whole motion, or the one with the largest openings at the start
         candidates = self.steady or [int(self.open[:, start].argmax())]
@@ -198,18 +199,6 @@ class MinimalModel:
             least = self.least * self.scales[key.way]
             self.equations[key] = write_equation(self.mechanism, self.ways[key.way], key.signs, states, least)
         return self.equations[key]
-
-    def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return `Equation.motion` of a key's equation, compiled as a function of a state (2n,) in its variables."""
-        if key not in self.evaluators:
-            self.evaluators[key] = compile_function(self._equation(key).motion)
-        return self.evaluators[key]
-
-    def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the machine code that integrates the equation of a key, compiled by the first call (for q see `_equation`)."""
-        if key not in self.machines:
-            self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
-        return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
         """Return key (coordinate, and signs that tell the branch) -> smallest opening of the coordinate's dyads, at one state."""
@@ -249,7 +238,6 @@ class MinimalModel:
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) at a state q, v (n,), from the equation in one coordinate."""
         openings = self._openings(Links.of(q, v))
         # the first coordinate, whose equation is compiled already, unless it is too near to a dead centre here
         widest = max(openings, key=lambda key: openings[key])
@@ -258,7 +246,6 @@ class MinimalModel:
         return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset the model to the start, and compile what the run needs, so that no timed run compiles; `native` has no effect."""
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)
@@ -272,7 +259,6 @@ class MinimalModel:
             self._reset()
 
     def _reset(self) -> None:
-        """Return to the start and forget the last run."""
         self.y, self.now, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
@@ -293,7 +279,7 @@ class MinimalModel:
         """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
-            machine, start = self.machines[self.now], self.y
+            machine, start = self._machine(self.now), self.y
             to_sample = part.steps - done % part.steps  # steps to the next sample
             # After a change of coordinate between two samples, one call goes to the next sample only.
             count, interval = (total - done, part.steps) if to_sample == part.steps else (to_sample, to_sample)
@@ -315,7 +301,7 @@ class MinimalModel:
         options = VARIANTS.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
-            machine = self.machines[self.now]
+            machine = self._machine(self.now)
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
             states = course.samples[1:]  # without the start of this segment
             # `course.state` is the state at which the integrator stopped, possibly between two samples
@@ -333,7 +319,7 @@ class MinimalModel:
         Args:
             steps_taken: number of steps since the last change; if it is 0, coordinates that failed at this state remain excluded.
         """
-        machine = self.machines[self.now]
+        machine = self._machine(self.now)
         self.tried = {self.now} if steps_taken else self.tried | {self.now}
         if not np.isfinite(self.y).all():
             self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
@@ -348,9 +334,9 @@ class MinimalModel:
             self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
             return
         best = max(usable, key=lambda key: usable[key])
-        # A new equation is tested at the present position. Whole turns do not matter there, so the angles are those nearest to 0.
-        q = None if best in self.machines else LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0]
-        new, spring_angles = self._machine(best, q).equation, machine.equation.spring_angles(self.y[: machine.n])
+        if best not in self.equations:  # it is tested at the present position, where whole turns of angles do not matter
+            self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
+        new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
         self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
@@ -358,7 +344,6 @@ class MinimalModel:
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
-            """Return the angles (j, links) [rad], up to whole turns, at values x (j,) of the coordinate."""
             states = np.zeros((len(x), 2 * equation.program.n))  # poses do not depend on the other entries
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles

@@ -146,7 +146,6 @@ class Place:
     b: Vec
 
     def __sub__(self, other: "Place") -> "Place":
-        """Return the vector from another point to this one, with its derivatives."""
         return Place(self.p - other.p, self.d - other.d, self.b - other.b)
 
 
@@ -181,7 +180,6 @@ def _constant(graph: ExpressionGraph, x: float, y: float) -> Vec:
 
 
 def _product(a: Vec, b: Vec) -> Vec:
-    """Return the product of two vectors as complex numbers."""
     return rotate_vec(b, a)
 
 
@@ -244,7 +242,6 @@ class _Motion:
         return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=way.moved.local, place=place)
 
     def at(self, point: Point) -> Place:
-        """Return the motion of a link-fixed point."""
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
@@ -459,5 +456,4 @@ class _Rates(Placement):
         return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
-        """Return a direction (2,) that is fixed in a link, in world axes."""
         return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))

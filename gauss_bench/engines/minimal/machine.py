@@ -32,7 +32,6 @@ class Machine:
     """
 
     def __init__(self, equation: Equation, integrator: str):
-        """Compile the equation of motion together with the integrator, for one trajectory at a time."""
         self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
         code = read_code(equation.program, "none")  # "none": without stabilisation of constraints
         if self.is_adaptive:

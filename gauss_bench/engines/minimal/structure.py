@@ -61,7 +61,6 @@ class Links:
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
-        """Return the place of a link-fixed point [m]."""
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
 
     def arm(self, a: Point, b: Point) -> Complex:
@@ -93,7 +92,6 @@ class OuterJoint:
 
     @property
     def link(self) -> int:
-        """Index of the dyad's link."""
         return self.own.link
 
 
@@ -123,7 +121,6 @@ class Dyad:
 
     @property
     def links(self) -> tuple[int, int]:
-        """Indices of the two links."""
         return self.first.link, self.second.link
 
     @property

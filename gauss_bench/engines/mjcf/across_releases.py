@@ -57,7 +57,6 @@ def find_integrator(mujoco: Any, name: str) -> Any:
 
 
 def disable(mujoco: Any, model: Any, flags: Iterable[str]) -> None:
-    """Disable features of a model, given by members of mjtDisableBit; members that a release does not have are left out."""
     for name in flags:
         if hasattr(mujoco.mjtDisableBit, name):
             model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, name))

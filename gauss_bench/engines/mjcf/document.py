@@ -103,7 +103,6 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
 
 
 def _add_option(root: Element, built: Built) -> None:
-    """Add the <option> element with the options that are set in the compiled model."""
     mujoco, opt, integrator = built.mujoco, built.model.opt, built.choice.integrator or "rk4"
     option = SubElement(
         root,
@@ -171,7 +170,6 @@ class _Writer:
             self._add_body(inner, child)
 
     def _tendons(self) -> Iterator[Element]:
-        """Yield the tendons: spatial ones between points, and fixed ones on sums of joint coordinates."""
         for tendon in self.spec.tendons:
             fixed = tendon.path[0].type == self.mujoco.mjtWrap.mjWRAP_JOINT
             force = {"stiffness": write_numbers(tendon.stiffness[0]), "damping": write_numbers(tendon.damping[0])}

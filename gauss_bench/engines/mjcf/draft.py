@@ -35,7 +35,6 @@ class Draft:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
-        """Add the links, joints, closures, forces and driven lengths of a mechanism to a new specification."""
         self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
         self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
@@ -123,14 +122,12 @@ class Draft:
         return None
 
     def _add_tendon(self, name: str, a: Point, b: Point) -> Any:
-        """Add a tendon between two points, and return it."""
         tendon = self.spec.add_tendon(name=self._name("tendon", name))
         tendon.wrap_site(self._site(a))
         tendon.wrap_site(self._site(b))
         return tendon
 
     def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Any, Any]:
-        """Add a tendon whose length is driven, and its motor."""
         tendon = self._add_tendon(driver.name, driver.a, driver.b)
         motor = self._add_actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
         self._make_motor(motor)
@@ -173,7 +170,6 @@ class Draft:
         return name
 
     def _make_motor(self, actuator: Any) -> None:
-        """Make the force of an actuator equal to its control."""
         actuator.gainprm = [1.0, *np.zeros(len(actuator.gainprm) - 1)]
         actuator.biastype, actuator.biasprm = self.mujoco.mjtBias.mjBIAS_NONE, np.zeros_like(actuator.biasprm)
 
@@ -186,7 +182,6 @@ class Draft:
         return actuator
 
     def _add_site_force(self, f: AtSite) -> None:
-        """Add the actuator of a force at a point."""
         name, target = self._name("actuator", f.name), self._site(f.point)
         actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=target, name=name)
         if f.frame is not None:

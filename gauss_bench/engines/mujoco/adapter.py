@@ -142,7 +142,6 @@ class MujocoModel(TreeModel):
         return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; `native` tells whether MuJoCo's loop or a call from Python takes each step."""
         super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)

@@ -15,7 +15,7 @@ link's centre of mass:
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -51,15 +51,6 @@ class Seen:
     plane: Array
     angles: Array
     turns: Array
-
-
-class LinkStates(NamedTuple):
-    """Positions q, velocities v and accelerations a (n,) of all links, and the Jacobian dq/dy (n, nv) by joint coordinates."""
-
-    q: Array
-    v: Array
-    a: Array
-    jacobian: Array
 
 
 def settings_as_they_stand(path: str) -> dict[str, Any]:
@@ -121,7 +112,6 @@ class OwnModelRun:
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
-        """Compile a file, change options of the model (name in MJCF -> new value), and set the model to its keyframe."""
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -138,13 +128,12 @@ class OwnModelRun:
         self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate `still`, a copy of the model, at y and dy (nv,), and return MuJoCo's data, with accelerations."""
         self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
-    def absolute(self, y: Array, dy: Array) -> LinkStates:
-        """Return the states of all links at joint coordinates y and rates dy (nv,), with the accelerations that MuJoCo computes."""
+    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
+        """Return q, v, a (n,) of all links at joint coordinates y and rates dy (nv,), and the Jacobian dq/dy (n, nv)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
@@ -161,7 +150,7 @@ class OwnModelRun:
             jacobian += [*(axes @ point), normal @ turn]
             bias += [*(axes @ point_rate @ dy), normal @ turn_rate @ dy]
         J = np.array(jacobian)
-        return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
+        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method, beginning with the model's start.
@@ -171,26 +160,25 @@ class OwnModelRun:
         """
         y = self.y0.copy()
         for _ in range(ITERATIONS):
-            here = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
+            here, _, _, jacobian = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(jacobian, q - here, rcond=None)[0]
             y += change
             if np.abs(change).max() < CLOSE:
-                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
+                *_, jacobian = self.absolute(y, np.zeros_like(y))
+                return y, np.linalg.lstsq(jacobian, v, rcond=None)[0]
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
-        return self.absolute(*self.relative(q, v)).a
+        return self.absolute(*self.relative(q, v))[2]
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Set the model to its keyframe at times[0], and plan the steps, which MuJoCo's own loop always takes."""
         self.times, self.plan = times, list(stretches(times, self.choice.step))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
         self.data.time = times[0]
 
     def run(self) -> None:
-        """Take all steps, and store the joint states at the samples."""
         with collect_warnings(self.mujoco, []):  # the judge finds a run that diverges
             for _, count, size, _, row in self.plan:
                 self.model.opt.timestep = size
@@ -199,7 +187,6 @@ class OwnModelRun:
                     self.y[row], self.dy[row] = self.data.qpos, self.data.qvel
 
     def read(self) -> Trajectory:
-        """Return the samples in absolute coordinates of the links."""
         with collect_warnings(self.mujoco, []):
             states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
         q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))

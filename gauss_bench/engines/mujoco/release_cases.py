@@ -86,7 +86,6 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     disable(mujoco, model, ["mjDSBL_WARMSTART"])  # a result must not depend on the state that was evaluated before
 
     def solve(y: Array, dy: Array) -> Array:
-        """Return the angular accelerations (bars,) at angles y and angular speeds dy (bars,), all relative to the parents."""
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
         return np.array(data.qacc)

@@ -69,7 +69,6 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
-        """Build the compiled loop, which is kept for all later runs of this user."""
         building.build_loop()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -87,7 +86,6 @@ class PinocchioModel(OwnSteps, TreeModel):
     library = "Pinocchio"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build Pinocchio's model, compare it with the linkage, and prepare the dynamics that are integrated."""
         import pinocchio
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -125,7 +123,6 @@ class PinocchioModel(OwnSteps, TreeModel):
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
-        """Integrate, and store the samples; evaluations are counted from zero."""
         self.stabilized.evaluations = 0
         super().run()
 

@@ -47,7 +47,6 @@ def prefix() -> Path | None:
 
 
 def compiler() -> str | None:
-    """Return the path of a C++ compiler; None if there is none."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
@@ -108,7 +107,6 @@ def build_loop() -> None:
 
 
 def _compile() -> bytes:
-    """Compile the loop of steps and return the content of the library."""
     program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
@@ -153,5 +151,4 @@ def _describe_package(package: str) -> str:
 
 @lru_cache
 def _describe_compiler(program: str) -> str:
-    """Return the text by which a compiler tells its name and version."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

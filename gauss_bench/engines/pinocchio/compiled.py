@@ -90,15 +90,11 @@ class CompiledDynamics(ConstrainedDynamics):
             self.library.destroy(linkage)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
-        """Add a load to the linkage in C++."""
-
         def place(point: Point) -> tuple[int, Array]:
-            """Return the joint that carries a point, and the point (2,) in the joint's frame."""
             joint, placement = body.place(point)
             return int(joint), _numbers(placement.translation[:2])
 
         def direction(link: int, x: Array) -> tuple[int, Array]:
-            """Return the joint that carries a link, and the vector x (2,) of the link in the joint's frame."""
             joint, placement = body.carriers[link]
             return int(joint), _numbers(placement.rotation[:2, :2] @ x)
 
@@ -157,7 +153,6 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise a failure for the state at which the compiled loop stopped."""
         super().__call__(t, y, dy)  # a call from Python usually fails with a more precise reason
         raise RunFailure(Status.NOT_CONVERGED, f"after t = {t:.6g} s: Pinocchio's compiled loop misses the constraints")
 

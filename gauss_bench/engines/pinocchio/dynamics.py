@@ -70,7 +70,6 @@ class TreeForces:
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
 
     def __call__(self, y: Array, dy: Array, t: float) -> Array:
-        """Return the forces tau (n,) at a tree state y, dy (n,) and time t [s]."""
         tau = self.constant
         if self.has_damping:
             tau = tau + self.damping.dot(dy)
@@ -97,7 +96,6 @@ class DrivingTorques:
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
-        """Take the drivers of the mechanism of `forces`, and Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         self.forces, self.gains = forces, gains
         self.laws = [d.law for d in forces.drivers]
         # (k, n) and (k,) for the k drivers: x = rows . y + origin for driven angles and slides; a length's row stays zero
@@ -181,7 +179,6 @@ class Motion:
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
-        """Return the absolute positions q (3 links,) and T = dq/dy (3 links, n) at tree coordinates y (n,)."""
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world
         centres = np.array([placements[joint].act(own) for joint, own in self.centres])
@@ -210,7 +207,6 @@ class ConstrainedDynamics:
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
-        """Prepare the solver for a model, with Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         pin = body.pin
         self.model, self.forces, self.solve = body.model, forces, find_algorithm(pin, options["algorithm"])
         self.data: Any = body.model.createData()
@@ -226,7 +222,6 @@ class ConstrainedDynamics:
         self.evaluations = 0
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (n,) at time t [s] and a tree state y, dy (n,), with all forces and drivers."""
         self.evaluations += 1
         tau = self.forces(y, dy, t)
         return self.drive(self._solve, t, y, dy, tau) if self.drive.laws else self._solve(t, y, dy, tau)

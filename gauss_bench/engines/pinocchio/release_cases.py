@@ -103,7 +103,6 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
     data = model.createData()
 
     def constrained_accelerations(y: Array, dy: Array) -> Array:
-        """Return the joint accelerations (bars,) with which the ends of rod and rocker stay together."""
         pin.computeJointJacobians(model, data, y)
         pin.forwardKinematics(model, data, y, dy, np.zeros(model.nv))
         pin.updateFramePlacements(model, data)

@@ -72,7 +72,6 @@ class Multibody:
         self.carriers[b.link] = joint, own
 
     def _joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
-        """Add a joint of a kind to a parent joint, and return its index."""
         joint: int = self.model.addJoint(parent, kind, placement, name)
         return joint
 
@@ -100,7 +99,6 @@ class Multibody:
         return rows
 
     def mass(self, y: Array) -> Array:
-        """Return the mass matrix (n, n) at tree coordinates y (n,)."""
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
