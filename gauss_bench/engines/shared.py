@@ -229,7 +229,7 @@ def size(x: Array) -> float:
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """Return the accelerations a (n,) that a library computed at time t [s]."""
+    """Return the accelerations a (n,) that a library computed at time t [s]; a RunFailure if some are not finite."""
     if not np.isfinite(a).all():
         raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
     return a

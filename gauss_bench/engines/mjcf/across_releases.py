@@ -49,7 +49,7 @@ def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
 
 
 def find_integrator(mujoco: Any, name: str) -> Any:
-    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler."""
+    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler; a RunFailure if there is none."""
     member = f"mjINT_{name.upper()}"
     if not hasattr(mujoco.mjtIntegrator, member):
         raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no {member}")

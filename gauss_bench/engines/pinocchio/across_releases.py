@@ -12,7 +12,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def find_algorithm(pin: Any, name: str) -> Any:
-    """Return the function of Pinocchio with the given name."""
+    """Return the function of Pinocchio with the given name; a RunFailure if the installed release has none."""
     if not hasattr(pin, name):
         raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")
     return getattr(pin, name)

@@ -85,14 +85,13 @@ class DrivingTorques:
     """The driving torques and forces that give driven angles, slides and lengths their prescribed accelerations.
 
     Let y be the tree coordinates, and x (k,) the driven coordinates of the k drivers, with rates x' = R y'. Without any driving
-    torque the accelerations are a0. With a trial torque on driver j alone, of about the size that is needed, so that few digits are
-    lost by cancellation, they are a_j. The factors s_j of the trial torques follow from
+    torque the accelerations are a0. With a trial torque on driver j alone they are a_j; it is about as large as needed, so that few
+    digits are lost by cancellation. The factors s_j of the trial torques follow from
 
         y'' = a0 + sum s_j (a_j - a0),    R y'' + R' y' = law''(t) - Kd (x' - law'(t)) - Kp (x - law(t))
 
-    where Kp and Kd are Baumgarte's gains. The rows of R of driven angles and slides are constant. The row of a driven length L is G
-    T, with G = dL/dq and T = dq/dy. The other terms of L'', which are G dT/dt y' + dG/dt v, follow from the linkage's own
-    constraint row.
+    where Kp and Kd are Baumgarte's gains. The rows of R of driven angles and slides are constant. For a driven length L, with G =
+    dL/dq and T = dq/dy, the row is G T. The rest of L'', G dT/dt y' + dG/dt v, follows from the linkage's own constraint row.
     """
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
@@ -154,9 +153,10 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    A joint's column of Pinocchio's world Jacobian is the velocity [u, w] at the world's origin, and the angular speed omega, of the
-    body of all links beyond the joint at unit rate. The centre of mass [x, y] of such a link has the velocity [u - omega y, w +
-    omega x].
+    A joint's column of Pinocchio's world Jacobian is the velocity at the world's origin, [u, w], and the angular speed omega, of
+    the body of all links beyond the joint at unit rate. The centre of mass of such a link, at [x, y], has the velocity
+
+        [u - omega y, w + omega x]
 
     Attributes:
         centres: for each link Pinocchio's joint that carries it, and the centre of mass (3,) [m] in this joint's frame.
