@@ -178,14 +178,10 @@ EULER = "semi_implicit_euler"
 RUNS = [  # runs with chosen steps end where the program's rows end, so that their steps differ
     ("drake", "four_bar", "torque", Choice("default", "sap"), 1e-9),
     ("drake", "squeezer", "squeeze", Choice("bushing", "runge_kutta3_adaptive", tolerance=1e-6), 1e-4),
-    ("bullet", "four_bar", "torque", Choice("default", EULER), 1e-9),
     ("bullet", "four_bar", "cycloid", Choice("direct/0.2", EULER), 1e-9),
-    ("dart", "four_bar", "torque", Choice("gauss_seidel/100", EULER), 1e-9),
     ("dart", "four_bar", "cycloid", Choice("explicit", EULER), 1e-9),
-    ("opensim", "four_bar", "torque", Choice("default", "rk_merson"), 1e-9),
     ("opensim", "squeezer", "squeeze", Choice("tight", "rk_merson_adaptive", tolerance=1e-8), 1e-6),
     ("opensim", "crank_slider", "driven", Choice("default", "verlet"), 1e-9),
-    ("mjx", "four_bar", "torque", Choice("tuned", "rk4"), 1e-9),
     ("mjx", "crank_slider", "driven", Choice("default", "rk4"), 1e-6),
 ]
 

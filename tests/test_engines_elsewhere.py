@@ -89,7 +89,7 @@ REFUSED = [  # engine, linkage, scenario, settings -> words of the refusal; None
     *((x, "four_bar", "cycloid", "", "not the motion law sine") for x in ("mjx", "opensim")),
     *((x, "four_bar", "cycloid", "", None) for x in ("bullet", "dart")),
     *((x, "crank_slider", "paper", "", None) for x in ELSEWHERE),
-    *(("mjx", x, None, "", None) for x in ("eight_bar", "parallelogram", "jansen", "shaper")),
+    *(("mjx", x, None, "", None) for x in ("parallelogram", "shaper")),
     *(("newton", x, y, "", "would not follow its law") for x, y in (("four_bar", "driven"), ("excavator", None))),
     ("newton", "sleigh", None, "", "Newton has no constraint on velocities alone"),
     *(("newton", x, None, "", None) for x in ("parallelogram", "jansen")),

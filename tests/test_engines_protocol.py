@@ -268,15 +268,6 @@ def command(where: dict[str, str], *arguments: object) -> Any:
     return json.loads(done.stdout) if done.stdout else done.stderr
 
 
-def test_the_template_asks_the_suite_for_no_equations() -> None:
-    """Its masses, forces and closures are its own, from raw links and joints."""
-    text = "".join(x.read_text(encoding="utf-8") for x in sorted(TEMPLATE.rglob("*.py")))
-    assert not re.search(r"Evaluator|lagrange|formulations|\bterms\b|AppliedForces", text)
-    library = (TEMPLATE / "my_trees" / "library.py").read_text(encoding="utf-8")
-    assert "import gauss_bench" not in library
-    assert "from gauss_bench" not in library
-
-
 @pytest.mark.long
 @pytest.mark.slow
 def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:
