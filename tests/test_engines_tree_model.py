@@ -34,7 +34,6 @@ class StandIn(TreeModel):
         self.evaluator = Evaluator(mechanism)
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-
         q, v, rest = self.tree.absolute(y, dy, np.zeros(self.tree.n))
         speeds = np.array([self.tree.absolute(y, one, one)[1] for one in np.eye(self.tree.n)])
         return np.asarray(np.linalg.lstsq(speeds.T, gauss(self.evaluator.terms(t, q, v)).a - rest, rcond=None)[0])
