@@ -9,7 +9,6 @@ replaces the present one when the opening of one of its dyads falls below `least
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,9 +41,6 @@ CHANGE = 0.35  # opening at which another coordinate replaces the present one: n
 NARROW = 0.02  # opening below which no coordinate is used: the run ends if no coordinate has a larger one
 AGREEMENT = 1e-8  # relative, of accelerations: rounding and the closure of the states cause about 1e-10, a wrong term about 1
 CHECKED = 4  # number of states at which a generated equation is compared with the linkage
-
-
-Evaluate = Callable[[Array], list[Array]]
 
 
 class Key(NamedTuple):
@@ -171,9 +167,8 @@ class MinimalModel:
         best_opening = float(self.open.max(axis=0).min())
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
-        # a key's `Equation.motion` as a function of a state (2n,) in its variables, and the code that takes steps, compiled once
-        self._evaluator: Callable[[Key], Evaluate] = cache(lambda key: compile_function(self._equation(key).motion))
-        self._machine: Callable[[Key], Machine] = cache(lambda key: Machine(self._equation(key), self.choice.integrator))
+        self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
+        self.machines: dict[Key, Machine] = {}
         start = int(np.abs(self.walk.q - mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
         # the cheapest coordinate that serves for the whole motion, or the one with the largest openings at the start
         candidates = self.steady or [int(self.open[:, start].argmax())]
@@ -199,6 +194,18 @@ class MinimalModel:
             least = self.least * self.scales[key.way]
             self.equations[key] = write_equation(self.mechanism, self.ways[key.way], key.signs, states, least)
         return self.equations[key]
+
+    def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
+        """Return `Equation.motion` of a key's equation, compiled once as a function of a state (2n,) in its variables."""
+        if key not in self.evaluators:
+            self.evaluators[key] = compile_function(self._equation(key).motion)
+        return self.evaluators[key]
+
+    def _machine(self, key: Key) -> Machine:
+        """Return the machine code that integrates the equation of a key, compiled once."""
+        if key not in self.machines:
+            self.machines[key] = Machine(self._equation(key), self.choice.integrator)
+        return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
         """Return key (coordinate, and signs that tell the branch) -> smallest opening of the coordinate's dyads, at one state."""
