@@ -17,7 +17,7 @@ LISTED = {place for name in ("quick", "exhaustive") for part in read_suite(name)
 
 
 class Combination(NamedTuple):
-    """A combination of an engine's settings with one of its integrators and stabilisations, by name."""
+    """The names of an engine's settings, of one of its integrators and of a stabilisation."""
 
     settings: str
     integrator: str
@@ -98,9 +98,9 @@ def cross(
         linkages: name or path -> scenario.
         steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
         t_end: end of the runs [s].
-        integrators: a number n for the first n integrators of each engine, or the names of integrators; None for all.
-        asked: name of the setting to which the cases are restricted; None for all settings.
+        integrators: as in `combinations`.
         plain: engines that are run with their defaults only, unless a setting is asked for.
+        asked: name of the setting to which the cases are restricted; None for all settings.
     """
     for linkage, scenario in linkages.items():
         for name in engines:
@@ -131,7 +131,7 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
 
 
 def cases(suite: Suite) -> list[Case]:
-    """Return the cases of a suite without duplicates, and without the cases that one of the suite's rules (`left_out`) excludes."""
+    """Return the cases of a suite without duplicates, and without those that a rule of `left_out` excludes."""
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         engines = part.engines or names()
@@ -141,12 +141,6 @@ def cases(suite: Suite) -> list[Case]:
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
     """Tell whether a rule excludes a case: each field of the rule is empty, or lists the value that the case has there."""
-    pairs = (
-        (rule.linkages, case.linkage),
-        (rule.engines, case.engine),
-        (rule.settings, case.settings),
-        (rule.integrators, case.integrator),
-        (rule.stabilizations, case.stabilization),
-        (rule.steps, case.step),
-    )
-    return all(value in named for named, value in pairs if named)
+    values = (case.linkage, case.engine, case.settings, case.integrator, case.stabilization, case.step)
+    named = (rule.linkages, rule.engines, rule.settings, rule.integrators, rule.stabilizations, rule.steps)
+    return all(value in excluded for value, excluded in zip(values, named, strict=True) if excluded)

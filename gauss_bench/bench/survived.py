@@ -1,4 +1,4 @@
-"""Timed comparisons ("races") that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
+"""Races that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -17,9 +17,8 @@ from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine
-Entries = Callable[
-    ..., Iterable[tuple[Any, Callable[[], Block]]]
-]  # returns keys, named tuples with a field `engine`, and makers of blocks
+# returns keys, named tuples with a field `engine`, and makers of blocks
+Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]
 
 
 def race_here(
@@ -27,8 +26,7 @@ def race_here(
 ) -> Rows:
     """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
-    `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
-    has facts, further columns that it returns after the race, there is one more row with these facts.
+    A block whose `facts` has further columns gets one more row with them.
 
     Args:
         engines: names of the engines that take part; all engines if not given.
@@ -68,15 +66,9 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
 def race_processes(
     race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
 ) -> Measured:
-    """Call `race` several times, and collect the times of all entries.
+    """Call `race` (`race_survivors` or, in tests, `race_here`) `processes` times, and collect the times of all entries.
 
-    If an engine crashes or hangs in one of the calls, the result has the reason of the failure and no times for the entries of this
-    engine.
-
-    Args:
-        race: `race_survivors`, which starts a new process in each call, or `race_here`, which races in this process.
-        entries, arguments, rounds, engines: arguments of `race`.
-        processes: number of calls.
+    An entry whose engine crashes or hangs in one of the calls has the reason of the failure and no times.
     """
     rows: Rows = []
     for number in range(processes):
@@ -102,7 +94,7 @@ def list_survivors(
         The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
 
     Raises:
-        WorkerFailure: the timed comparison crashed while no engine was running, or raised an error.
+        WorkerFailure: the race crashed while no engine was running, or raised an error.
     """
     lost: dict[str, WorkerFailure] = {}
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
@@ -121,8 +113,7 @@ def list_survivors(
 def watching(path: str) -> Watch:
     """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
 
-    The function is called before the entry's code runs, so that a crash can be attributed to the engine; a call takes a
-    microsecond. The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name.
+    The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name; a call takes a microsecond.
     """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
