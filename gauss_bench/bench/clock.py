@@ -117,6 +117,14 @@ class Measured:
         """Return the time [s] of an entry, as `time_of` does."""
         return time_of(self.of(key))
 
+    def summary(self, key: Hashable) -> Row:
+        """Return the columns of the time of an entry and its spread, and its further columns (facts).
+
+        Raises:
+            Failure: the entry was not measured.
+        """
+        return spread("seconds", self.of(key)) | self.facts.get(key, {})
+
     def compare(self, own: Hashable, rival: Hashable) -> Row:
         """Return the columns that `compare` computes from the samples of two entries."""
         return compare(self.of(own), self.of(rival))

@@ -1,13 +1,13 @@
 """Ratios of times between this package's compiled formulations (kernels) and a rival engine, from the races of `cost.py`.
 
-All steps have the same length, and each engine takes them in its own loop over time steps. The times of steps include forces,
-springs, the checks of pivots, and the call from Python, which is a few per cent of the kernel's time.
+All steps have the same length, and each engine takes them in its own loop. The times include forces, springs, the checks of pivots,
+and the call from Python, which is a few per cent of the kernel's time.
 
 A right-hand side computes the accelerations of a state. For the rival engine, a call of its library at a prepared state is timed
-(the "bare call"), with and without the cost of a call from Python. The cost of a call is measured with a function of the same
-library that only subtracts two vectors. The measured cost is about 0.1 us too small, because the bare call has more arguments. For
-the kernel a right-hand side is either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the kernel's loop,
-terms that several Runge-Kutta stages have in common are computed once; this is a part of the gain from compiling the whole loop.
+(the "bare call"), with and without the cost of a call from Python, which is measured with a function of the same library that only
+subtracts two vectors; it is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is
+either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the loop, terms that several stages have in common
+are computed once; this is a part of the gain from compiling the whole loop.
 """
 
 from itertools import product
@@ -26,10 +26,7 @@ LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival'
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add rows to the tables `kernel_steps` and `kernel_rhs`, which compare our own engines with a rival engine.
-
-    There are rows for each linkage on which the rival was timed together with our own engines.
-    """
+    """Add rows to the tables `kernel_steps` and `kernel_rhs` for each linkage on which the rival was timed with our own engines."""
     step_of = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for place, measured in gather_by_linkage(tables).items():
         timed_engines = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
@@ -44,12 +41,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
     """Return one row for each formulation, stabilisation and setting of the rival engine.
 
-    The ratio of the first formulation must reach a target, if the suite states one for the linkage.
-
-    Args:
-        place: mechanism and scenario.
-        step: length of the timed steps [s].
-        measured: the results of the races there.
+    The ratio of the first formulation must reach a target, if the suite states one for the linkage. `place` is mechanism and
+    scenario, `step` the length of the timed steps [s].
     """
     rows = []
     for (formulation, engine), stabilization, settings in product(part.own.items(), part.stabilizations, part.settings):
@@ -65,12 +58,8 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
     """Return a row for each setting of the rival engine, each method of timing our kernel, and each method of timing the rival.
 
-    The kernel is timed in its own loop or called from Python. Of the rival's time, the cost of the call from Python is subtracted
-    or not. Only one pair has a target: the kernel in its own loop, and the rival without the cost of the call.
-
-    Args:
-        place: mechanism and scenario.
-        measured: the results of the races there.
+    The kernel is timed in its own loop or called from Python; of the rival's time, the cost of the call is subtracted or not. Only
+    the kernel in its own loop against the rival without the call has a target. `place` is mechanism and scenario.
     """
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):
