@@ -1,4 +1,4 @@
-"""Make and verify the certificates (reference motions with guaranteed digits) of all built-in scenarios; each is a row of a table."""
+"""Make and verify the certificates (reference motions with guaranteed digits) of all built-in scenarios; list them in a table."""
 
 import hashlib
 import sys
