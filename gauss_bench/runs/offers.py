@@ -286,7 +286,9 @@ def describe(name: str) -> Offer:
             stabilizations=tuple(map(str, engine.stabilizations)),
             adaptive=tuple(map(str, ask(engine, "adaptive"))),
             options=values or dict.fromkeys(map(str, ask(engine, "options")), ()),
-            knobs={k: tuple(in_a_sentence(getattr(x, about, "")) for about in ("meaning", "source")) for k, x in knobs.items()},
+            knobs={
+                k: (in_a_sentence(getattr(x, "meaning", "")), in_a_sentence(getattr(x, "source", ""))) for k, x in knobs.items()
+            },
             first=tuple(map(str, ask(engine, "first"))),
             soft={str(k): in_a_sentence(x) for k, x in dict(ask(engine, "soft")).items()},
             unfinished={str(k): in_a_sentence(x) for k, x in dict(ask(engine, "unfinished")).items()},

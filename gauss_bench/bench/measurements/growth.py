@@ -126,9 +126,12 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
             raise RunFailure(Status.SKIP, reason)
         return entered[contender][1](state)
 
+    def pick(contender: str, k: int) -> Block:
+        return make_blocks(contender)[k]
+
     for contender, (quantities, _) in entered.items():
         for k, quantity in enumerate(quantities):
-            yield Key(quantity, contender), lambda contender=contender, k=k: make_blocks(contender)[k]
+            yield Key(quantity, contender), partial(pick, contender, k)
 
 
 def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:

@@ -284,7 +284,8 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     # one step of each variant is timed, at the finest size that meets a requirement: later entries of a dict replace earlier ones
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
     step_times, lost = race_apart(run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
-    seconds = {way._replace(size=0.0): time_of(x) for way, x in gather_rounds(step_times, entry_of).samples.items()}  # of one step
+    measured = gather_rounds(step_times, entry_of)
+    seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
     costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
     chosen = dict.fromkeys(x for ways in groups for x in finalists({way: costs[way] for way in ways if way in costs}))
     timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
