@@ -445,20 +445,15 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
     part = PART.model_copy(update={"linkages": linkages})
     suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
-    place = {"settings": "default", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "tolerance": None}
-    race = place | {"engine": "gauss-native", "process": 0, "round": 0, "status": "ok", "message": "", "seconds": 1e-5}
-    here = [race | {"mechanism": name, "scenario": scenario} for name, scenario in linkages.items()]
+    one, other = ({"mechanism": x, "scenario": linkages[x], "process": 0, "status": "ok"} for x in [*linkages][:2])
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
-
-    def asked(races: list[dict[str, Any]]) -> list[Any]:
-        return measured.second_timing_tasks(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
-
-    tasks = asked([*here[:2], lost])
-    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
-        (name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")
-    ]
-    slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
-    assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
+    tasks, slower = (
+        measured.second_timing_tasks(suite, Context("", "stamp"), {"search_ladder": [], "search_races": [first, other, lost]})
+        for first in (one, one | {"seconds": 2e-5})
+    )
+    names = [(name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")]
+    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == names
+    assert [x.key == y.key for x, y in zip(tasks, slower, strict=True)] == [False, True, False, True]
     (told,) = winners_and_times("six_bar", "torque", part, [], [lost])["search_winners"]
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 

@@ -1,22 +1,15 @@
 """Measure times in races: blocks of work are timed in turn in one process, in a new random order in every round.
 
-A block is the piece of work that is timed at once, such as a number of steps of one engine. An entry of a race is a timed quantity,
-such as the step of an engine with a setting; it has a key and one block.
-
-The speed of a machine varies with time, but blocks that run one after the other are affected alike: the ratio of the lower
-quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor times, because
-waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds, because
-its first repetition is slow while the processor's caches still hold the code of other blocks. No block is discarded.
+An entry of a race is a timed quantity, such as the step of an engine with a setting; it has a key and one block, the piece of work
+that is timed at once. The speed of a machine varies with time, but blocks that run one after the other are affected alike: the
+ratio of the lower quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor
+times, because waits for a shared processor would affect long blocks more often than short ones. No block is discarded.
 
 A race is repeated in several processes, because the memory addresses of code and data change a measured time by some per cent and
-are fixed during a process. The time of an entry is the lower quartile of the times of all rounds in each process, and then the
-median over the processes. The ratio of two entries is the quotient of their times, each from only those rounds and processes in
-which both were timed.
-
-The spread of a time or ratio is an interval that contains the value of each process and, with a probability of 99 %, the result of
-a repeated race with as many processes (`foreseen`). If there is only one process, nothing can be said about a repeated race: the
-spread is then the range from the 5 % to the 95 % quantile of the times of its rounds or, for a ratio, of bootstrap samples of the
-rounds.
+are fixed during a process. The time of an entry is the lower quartile of its rounds in each process, and then the median over the
+processes. A ratio is the quotient of two such times over common rounds and processes. A spread contains the value of each process
+and, with a probability of 99 %, the result of a repeated race (`foreseen`); with one process, nothing can be said about a repeated
+race, and the spread is the range from the 5 % to the 95 % quantile of its rounds or of bootstrap samples of them.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """

@@ -3,16 +3,13 @@
 A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
 its own steps. A setting is a variant with a size.
 
-In the first phase, each variant is evaluated at sizes from coarse to fine: an evaluation is a whole run and its largest errors,
-which do not depend on measured times. The search first tries a coarse sequence of sizes (rungs of a ladder) until each requirement
-is met or it is clear that it cannot be met. Then it halves the interval between the coarsest size that meets a requirement and the
-next coarser size tried, until no size is left between the two. `budget` limits the number of evaluations of one variant.
+First, each variant is evaluated at sizes from coarse to fine: an evaluation is a whole run and its largest errors. The search tries
+a coarse sequence of sizes (rungs of a ladder) until each requirement is met or it is clear that it cannot be met. Then it halves
+the interval between the coarsest size that meets a requirement and the next coarser size tried.
 
-In the second phase, the settings that meet the requirement race. Settings whose estimated cost is more than NEAR times the least
-are left out. Those whose time in the first process is at most CLOSE times the shortest are timed in further processes. A setting
-ties with the fastest one if, in at least a quarter of the processes, its time is not longer than that of the fastest. (By the whole
-range of the ratios, a setting that takes a tenth more time would also tie.) If several settings tie, the winner is the one that
-comes first in the engine's file. A repeated search therefore names the same winner or another setting that tied.
+Then the settings that meet the requirement race: those of an estimated cost of at most NEAR times the least and, in further
+processes, those whose time in the first one is at most CLOSE times the shortest. If several settings tie with the fastest
+(`ties_with`), the first one in the engine's file wins. A repeated search names the same winner or another setting that tied.
 """
 
 import math

@@ -85,13 +85,9 @@ def list_survivors(
 ) -> tuple[Any, dict[str, WorkerFailure]]:
     """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 
-    Args:
-        race: function that times engines and writes the name of the running one, at most ROOM bytes, into the file `path`.
-        engines: names of the engines that take part in the first race.
-        limit: largest time of one race [s], without waits for a processor; longest: largest elapsed time of one race [s].
-
-    Returns:
-        The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
+    `race` writes the name of the running engine, at most ROOM bytes, into the file `path`. `limit` is the largest time of one race
+    [s] without waits for a processor, `longest` the largest elapsed time. Return the result of the last race, and engine -> failure
+    for each engine that crashed or hung in an earlier one.
 
     Raises:
         WorkerFailure: the race crashed while no engine was running, or raised an error.

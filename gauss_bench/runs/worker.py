@@ -1,21 +1,16 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason for a failure.
 
 Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others: an answer is JSON, in which
-each array is replaced by its type and shape, followed by the bytes of the arrays. Decoded arrays never take more memory than the
-bytes of the answer.
+each array is replaced by its type and shape, followed by the bytes of the arrays. Each task has a random token, with which its
+answer must begin. The worker's standard output goes to its error stream, whose last line is quoted when it dies; the pipe of the
+answers has a high file descriptor, out of the way of libraries.
 
-The worker's standard output is redirected to its error stream, a file whose last line is quoted when the worker dies. The pipe of
-the answers has a high file descriptor, so that a library that uses or closes low descriptors does not hit it. Each task has a
-random token, with which its answer must begin. The parent stops a task that exceeds its limit; if the parent is gone, the task is
-stopped by an alarm signal that no library can block. The time during which a task waits for a processor does not count towards the
-limit, so that engines do not fail because the machine is busy.
+The parent stops a task that exceeds its limit; if the parent is gone, an alarm signal that no library can block does. The time
+during which a task waits for a processor does not count, so that engines do not fail because the machine is busy.
 
 When a worker ends, all processes that its tasks have started are ended. They are found by a mark, an environment variable that they
 inherit, and on Linux also as descendants of the worker, which becomes the parent of orphaned processes. A process that has removed
-the mark survives if the worker is killed before it can look for its descendants. No process may use more memory than its
-`Interpreter` allows.
-
-A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
+the mark survives if the worker is killed before it can look for its descendants.
 """
 
 import atexit

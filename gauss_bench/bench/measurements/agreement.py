@@ -36,7 +36,6 @@ SPEED = 10.0  # [rad/s] of the crank at these positions
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.agreement, "kernel_agreement", agreement)
 
 

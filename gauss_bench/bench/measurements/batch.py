@@ -30,7 +30,6 @@ CHECKED = 32  # trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 

@@ -22,7 +22,6 @@ from gauss_bench.trajectory import Status
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.driving, "driving", driving)
 
 

@@ -29,7 +29,6 @@ Levels = tuple[Array, Array, Array]  # positions, velocities and accelerations (
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 
 

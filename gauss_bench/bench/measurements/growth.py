@@ -1,14 +1,11 @@
 """How the time of one right-hand side grows with the number of loops: this package's kernels compared with engines.
 
-The linkage is the N-four-bar, a chain of N four-bars ("windows"). A contender is a kernel or a call of a library. All contenders
-compute the accelerations at the same state, half a second after the start, where they are known in closed form
-(reference/exact.py). Of a library, those calls are timed that an expert would make, without the conversion of coordinates around
-them: those of the suite's adapters (CONTENDERS), and those that engines from outside offer (`library_calls` in `engines/base.py`).
-A kernel is timed in two ways: in its own loop, where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta
-method, and called from Python for one state.
+The linkage is a chain of N four-bars. All contenders (kernels and calls of libraries) compute the accelerations at the same state,
+where they are known in closed form. Of a library, those calls are timed that an expert would make, without the conversion of
+coordinates around them: those in CONTENDERS, and the `library_calls` of engines from outside. A kernel is timed in its own loop,
+where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
 
-All contenders for one N race in several processes. For each contender, the exponent p of time ~ N^p is fitted to the medians over
-the processes; its spread is computed from the exponents that the single processes give.
+The exponent p of time ~ N^p is fitted to the medians over the processes; its spread follows from those of the single processes.
 """
 
 import statistics

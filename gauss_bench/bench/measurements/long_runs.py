@@ -27,7 +27,6 @@ WINDOWS = 10  # equal parts of a run, each with its largest error of the energy
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.long_runs, "kernel_long", long_run)
 
 

@@ -3,11 +3,10 @@
 All steps have the same length, and each engine takes them in its own loop. The times include forces, springs, the checks of pivots,
 and the call from Python, which is a few per cent of the kernel's time.
 
-A right-hand side computes the accelerations of a state. For the rival engine, a call of its library at a prepared state is timed
-(the "bare call"), with and without the cost of a call from Python, which is measured with a function of the same library that only
-subtracts two vectors; it is about 0.1 us too small, because the bare call has more arguments. For the kernel a right-hand side is
-either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the loop, terms that several stages have in common
-are computed once; this is a part of the gain from compiling the whole loop.
+A right-hand side computes the accelerations of a state. For the rival, a call of its library at a prepared state is timed (the
+"bare call"), with and without the cost of a call from Python; that of an empty call is about 0.1 us too small, because the bare
+call has more arguments. For the kernel it is either a quarter of a Runge-Kutta step in its own loop, where terms that several
+stages have in common are computed once, or a call from Python.
 """
 
 from itertools import product

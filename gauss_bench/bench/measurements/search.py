@@ -1,20 +1,16 @@
 """Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
-A variant is an engine with options, an integrator and a stabilisation; a setting (class `Way`) is a variant with a size, that is, a
-step, or a tolerance if the integrator chooses its steps. A "ladder" is the list of the trials (runs and their errors) of a variant,
-at finer and finer sizes.
+First, every variant runs alone in a worker process, at finer and finer sizes; the list of its trials is a "ladder". Errors are the
+largest ones of a position, of an angle and of a joint force during the run, at 50 sample times at equal distances (or fewer, if the
+reference has no samples there, or steps are so long that some are no ends of steps).
 
-In the first stage, every variant runs alone in a worker process. Errors are the largest error of a position, of an angle and of a
-joint force during the run, at 50 sample times at equal distances (or fewer, if the reference has no samples there, or steps are so
-long that some are no ends of steps). Nothing is timed in this stage.
+Then settings race. The time of one step of each variant that met a requirement, times the number of steps, is the estimated cost of
+a setting; the cheap settings are timed over whole runs, in several processes. Of a run with equal steps that would take longer than
+`lead`, only the first part is timed. The processes of one linkage do not follow each other directly, so that a disturbance that
+lasts a minute affects few of them.
 
-In the second stage, settings race. A first race times one step of each variant that met a requirement, which times the number of
-steps is the estimated cost of a setting. Then the cheap settings are timed over whole runs, in several processes. Of a run with
-equal steps that would take longer than `lead`, only the first part is timed. The processes of one linkage do not follow each other
-directly, so that a disturbance that lasts a minute affects few of them. The times of all processes together determine the winners.
-
-Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget; the authors are
-called their owners. The cheapest setting of the authors is always timed, because a table compares it with the suite's.
+Settings that the authors (owners) of an engine sent in are further variants. Their cheapest setting is always timed, because a
+table compares it with the suite's.
 """
 
 import hashlib

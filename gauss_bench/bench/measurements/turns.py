@@ -28,7 +28,6 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
