@@ -85,9 +85,9 @@ def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
 def singular(angle: float) -> Document:
     """Return a crank-rocker whose smallest transmission angle is `angle` [deg]; at 0 it passes through a singular position.
 
-    Ground and coupler have the length 1, and the rocker 1/2. The transmission angle, between coupler and rocker, is smallest when
-    the crank lies on the line of the ground pins. Then coupler (1), rocker (1/2) and the distance 1 - crank form a triangle, in
-    which the transmission angle is opposite to 1 - crank. The law of cosines gives (1 - crank)^2 = 1 + 1/4 - cos(angle).
+    Ground and coupler have the length 1, the rocker 1/2. The angle between coupler and rocker is smallest when the crank lies on
+    the line of the ground pins. In the triangle of coupler, rocker and the distance 1 - crank, the law of cosines gives (1 -
+    crank)^2 = 1 + 1/4 - cos(angle).
     """
     crank = 1.0 - float(np.sqrt(1.25 - np.cos(np.radians(angle))))
     document, turn = four_bar(), np.radians(60.0)
@@ -174,17 +174,11 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis that one table of `axes.toml` describes.
+    """Return the axis that one table of `axes.toml` describes; keywords are the keys of the table.
 
-    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. The
+    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. Values
+    that are not listed follow from `ladder` (first and last) and `digits`. On the axis "step" the value itself is the step [s]. The
     motion of the axis "size" is known exactly.
-
-    Args:
-        name: name of the axis, which is the key of its table.
-        values: the values of the axis, from easy to hard; if there are none, they are computed by `ladder`.
-        step: integration step [s] on all axes but "step", where the value itself is the step.
-        unit: unit of the values.
-        table: the other keys of the table: title, meaning, ladder (first and last value), and the leading digits of the values.
     """
     if values:
         rungs = tuple(values)

@@ -345,12 +345,8 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
 def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...]) -> tuple[str, str]:
     """Compare a run with the expected motion; return (sentence on the agreement, "") or ("", sentence on the fault).
 
-    An error is a fault if it exceeds RATIO times the change of the result between this run and its finest repetition.
-
-    Args:
-        expected, given, finest: positions, velocities and accelerations (3, k, n) of the expected motion, of the run and of its
-            finest repetition.
-        names: names of the quantities that are compared: the first two or all three of LEVELS.
+    All motions, also that of the run's finest repetition, are positions, velocities and accelerations (3, k, n), of which those in
+    `names` count. An error is a fault if it exceeds RATIO times the change between the run and its finest repetition.
     """
     travel = np.array([expected[0] - expected[0, 0], expected[1], expected[2]])  # displacements from the start instead of positions
     scale = np.abs(travel).max(axis=(1, 2))

@@ -28,12 +28,8 @@ class Combination(NamedTuple):
 class Case:
     """A case of the accuracy table; its fields are the key of its rows.
 
-    Attributes:
-        linkage: name of a built-in linkage, or a path.
-        scenario: name of a scenario of the linkage; "" for the first one that has a start.
-        engine, settings, integrator, stabilization: names as the engine offers them.
-        step: [s]; spacing of the samples if the integrator chooses its own steps.
-        t_end: end of the run [s].
+    `linkage` is a name or a path, and `scenario` is "" for the first one that has a start. `step` [s] is the spacing of the samples
+    if the integrator chooses its own steps. The run ends at `t_end` [s].
     """
 
     linkage: str
@@ -57,12 +53,8 @@ def combinations(
     """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
     There is every setting with every integrator without stabilisation, and every stabilisation with the default setting and
-    integrator.
-
-    Args:
-        integrators: a number n for the first n integrators, or the names of integrators; None for all.
-        plain: whether only the defaults of the engine are run.
-        asked: name of the setting to which the combinations are restricted; None for all settings.
+    integrator. `integrators` is a number n for the first n, or names; `plain` restricts an engine to its defaults, `asked` to a
+    setting.
 
     Raises:
         ChoiceError: the engine has no setting `asked`.
@@ -92,15 +84,10 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """Yield the cases: every linkage with every engine, every combination of its options, and every step size.
+    """Yield the cases: every linkage (with its scenario) with every engine, every combination of its options, and every step size.
 
-    Args:
-        linkages: name or path -> scenario.
-        steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
-        t_end: end of the runs [s].
-        integrators: as in `combinations`.
-        plain: engines that are run with their defaults only, unless a setting is asked for.
-        asked: name of the setting to which the cases are restricted; None for all settings.
+    Steps [s] are from large to small; an integrator that chooses its own steps has the last one only. Engines in `plain` are run
+    with their defaults only, unless a setting is `asked` for.
     """
     for linkage, scenario in linkages.items():
         for name in engines:

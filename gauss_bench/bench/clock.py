@@ -165,13 +165,10 @@ def key_of(row: Row) -> Key:
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """Group the result rows of several processes of a race by entry.
+    """Group the result rows of several processes of a race by entry, of which `key` returns the key.
 
-    Args:
-        rows: each row has the seconds of one entry in one round of one process, the facts (further columns) of an entry, or the
-            status of an entry that failed, with the reason.
-        key: returns the key of the entry to which a row belongs.
-        strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
+    Each row has the seconds of one entry in one round of one process, its `facts`, or the status and the reason of its failure.
+    With `strict`, an entry that failed in one process counts as failed even if it has times in other processes.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
     failed: dict[Hashable, Failure] = {}

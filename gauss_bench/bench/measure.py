@@ -84,14 +84,9 @@ def measure(
 ) -> Measurement:
     """Run a case, judge the run, and return the case's row of results, its curves and its poses.
 
-    The run is repeated more finely to estimate its errors, unless a reference decides whether the run is valid and its velocities
-    and accelerations are derivatives of its positions.
-
-    Args:
-        store: the folder where references are stored.
-        alter: function that plants a fault in the mechanism that the engine is given, for tests of the judgement.
-        limit: [s] after which an engine that runs in a process of its own is stopped.
-        posed: whether poses are computed; they need a reference and a run that reached its end.
+    The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
+    accelerations are derivatives of its positions. `store` is the folder of references, `alter` plants a fault in the mechanism
+    that the engine is given, `limit` [s] stops an engine in a process of its own. Poses are computed if `posed`, with a reference.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}

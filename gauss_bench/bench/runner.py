@@ -65,12 +65,8 @@ def run(
 ) -> Tables:
     """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return table -> rows.
 
-    Args:
-        jobs: number of tasks that run side by side if they measure no times; timing tasks run alone.
-        costs: whether timing tasks are run.
-        name: the name of the suite, for the report.
-        until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
-        limit: the longest time [s] of one accuracy case.
+    `jobs` tasks that measure no times run side by side; timing tasks run alone, if `costs`. The report shows the suite's `name`.
+    `until` and `steps` [s] replace those of the suite's accuracy cases, each of which may take `limit` [s].
 
     Raises:
         Busy: another run writes into the same folder.
@@ -102,11 +98,8 @@ def measure_all(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Run accuracy cases, without times and without a journal; return the tables of results and of the references used.
 
-    Args:
-        folder: where the references are kept; nothing else is written.
-        jobs: number of cases that run side by side.
-        alter: function that plants a fault in the mechanism that engines are given.
-        limit: the longest time [s] of one case.
+    References are kept in `folder`, where nothing else is written. `alter` plants a fault in the mechanism that engines are given,
+    and one case may take `limit` [s].
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = finish(accuracy.tasks(cases, context), jobs, "accuracy")

@@ -26,11 +26,8 @@ def race_here(
 ) -> Rows:
     """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
-    A block whose `facts` has further columns gets one more row with them.
-
-    Args:
-        engines: names of the engines that take part; all engines if not given.
-        path: the file into which the name of the running engine is written before its code runs; no file if not given.
+    A block whose `facts` has further columns gets one more row with them. All engines take part unless `engines` names some. The
+    name of the running engine is written into the file `path`, if given, before its code runs.
     """
     watch = watching(path) if path else watch_nothing
     race = Race(watch)

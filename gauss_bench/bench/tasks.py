@@ -44,14 +44,12 @@ def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
 
 
 class Task(NamedTuple):
-    """A task for a worker.
+    """A task for a worker, in which function(*arguments) returns table -> rows.
 
     Attributes:
         key: identifies the task in the journal, the file of finished tasks.
-        function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
-        table: name of the table that gets a row if the task fails.
-        start: the first columns of that row.
+        table, start: name of the table that gets a row if the task fails, and the first columns of that row.
         limit: [s] after which the worker is stopped.
     """
 

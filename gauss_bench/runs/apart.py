@@ -60,11 +60,8 @@ class Request:
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
     """Carry out a requested run: one of the suite's own formulations in this process, any other engine in a worker process.
 
-    Args:
-        mechanism: the mechanism that the request names.
-        limit: time [s] after which a worker is stopped; the time during which it waits for a processor is not counted.
-        worker: the worker to use; if not given, the one that is kept for the engine.
-        again: whether the process may keep the model that it builds, to use it for the next request.
+    `limit` [s] is the time, without waits for a processor, after which a worker is stopped; the worker is the one kept for the
+    engine unless given. With `again`, the process may keep the model that it builds for the next request.
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)

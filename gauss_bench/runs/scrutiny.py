@@ -169,13 +169,8 @@ def evidence_of(
 ) -> tuple[Evidence, str]:
     """Return the evidence by which a run is judged, and a sentence if the repetition covers only a part of the run.
 
-    Args:
-        truth: the reference motion, or None.
-        finer: the repetition of the run, or None.
-        acceleration_off: median relative error of the engine's accelerations at given states; if None, it is computed at states of
-            the run.
-        adaptive: whether the integrator chooses its own steps.
-        untried: the reason why there is no repetition, or an empty text.
+    `truth` and the repetition `finer` may be None; `untried` is the reason why there is no repetition. `acceleration_off` is the
+    median relative error of the engine's accelerations at given states; if None, it is computed at states of the run.
     """
     # evidence from the run alone
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off

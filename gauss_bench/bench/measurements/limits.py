@@ -13,14 +13,14 @@ from collections.abc import Hashable
 from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, name_machine, processor_rows
-from gauss_bench.bench.tasks import Context, Tables, Task
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import find_dependents
 from gauss_bench.compiler.machine.schedule import period
-from gauss_bench.compiler.stepping.rollout import Body, bodies
+from gauss_bench.compiler.stepping.rollout import bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
@@ -46,15 +46,18 @@ def count_operations(linkage: str, scenario: str) -> Tables:
     There is one row for each bound, for one trajectory and for a batch, or none if the linkage cannot be compiled.
     """
     mechanism = load(linkage, scenario or None)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
         # one reach is asked for, so that one loop body is returned
         (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
-    counts = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
-    return {"kernel_bounds": [start | {"quantity": quantity} | counts for quantity in (ONE, MANY)]}
+    graph = body.step.graph
+    # values that do not depend on the state or the time are computed once, before the loop
+    varying = find_dependents(graph, [graph.leaf(name) for name in (*body.step.carried, "%t")])
+    flops = sum(FLOPS.get(graph.operation[x], 0) for x in body.values if x in varying)
+    counts = {"cycles": period(graph, body.values, body.step.carried), "flops": flops}
+    return {"kernel_bounds": [place_of(mechanism) | {"quantity": quantity} | counts for quantity in (ONE, MANY)]}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -88,11 +91,3 @@ def compare_with_bound(start: Row, engine: str, measured: Measured) -> Row:
     unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
     return times | {"bound": bound, "share": bound / times["seconds"]}
-
-
-def flops(body: Body) -> int:
-    """Return the number of floating-point operations in one iteration of the loop over steps; a fused multiply-add counts twice."""
-    g = body.step.graph
-    # values that do not depend on the state or the time are computed once, before the loop
-    varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
-    return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

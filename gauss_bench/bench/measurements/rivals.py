@@ -73,11 +73,8 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
     """Return the times of one right-hand side in our own engine and in the rival engine, and their ratio.
 
-    Args:
-        own: LOOP: the time of a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides; or
-            CALLED: the time of one call of the kernel's function from Python.
-        rival: AS_CALLED: the time of one call of the rival library's function from Python; or NET: this time less the time of an
-            empty call.
+    `own` is LOOP (a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides) or CALLED (a call
+    from Python); `rival` is AS_CALLED (a call of the library from Python) or NET (this time less that of an empty call).
 
     Raises:
         Failure: one of the timed quantities was not measured.
