@@ -57,9 +57,12 @@ def differences(here: Path, there: Path) -> Differences:
 class Clocked:
     """A ratio of times, or a conclusion from times (target met, claim true), that differs between two runs.
 
-    `what` names the table, the row and the column; a ratio in `here` and `there` is followed by its spread. The difference
-    `matters` if a reader's conclusion changes: a target is met in one run only, a claim has another verdict, or a ratio is above 1
-    in one run only. `factor` is the ratio here divided by the ratio there; 1 for targets and claims.
+    Attributes:
+        what: names of the table, the row and the column.
+        here, there: the values of both runs as texts; a ratio is followed by its spread.
+        matters: whether a reader's conclusion changes: a target is met in one run only, a claim has another verdict, or a ratio is
+            above 1 in one run only.
+        factor: the ratio of the run `here` divided by the ratio of the run `there`; 1 for targets and claims.
     """
 
     what: str

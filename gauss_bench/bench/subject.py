@@ -34,7 +34,7 @@ class Check:
 
     Attributes:
         name: the rule that is checked.
-        passed: None if the rule could not be checked.
+        passed: whether the engine keeps the rule; None if the rule could not be checked.
         message: the measured value, the fault that was found, or the reason why the rule could not be checked.
     """
 

@@ -40,10 +40,12 @@ class Offer:
     """The description that an engine gives of itself.
 
     Attributes:
+        name: of the engine.
         version: the version of the engine's library, or "not installed".
         settings: label -> options; the first is the default.
         variants: name -> variant, in the order of searches; the name of a variant may be given in place of settings.
         integrators: the first is the default; empty if the engine does not describe itself.
+        stabilizations: "none" and others.
         adaptive: the integrators that choose their own steps.
         options: options that can be given one by one -> words that are allowed as values.
         knobs: name of a knob -> its meaning and the address of its documentation.

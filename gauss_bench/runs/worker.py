@@ -296,11 +296,17 @@ class _Clock:
     def remaining(self) -> float:
         """Return the time [s] left to the task: before its time without waits exceeds `limit`, or its elapsed time `longest`."""
         passed = time.monotonic() - self.start
-        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
-        # the first thread may sleep until another one has finished, such as one that compiles: the longest wait of these is added
-        waiting = waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
         # the system counts waits by another clock: they may seem to be negative, or longer than the elapsed time
-        return min(self.limit - (passed - min(max(0.0, waiting), passed)), self.longest - passed)
+        waited = min(max(0.0, self._waiting_time()), passed)
+        return min(self.limit - (passed - waited), self.longest - passed)
+
+    def _waiting_time(self) -> float:
+        """Return the time [s] for which the process has waited for a processor since the task began.
+
+        The first thread may sleep until another one has finished, such as one that compiles: the longest wait of these is added.
+        """
+        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
+        return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
 
 def _end_all(mark: str) -> None:

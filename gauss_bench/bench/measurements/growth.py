@@ -45,8 +45,7 @@ SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more tha
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return one task for each process and size of the linkage; the processes of one size do not follow each other directly."""
-    outside = offers_from_outside() if suite.growth else []
-    calls, tasks = [(x.name, call) for x in outside if x.usable for call in x.library_calls], []
+    calls, tasks = list_calls() if suite.growth else [], []
     for part in suite.growth:
         for number, size in product(range(part.processes), part.sizes):
             arguments = (size, part.rounds, number, calls)
@@ -86,6 +85,11 @@ def exact_state(size: int) -> ExactState:
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
     return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
+
+
+def list_calls() -> list[tuple[str, str]]:
+    """Return engine and name of each library call that an engine from outside offers."""
+    return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
