@@ -2,8 +2,8 @@
 
 import ctypes
 import os
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -90,19 +90,10 @@ def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
 
 
 def test_a_worker_that_is_stopped_from_elsewhere_says_so_to_who_waits_for_it() -> None:
-    failed: list[WorkerFailure] = []
-
-    def wait() -> None:
-        try:
-            worker.call(time.sleep, (60.0,), 60.0)
-        except WorkerFailure as failure:
-            failed.append(failure)
-
-    with Worker() as worker:
-        waiting = threading.Thread(target=wait)
-        waiting.start()
+    with Worker() as worker, ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(worker.call, time.sleep, (60.0,), 60.0)
         while worker.process is None:
             time.sleep(0.001)
         worker.stop()
-        waiting.join(10.0)
-    assert [str(x) for x in failed] == ["the process was stopped"]
+        with pytest.raises(WorkerFailure, match=r"^the process was stopped$"):
+            waiting.result(10.0)

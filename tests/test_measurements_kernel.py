@@ -16,7 +16,7 @@ from gauss_bench.bench.measurements.limits import compare_with_bound
 from gauss_bench.bench.measurements.long_runs import judge_row
 from gauss_bench.bench.measurements.processor import LATENCY_KEY, RATE_KEY, processor_rows
 from gauss_bench.bench.measurements.rivals import rhs_rows
-from gauss_bench.bench.measurements.turns import LEVELS, race_turns
+from gauss_bench.bench.measurements.turns import race_turns
 from gauss_bench.bench.runner import complete_rows
 from gauss_bench.bench.survived import ROOM, at_work, race_here
 from gauss_bench.compiler.closure import Closure
@@ -137,22 +137,18 @@ def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock: Clock, monke
     true = Kernel.rollout
 
     def charged(self: Kernel, q: np.ndarray, v: np.ndarray, h: float, n: int, *rest: Any, **options: Any) -> Any:
-        found = true(self, q, v, h, n, *rest, **options)
         formulation = self.options.formulation
         each = seconds[formulation, self.options.stabilization] if q.ndim == 1 else {"gauss": 1e-8, "lagrange": 4e-8}[formulation]
         clock.spend(each * n * len(np.atleast_2d(q)))
-        return found
+        return true(self, q, v, h, n, *rest, **options)
 
     monkeypatch.setattr(Kernel, "rollout", charged)
     memory = tmp_path / "memory"
     memory.write_bytes(bytes(ROOM))
     rows = claim.race_claim("four_bar", "torque", CLAIM, 3, partial(race_here, path=str(memory)))["claim_races"]
-    told = {r["what"]: (r["seconds"], r["rival_seconds"], r["ratio"]) for r in rows}
-    assert told.keys() == set(claim.COLUMNS)
-    assert told["step"] == pytest.approx((2e-6, 3e-6, 1.5))
-    assert told["projected"] == pytest.approx((4e-6, 5e-6, 1.25))
-    assert told["batch"] == pytest.approx((1e-8, 4e-8, 4.0))
-    assert {r["process"] for r in rows} == {3}
+    told = {r["what"]: [r["seconds"], r["rival_seconds"], r["ratio"], r["process"]] for r in rows}
+    expected = {"step": [2e-6, 3e-6, 1.5, 3], "projected": [4e-6, 5e-6, 1.25, 3], "batch": [1e-8, 4e-8, 4.0, 3]}
+    assert told == {what: pytest.approx(numbers) for what, numbers in expected.items()}
     assert at_work(str(memory)) in CLAIM.compiled
 
 
@@ -229,26 +225,6 @@ def test_kinematics_that_are_wrong_meet_no_target_however_fast(clock: Clock, mon
     own = race_turns("four_bar", "driven", TURNS, race_here)["kernel_kinematics"][0]
     assert own["acceleration_error"] == pytest.approx(1e-10, rel=0.01)
     assert own["met"] is False
-
-
-def test_kinematics_of_several_processes_are_their_median_and_meet_the_target_by_it() -> None:
-    target, processes = TURNS.targets["four_bar"], TURNS.model_copy(update={"processes": 3})
-    times = [0.9 / target, 1.2 / target, 1.1 / target]
-    name = Key("turn", "closure, compiled")._asdict()
-
-    def told(told: list[dict[str, Any]]) -> dict[str, Any]:
-        left = iter(told)
-        facts: dict[str, Any] = name | {"facts": dict.fromkeys(LEVELS, 1e-15)}
-        return race_turns("four_bar", "driven", processes, lambda *_: [name | next(left), facts])["kernel_kinematics"][0]
-
-    row = told([{"round": 0, "seconds": x} for x in times])
-    low, high = foreseen(np.array(times))
-    assert [row["seconds"], row["seconds_low"], row["seconds_high"]] == pytest.approx([1.1 / target, low, high])
-    assert [row["rate"], row["rate_low"], row["rate_high"]] == pytest.approx([target / 1.1, 1 / high, 1 / low])
-    assert row["met"] is False
-    crashed = {"status": "crashed", "message": "SIGABRT"}
-    lost = told([{"round": 0, "seconds": 1.0}, crashed, {"round": 0, "seconds": 1.0}])
-    assert (lost["status"], lost["message"], lost["met"]) == ("crashed", "SIGABRT", False)
 
 
 def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:

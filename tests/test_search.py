@@ -63,19 +63,6 @@ class Method:
         return Trial(size, {"position": max(self.floor, self.factor * size**self.order)}, steps)
 
 
-def test_the_largest_step_that_is_exact_enough_is_found_within_a_fifth() -> None:
-    """h^4 = 1e-6 at h = 0.0316 s, and 3e3 h^4 = 1e-6 at h = 0.00427 s: 234.04 steps of a second, for which 250 is the next size."""
-    method, scale = Method(3e3), equal_steps(1.0, 50, 10_000)
-    trials, ended = explore(method, scale, [COARSE, FINE], 24)
-    found = coarsest(trials, FINE)
-    assert found is not None
-    assert found.steps == 250
-    assert ended == "every requirement is met"
-    assert coarsest(trials, COARSE).steps == 50  # type: ignore[union-attr]  # 3e3 h^4 = 1e-3 at 41.6 steps
-    assert [t.size for t in trials] == sorted((t.size for t in trials), reverse=True)
-    assert len(method.asked) == len(set(method.asked)) == len(trials)
-
-
 @pytest.mark.parametrize("beats", BEATS)
 def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -> None:
     scale = equal_steps(1.0, beats, 100_000)
@@ -130,22 +117,15 @@ def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
 
 def test_what_begins_slowly_is_not_given_up() -> None:
     """Errors as large as the motion until steps resolve it, at 640 a second, and of order four from there on."""
-
-    def late(size: float) -> Trial:
-        return Trial(size, {"position": min(0.3, 0.3 * (640 * size) ** 4)}, round(1 / size))
-
-    trials, ended = explore(late, equal_steps(1.0, 50, 100_000), [COARSE, FINE], 24, most=100_000)
-    assert ended == "every requirement is met"
-    assert coarsest(trials, FINE) is not None
+    late = lambda size: Trial(size, {"position": min(0.3, 0.3 * (640 * size) ** 4)}, round(1 / size))  # noqa: E731
+    assert explore(late, equal_steps(1.0, 50, 100_000), [COARSE, FINE], 24, most=100_000)[1] == "every requirement is met"
 
 
 def test_an_error_that_is_not_determined_asks_for_no_further_rung() -> None:
-    def open_forces(size: float) -> Trial:
-        return Trial(size, {"position": size**4, "force": math.nan}, round(1 / size))
-
-    trials, ended = explore(open_forces, equal_steps(1.0, 50, 10_000), [Requirement("force", 1e-3), COARSE], 24)
-    assert ended == "every requirement is met"
-    assert coarsest(trials, Requirement("force", 1e-3)) is None
+    forces = Requirement("force", 1e-3)
+    undetermined = lambda size: Trial(size, {"position": size**4, "force": math.nan}, round(1 / size))  # noqa: E731
+    trials, ended = explore(undetermined, equal_steps(1.0, 50, 10_000), [forces, COARSE], 24)
+    assert (coarsest(trials, forces), ended) == (None, "every requirement is met")
 
 
 def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
@@ -206,28 +186,9 @@ def test_rounds_stand_by_the_process_that_they_were_in() -> None:
 
 def test_what_ran_in_no_process_has_its_reason() -> None:
     failed = Measured({}, {"a": Missing(Status.NAN, "not a number")})
-    with pytest.raises(Missing, match="not a number"):
-        failed.of("a")
-    with pytest.raises(Missing, match="b was not measured"):
-        failed.of("b")
-
-
-def a_race(rng: np.random.Generator, processes: int, true: dict[str, float]) -> dict[str, np.ndarray]:
-    """Code of each lies well or badly by 8 % for the life of a process, and rounds scatter by 1 %."""
-    luck = 0.08 * rng.normal(size=(len(true), processes, 1))
-    return {k: x * np.exp(luck[i] + 0.01 * np.abs(rng.normal(size=(processes, 10)))) for i, (k, x) in enumerate(true.items())}
-
-
-def test_processes_tell_what_rounds_of_one_do_not() -> None:
-    """Of 150 second races 98 % and more lie in the spread of the first, of five processes; of one, less than half."""
-    rng, true = np.random.default_rng(11), {"rival": 3.0, "own": 1.0}
-
-    def inside(processes: int) -> float:
-        found = [ratio(*a_race(rng, processes, true).values()) for _ in range(300)]
-        return float(np.mean([first[1] <= second[0] <= first[2] for first, second in zip(found[::2], found[1::2], strict=True)]))
-
-    assert inside(5) >= 0.98
-    assert inside(1) < 0.5
+    for key, reason in (("a", "not a number"), ("b", "b was not measured")):
+        with pytest.raises(Missing, match=reason):
+            failed.of(key)
 
 
 def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
@@ -295,11 +256,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     What is asked for in a process of its own is done in this one; in the second such process everything takes SLOWER times as long.
     """
     clock = clocked(monkeypatch)
-    asked: list[str] = []
+    asked: list[bool] = []  # of each race, whether whole runs were timed in it
 
     def here(function: Callable[..., Tables], arguments: tuple[Any, ...], engines: Sequence[str]) -> tuple[Tables, dict[str, Any]]:
-        asked.append(arguments[0].__name__)
-        clock.slower = SLOWER if asked.count("race_entries") == 2 else 1.0
+        asked.append(arguments[1][-1] is not None)
+        clock.slower = SLOWER if sum(asked) == 2 else 1.0
         return json.loads(json.dumps(function(*arguments, tuple(engines)))), {}
 
     monkeypatch.setattr(measured, "list_survivors", here)
@@ -319,10 +280,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def searched(folder: Path) -> dict[str, list[dict[str, Any]]]:
+def searched(folder: Path, *theirs: Variant) -> dict[str, list[dict[str, Any]]]:
+    """The tables of a search with the engines of PART, and further variants of MuJoCo."""
     rows: list[dict[str, Any]] = []
     for engine in PART.engines:
-        for variant in space(offer(engine)):
+        for variant in (*space(offer(engine)), *(theirs if engine == "mujoco" else ())):
             if (variant.integrator, variant.stabilization) == ("rk4", "none"):
                 rows += ladder("four_bar", "torque", engine, variant, PART, str(folder))["search_ladder"]
     told = json.loads(json.dumps(rows))  # as the journal keeps them
@@ -363,45 +325,29 @@ def test_a_search_names_the_known_winner(clock: Clock, tmp_path: Path) -> None:
 
 def test_settings_of_an_engines_authors_race_beside_ours_however_far_they_are(clock: Clock, tmp_path: Path) -> None:
     """`dear` is theirs: ours, `exact`, takes a 22nd of its time, and it would not race if it were ours."""
-    theirs = Variant("dear", "rk4", "none", {"number": 3}, "Those who wrote it")
     kind = type(get("mujoco"))
     kind.variants = {name: x for name, x in kind.variants.items() if name != "dear"}
-    rows: list[dict[str, Any]] = []
-    for variant in (*space(offer("mujoco")), theirs):
-        rows += ladder("four_bar", "torque", "mujoco", variant, PART, str(tmp_path))["search_ladder"]
-    races = first_race("four_bar", "torque", PART, rows)["search_races"]
-    for number in range(1, PART.processes):
-        races = races + further_race("four_bar", "torque", PART, rows, races, number)["search_races"]
-    found = winners_and_times("four_bar", "torque", PART, rows, races)
-    assert {r["settings"]: r["owner"] for r in rows} == {"rough": "", "exact": "", "same": "", "dear": "Those who wrote it"}
+    found = searched(tmp_path, Variant("dear", "rk4", "none", {"number": 3}, "Those who wrote it"))
     row = next(r for r in found["search_owned"] if r["accuracy"] == 1e-4)
     assert (row["engine"], row["settings"], row["owner"], row["our_settings"]) == ("mujoco", "dear", "Those who wrote it", "exact")
     assert row["seconds"] == pytest.approx(row["steps"] * WAYS["dear"][2])
     assert row["our_seconds"] == pytest.approx(round(0.1 / row["our_step"]) * WAYS["exact"][2])
     assert [row[f"ratio{end}"] for end in ("", "_low", "_high")] == pytest.approx([row["seconds"] / row["our_seconds"]] * 3)
-    assert row["ratio"] > 10
     assert (row["variants"], row["our_variants"], row["budget"]) == (1, 3, PART.budget)
     winner = next(r for r in found["search_winners"] if r["accuracy"] == 1e-4 and r["engine"] == "mujoco")
     assert (winner["settings"], winner["owner"], winner["variants"]) == ("exact", "", 4)
-    assert row_of(TABLES["search_owned"], row)
     lines = list_owned([row_of(TABLES["search_owned"], row)])
-    assert [(x["name"], x["settings"], x["seconds"]) for x in lines] == [
-        ("mujoco, by its authors", "dear", row["seconds"]),
-        ("mujoco", "exact", row["our_seconds"]),
-    ]
+    assert [x["name"] for x in lines] == ["mujoco, by its authors", "mujoco"]
 
 
 def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(WAYS, "exact", (1e-4, 0.0, 2e-6))
-    monkeypatch.setitem(WAYS, "same", (2e-4, 0.0, 2e-6))
-    monkeypatch.setitem(WAYS, "rough", (1.0, 0.0, 2e-6))
-    monkeypatch.setitem(WAYS, "dear", (1.0, 0.0, 2e-6))
+    for name, error in {"exact": 1e-4, "same": 2e-4, "rough": 1.0, "dear": 1.0}.items():
+        monkeypatch.setitem(WAYS, name, (error, 0.0, 2e-6))  # no order: the error does not fall
     (row,) = (r for r in searched(tmp_path)["search_winners"] if r["engine"] == "mujoco" and r["accuracy"] == 1e-7)
-    assert row["status"] == "not reached"
-    assert row["error"] == pytest.approx(1e-4, rel=1e-3)
-    assert (row["settings"], row["message"]) == ("exact", "not reached in 1,280 steps")  # no order: the error does not fall
+    assert (row["status"], row["error"]) == ("not reached", pytest.approx(1e-4, rel=1e-3))
+    assert (row["settings"], row["message"]) == ("exact", "not reached in 1,280 steps")
     assert row["raced"] == row["passing"] == 0
 
 
@@ -499,20 +445,15 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
     part = PART.model_copy(update={"linkages": linkages})
     suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
-    place = {"settings": "default", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "tolerance": None}
-    race = place | {"engine": "gauss-native", "process": 0, "round": 0, "status": "ok", "message": "", "seconds": 1e-5}
-    here = [race | {"mechanism": name, "scenario": scenario} for name, scenario in linkages.items()]
+    one, other = ({"mechanism": x, "scenario": linkages[x], "process": 0, "status": "ok"} for x in [*linkages][:2])
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
-
-    def asked(races: list[dict[str, Any]]) -> list[Any]:
-        return measured.second_timing_tasks(suite, Context("", "stamp"), {"search_ladder": [], "search_races": races})
-
-    tasks = asked([*here[:2], lost])
-    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == [
-        (name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")
-    ]
-    slower = asked([here[0] | {"seconds": 2e-5}, here[1], lost])
-    assert [one.key == other.key for one, other in zip(tasks, slower, strict=True)] == [False, True, False, True]
+    tasks, slower = (
+        measured.second_timing_tasks(suite, Context("", "stamp"), {"search_ladder": [], "search_races": [first, other, lost]})
+        for first in (one, one | {"seconds": 2e-5})
+    )
+    names = [(name, number) for number in (1, 2) for name in ("four_bar", "crank_slider")]
+    assert [(t.start["mechanism"], t.start["process"]) for t in tasks] == names
+    assert [x.key == y.key for x, y in zip(tasks, slower, strict=True)] == [False, True, False, True]
     (told,) = winners_and_times("six_bar", "torque", part, [], [lost])["search_winners"]
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
@@ -524,13 +465,10 @@ def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
     loops = {x: {"loop": "called from Python" if x == "dear" else "compiled"} for x in WAYS}
     monkeypatch.setattr(type(get("mujoco")), "variants", {x: Variant(x, "rk4", "none", loop) for x, loop in loops.items()})
     found = searched(tmp_path)
-    winners = {r["settings"] for r in found["search_winners"] if r["engine"] == "mujoco"}
+    assert {r["settings"] for r in found["search_winners"] if r["engine"] == "mujoco"} == {"exact"}
     times = {r["settings"]: r for r in found["search_times"] if r["engine"] == "mujoco"}
-    assert winners == {"exact"}
-    assert set(times) >= {"exact", "dear"}
-    assert "rough" not in times
     assert math.isfinite(times["dear"]["seconds_low"])  # it was raced in several processes
-    assert {r["in_python"] for r in found["search_winners"]} == {""}
+    assert "rough" not in times
 
 
 def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:

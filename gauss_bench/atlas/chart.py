@@ -1,9 +1,7 @@
 """Draw the results of the survey (the atlas) as a picture and as a page.
 
-There is one panel for each axis, a family of linkages that become harder to simulate as one number changes. A panel has one bar for
-each engine with its settings and stabilisation. The bar shows up to which value on the axis the engine passes.
-
-All panels have the width of a phone. A page places as many panels side by side as fit; a single picture has four in a row.
+There is one panel for each axis, a family of linkages that become harder to simulate as one number changes, with one bar for each
+engine with its settings, up to the value that the engine passes. All panels have the width of a phone.
 """
 
 import math
@@ -29,10 +27,7 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 
 
 def part(axis: Axis, value: float | None) -> float:
-    """Return the position of a value on its axis as a fraction of the axis' length; the values are equally spaced.
-
-    The fraction of the last, hardest value is 1. The fraction of None, which means that not even the first value passed, is 0.
-    """
+    """Return the position of a value on its axis as a fraction of its length: 1 for the last, hardest value, 0 for None."""
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
 
@@ -47,8 +42,7 @@ def number(value: float) -> str:
 def bar(axis: Axis, x: Reach) -> dict[str, Any]:
     """Return the horizontal bar of one engine and setting for the template: name, coloured spans (from, to, colour), and text.
 
-    The ends of a span are fractions of the length of the axis. Later spans are painted over earlier ones: first the whole axis,
-    then the part up to `ends_at` (degraded or better), then the part up to `passes_to` (passes).
+    The ends of a span are fractions of the length of the axis; later spans are painted over earlier ones.
     """
     passes, ends = part(axis, x.passes_to), part(axis, x.ends_at)
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
@@ -63,12 +57,12 @@ def bar(axis: Axis, x: Reach) -> dict[str, Any]:
 
 
 def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
-    """Return for each axis the results of the survey for every engine and setting on this axis, in the order of the survey."""
+    """Return for each axis the results of the survey on this axis, in their order."""
     return [(FAMILIES[axis], [x for x in reaches if x.axis == axis]) for axis in dict.fromkeys(x.axis for x in reaches)]
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """Return an SVG with one panel for each axis (family of linkages); if `alone`, with a single panel that fills the picture."""
+    """Return an SVG with one panel for each axis; if `alone`, with a single panel that fills the picture."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))
@@ -82,10 +76,7 @@ def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
 
 
 def page(reaches: Sequence[Reach]) -> str:
-    """Return an HTML page with one panel for each axis (family of linkages); the page loads nothing from other sites.
-
-    Below each panel stands, for each engine and setting, a sentence on the hardest value that passes and why the next one fails.
-    """
+    """Return an HTML page with one panel for each axis and a sentence on each bar; the page loads nothing from other sites."""
     swatch = '<svg viewBox="0 0 1 1"><rect width="1" height="1" fill="{}"/></svg>'
     legend = [(name, Markup(inline(swatch.format(colour), ""))) for name, colour in LEGEND]
     shown = [

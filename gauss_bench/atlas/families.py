@@ -72,7 +72,7 @@ def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> t
 
 
 def scenario(duration: float, crank_deg: float, speed: float) -> Document:
-    """Return the table of scenarios of one scenario: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
+    """Return the table of one scenario: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
     return {SCENARIO: {"duration": duration, "start": {"crank_deg": crank_deg, "speed": speed}}}
 
 
@@ -85,9 +85,9 @@ def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
 def singular(angle: float) -> Document:
     """Return a crank-rocker whose smallest transmission angle is `angle` [deg]; at 0 it passes through a singular position.
 
-    Ground and coupler have the length 1, and the rocker 1/2. The transmission angle, between coupler and rocker, is smallest when
-    the crank lies on the line of the ground pins. Then coupler (1), rocker (1/2) and the distance 1 - crank form a triangle, in
-    which the transmission angle is opposite to 1 - crank. The law of cosines gives (1 - crank)^2 = 1 + 1/4 - cos(angle).
+    Ground and coupler have the length 1, the rocker 1/2. The angle between coupler and rocker is smallest when the crank lies on
+    the line of the ground pins. In the triangle of coupler, rocker and the distance 1 - crank, the law of cosines gives (1 -
+    crank)^2 = 1 + 1/4 - cos(angle).
     """
     crank = 1.0 - float(np.sqrt(1.25 - np.cos(np.radians(angle))))
     document, turn = four_bar(), np.radians(60.0)
@@ -130,10 +130,7 @@ def mass(ratio: float) -> Document:
 
 
 def stiffness(k: float) -> Document:
-    """Return the four-bar with a spring of stiffness k [N/m] from the ground to the coupler's point P.
-
-    The linkage starts at rest. The relaxed length of the spring is SQUEEZED times its length at the start.
-    """
+    """Return the four-bar, at rest at the start, with a spring of stiffness k [N/m] from the ground to the coupler's point P."""
     document = four_bar(speed=0.0, duration=0.2)
     document["ground"]["points"]["S"] = [-0.4, 0.3]
     assembled = load_document(copy.deepcopy(document), SCENARIO)
@@ -144,7 +141,7 @@ def stiffness(k: float) -> Document:
 
 
 def size(count: float) -> Document:
-    """Return the content of a linkage file: the N-four-bar with N = count, released at rest at the angle RELEASE [deg]."""
+    """Return the N-four-bar with N = count, released at rest at the angle RELEASE [deg]."""
     document = n_four_bar(round(count))  # the N + 1 cranks are named v0, v1, ...; the N couplers stay horizontal
     document["assembly"] = {"angles_deg": {x: RELEASE if x.startswith("v") else 0.0 for x in document["links"]}}
     return document | {"scenarios": scenario(duration=0.1, crank_deg=RELEASE, speed=0.0)}
@@ -153,10 +150,9 @@ def size(count: float) -> Document:
 def pendulum(count: float, t: Array, tolerance: float) -> Array:
     """Return the motion q, v, a (3, k, n) of the N-four-bar of `size(count)` at times t (k,) [s].
 
-    For every N = `count` the linkage moves like one pendulum. It has N + 1 cranks, which turn by the same angle, and N couplers,
-    which move without turning; all bars have the mass m and the length l. In the crank angle, the inertia of the whole linkage is
-    ((N + 1) / 3 + N) m l^2, and the moment of gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage
-    file, N + 1 cranks come before N couplers. The equation is integrated with the relative tolerance `tolerance`.
+    It moves like one pendulum. Its N + 1 cranks turn by the same angle, and its N couplers move without turning; all bars have the
+    mass m and the length l. In the crank angle, the inertia of the whole linkage is ((N + 1) / 3 + N) m l^2, and the moment of
+    gravity is -((N + 1) / 2 + N) m g l cos(angle). In the linkage file, cranks come before couplers.
     """
     from scipy.integrate import solve_ivp
 
@@ -178,18 +174,11 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
 
 
 def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis that one table of `axes.toml` describes.
+    """Return the axis that one table of `axes.toml` describes; keywords are the keys of the table.
 
-    An axis is a family of linkages that become harder to simulate as one number changes. The function of this module with the name
-    of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. The motion of the axis "size" is known exactly:
-    its linkages move like one pendulum.
-
-    Args:
-        name: name of the axis, which is the key of its table.
-        values: the values of the axis, from easy to hard; if there are none, they are computed by `ladder`.
-        step: integration step [s] on all axes but "step", where the value itself is the step.
-        unit: unit of the values.
-        table: the other keys of the table: title, meaning, ladder (first and last value), and the leading digits of the values.
+    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. Values
+    that are not listed follow from `ladder` (first and last) and `digits`. On the axis "step" the value itself is the step [s]. The
+    motion of the axis "size" is known exactly.
     """
     if values:
         rungs = tuple(values)

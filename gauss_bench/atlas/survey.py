@@ -1,10 +1,8 @@
 """Run every engine with its settings along every axis, and find by bisection the hardest value that the engine passes.
 
-An axis is a family of linkages that become harder to simulate as one number, its value, changes; `verdict.py` defines what passing
-means. Bisection assumes that the verdict never gets better from a value to a harder one. If this is wrong, bisection finds one of
-the values at which the verdict changes. The first and the last value are always run. Every run takes place in a worker process with
-a time limit, so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a run reaches its
-time limit or all runs together reach their time budget.
+Bisection assumes that the verdict never gets better from a value to a harder one; if this is wrong, it finds one of the values at
+which the verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit,
+so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a limit of time is reached.
 """
 
 import tempfile
@@ -83,11 +81,10 @@ class Reach:
 
 
 def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the combinations of settings and stabilisation with which the engines `wanted` are run.
+    """Return the combinations of settings and stabilisation with which the engines `wanted`, or all usable ones, are run.
 
-    By default, all engines that suites use and that can be used on this machine are run. Each engine runs with its settings named
-    in LABELS and its stabilisations named in STABILIZED. An engine without any setting in LABELS runs with its first setting, and
-    likewise for stabilisations. The integrator is the engine's first one.
+    An engine runs with its settings named in LABELS or, if it has none of these, with its first, and likewise with its
+    stabilisations named in STABILIZED. The integrator is the engine's first one.
 
     Raises:
         KeyError: an engine is unknown.
@@ -105,7 +102,7 @@ def ways(wanted: Sequence[str] | None) -> list[Way]:
 
 
 def axes(wanted: Sequence[str] | None) -> list[Axis]:
-    """Return the axes (families of linkages) with these names, by default all axes.
+    """Return the axes with these names, by default all axes.
 
     Raises:
         ChoiceError: there is no such axis.
@@ -117,17 +114,17 @@ def axes(wanted: Sequence[str] | None) -> list[Axis]:
 
 
 class Course:
-    """The linkages of all axes (families) as files in a folder, with their references; each is made when it is first used."""
+    """The linkages of all axes as files in a folder, with their references; each is made when it is first used."""
 
     def __init__(self, folder: Path):
-        """Take the folder for linkage files, and choose the engine that computes references: compiled if that is possible."""
+        """Choose the engine that computes references: compiled if that is possible."""
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
         # (name of the axis, value) -> linkage, and reference or the reason why there is none
         self.made: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
     def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Return the linkage for a value of an axis (family of linkages), and its reference or the reason why there is none.
+        """Return the linkage for a value of an axis, and its reference or the reason why there is none.
 
         Each linkage is made only once, even if several threads ask for it. `worker` is the process that computes the reference.
         """
@@ -138,10 +135,9 @@ class Course:
             return self.made[key]
 
     def _make_linkage(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
-        """Write the linkage for a value of an axis as a file, and compute its reference motion.
+        """Write the linkage for a value of an axis as a file; return it, and its reference or the reason why there is none.
 
-        The reference is computed with two tolerances, EXACT and NEARLY, and the difference is its error bar. Return the linkage,
-        and the reference or the reason why there is none.
+        The difference of the motions with the tolerances EXACT and NEARLY is the error bar of the reference.
         """
         document = axis.document(value)
         document["name"] = f"{axis.name}_{axis.values.index(value)}"
@@ -167,9 +163,9 @@ class Course:
 
 
 def comparison_times(step: float, until: float) -> Array:
-    """Return the times (k,) [s] at which a run up to `until` [s] is compared with the reference.
+    """Return the times (k,) [s], at most about SAMPLES, at which a run up to `until` is compared with the reference.
 
-    The times are multiples of the step [s], at least about a millisecond apart, and at most about SAMPLES in number.
+    They are multiples of the step [s], at least about a millisecond apart.
     """
     count = int(np.floor(until / step * (1 + 1e-9)))
     each = max(1, round(1e-3 / step), -(-count // SAMPLES))  # steps from one time to the next; -(-a // b) rounds a / b up
@@ -177,14 +173,9 @@ def comparison_times(step: float, until: float) -> Array:
 
 
 def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
-    """Find the hardest value of an axis (family of linkages) at which an engine with a setting (`way`) passes.
+    """Find the hardest value of an axis at which an engine with a setting passes, by runs in the worker.
 
-    Args:
-        way: the engine and its setting.
-        axis: the family of linkages.
-        course: makes the linkages and their references.
-        worker: the process in which the runs take place.
-        remaining: function that returns the seconds that are left for the whole survey.
+    `remaining` returns the seconds that are left for the whole survey.
     """
     runs: dict[int, RunVerdict] = {}  # index of a value -> its verdict
 
@@ -227,9 +218,9 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
 
 
 def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """Run an engine with a setting (`way`) on the linkage for one value of an axis, and give the verdict on the run.
+    """Run an engine with a setting on the linkage for one value of an axis, and give the verdict on the run.
 
-    `left` is the time [s] that is left for the whole survey. The verdict is OPEN if no time is left, or if there is no reference.
+    The verdict is OPEN if no time is `left` [s] for the survey, or if there is no reference.
     """
     if left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
@@ -245,8 +236,6 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
     """For each axis and each engine with its setting, find the hardest value at which the engine passes.
 
     Args:
-        chosen: engines with their settings.
-        along: the axes, which are families of linkages that become harder to simulate as one number changes.
         budget: time for all runs together [s].
         jobs: number of threads, each with a worker process of its own.
         told: function that is called with each sentence of progress.
@@ -296,10 +285,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
 
 
 def sentence(reached: Reach) -> str:
-    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values.
-
-    `reached.last` is the verdict on the hardest value that was run.
-    """
+    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values."""
     axis = FAMILIES[reached.axis]
     unit = f" {axis.unit}" if axis.unit else ""
     if reached.passes_to is None:  # not even the easiest value passes

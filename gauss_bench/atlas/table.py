@@ -12,10 +12,10 @@ HEAD = "axis,engine,"  # first columns of the table's file, by which the file is
 
 
 def row(x: Reach) -> dict[str, Any]:
-    """Return the row of one engine and setting on one axis, a family of linkages that become harder as one number changes.
+    """Return the row of one engine and setting on one axis.
 
-    The column `breaks_at` has the easiest value of the axis at which the engine does not pass. The entry is None if the engine
-    passes at all values, or cannot model the linkage, or if a verdict is unknown because the time ended or there is no reference.
+    `breaks_at` is the easiest value of the axis at which the engine does not pass. It is None if the engine passes at all values,
+    or cannot model the linkage, or if a verdict is unknown.
     """
     axis = FAMILIES[x.axis]
     rest = axis.values[0 if x.passes_to is None else axis.values.index(x.passes_to) + 1 :]

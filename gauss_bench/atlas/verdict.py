@@ -50,7 +50,6 @@ class RunVerdict:
     """The verdict on one run.
 
     Attributes:
-        verdict: the outcome of the run.
         error: largest error of a position, relative to the linkage's size, or of an angle [rad], over the whole run; NaN if no
             error was computed.
         reason: why the verdict is not "pass"; empty if it is.

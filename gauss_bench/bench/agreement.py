@@ -1,11 +1,10 @@
 """Checks of an engine's numbers: accelerations at given states, and runs against the motion that they should follow.
 
-Accelerations are compared with those of the suite's own equations on linkages that hold every kind of joint, force and driver
-(`probes`), under every setting, integrator and variant. A run is compared with the suite's own motion. An engine may declare a
-setting `soft`: its loops are closed by springs or by other compliant constraints. A run under such a setting is compared with the
-motion that follows from the engine's own accelerations, which are compared first. The allowed error of a run is a multiple of the
-change of its result when the step is halved or the tolerance is tightened. A variant that is declared `unfinished` is known to be
-wrong: its accelerations are not checked, and an error of its run does not count as a failed check.
+Accelerations are compared with those of the suite's own equations (`probes`), under every setting, integrator and variant. A run is
+compared with the suite's own motion or, under a setting that the engine declares `soft` (compliant constraints close its loops),
+with the motion that follows from the engine's own accelerations, which are compared first. The allowed error of a run is a multiple
+of the change of its result when the step is halved or the tolerance is tightened. A variant that is declared `unfinished` is known
+to be wrong: its accelerations are not checked, and an error of its run does not count as a failed check.
 """
 
 from collections.abc import Iterator
@@ -40,6 +39,7 @@ ROUNDING = 1e-9  # allowed error of a run relative to its largest position, velo
 GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)  # statuses of a run whose solver gave up
 COARSE, TIGHT = 1e-6, 1e-8  # tolerances of integrators that choose their steps
 TIMES = np.linspace(0.0, DURATION, 21)  # [s] samples of a run
+ONE_STEP = np.array([0.0, STEP])  # [s] samples of a run before which a model is asked
 STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms follow vibrations of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
 KINDS = str(FOLDER / "linkages" / "kinds.toml")  # it has slides on moving links, three degrees of freedom, all kinds of drivers
@@ -70,14 +70,13 @@ def declarations(subject: Subject) -> Iterator[Check]:
 
 @dataclass(frozen=True)
 class Answer:
-    """The accelerations of an engine at the states of a probe (a test linkage), compared with the suite's own accelerations.
+    """The accelerations of an engine at the states of a probe, compared with the suite's own accelerations.
 
     Attributes:
         off: largest error of the accelerations, relative to the largest acceleration of a state; NaN if the engine gave none.
         along: |N^T (M a - Q)| relative to |N^T Q|, where the columns of N are the motions that the constraints leave free: the
             error of the equations of motion without the constraint forces; NaN if the engine gave no accelerations.
-        gamma: the constraints require J a = gamma, where gamma depends on the velocities. Each row of J a should contain the whole
-            of gamma, a share of 1. The attribute is the smallest share of all constraint rows.
+        gamma: smallest share, over all rows of J a, that the row contains of gamma, which the constraints require (J a = gamma).
         refused: the reason why the engine cannot model the linkage, or an empty text.
         wrong: the reason why the engine gave no accelerations, or an empty text.
         given: the engine's accelerations (k, n), or None.
@@ -93,9 +92,7 @@ class Answer:
     def fault(self, soft: bool) -> str:
         """Return the fault of the accelerations as a sentence, or "" if there is none or the engine refuses the linkage.
 
-        Args:
-            soft: whether the engine declares that springs or other compliant constraints close its loops. The engine's
-                accelerations must then be right only along the free directions N.
+        Accelerations of `soft` loops must be right only along the free directions N.
         """
         if self.wrong or self.refused:
             return self.wrong
@@ -119,13 +116,9 @@ def explain_size(error: float) -> str:
 
 
 def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
-    """Ask an engine for its accelerations at the states of a probe, and compare them with the known accelerations of the probe.
-
-    The answer has a reason instead of errors if the engine refuses the linkage or gives no accelerations.
-    """
+    """Compare an engine's accelerations at the states of a probe with the known ones; the answer may have a reason instead."""
     question = partial(accelerations, at.t, at.q, at.v)
-    one_step = np.array([0.0, STEP])  # [s] sample times of the run, before which the model answers the question
-    run = subject.perform(at.mechanism, choice, one_step, question, at.a.size)
+    run = subject.perform(at.mechanism, choice, ONE_STEP, question, at.a.size)
     if is_excusable(subject, choice, run, at.mechanism):
         return Answer(refused=run.message)
     if run.status is not Status.OK:
@@ -139,9 +132,8 @@ def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
     """Tell whether a run failed for a reason that is no fault of the engine.
 
-    Four reasons are no fault: the engine refuses the linkage; the time for all checks is used up; the engine cannot solve the
-    linkage's redundant constraint rows; the solver gave up in a run with a variant, because variants are tried only in searches for
-    the cheapest setting. With one of the engine's settings, among which users choose, the solver must not give up.
+    The engine may refuse the linkage or its redundant rows, the time for all checks may be used up, and the solver may give up with
+    a variant, which only searches try; with one of the settings, among which users choose, it must not.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
@@ -185,12 +177,8 @@ def same_states(subject: Subject) -> Iterator[Check]:
 def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     """Combine an engine's answers (name of the probe -> answer) into one check.
 
-    If the accelerations are wrong on some probes, the message quotes the worst fault and names the others. If they are right on
-    all, the message says to how many digits the accelerations agree, at how many states, and which linkages the engine refused.
-
-    Args:
-        soft: whether the engine declares that springs or other compliant constraints close its loops. The engine's accelerations
-            must then be right only along the directions that the constraints leave free.
+    The message quotes the worst fault and names the others or, if there is none, says how many digits agree, at how many states,
+    and which linkages the engine refused. Accelerations of `soft` loops must be right only along the free directions.
     """
     taken = {name: x for name, x in answers.items() if not x.refused}
     if not taken:
@@ -264,7 +252,7 @@ def reactions(subject: Subject) -> Iterator[Check]:
     for linkage, scenario in (subject.accepted[0], *PLAIN):
         at = probe(linkage, scenario)
         question = ForceQuestion(at.mechanism, Trajectory(at.t, at.q, at.v, at.a, None))
-        run = subject.perform(at.mechanism, subject.usual, np.array([0.0, STEP]), question.ask, question.answers)
+        run = subject.perform(at.mechanism, subject.usual, ONE_STEP, question.ask, question.answers)
         if run.trajectory is None:
             yield _check_failed(subject, subject.usual, run, at.mechanism, title)
             return
@@ -295,9 +283,8 @@ def motions(subject: Subject) -> Iterator[Check]:
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """Check that a run with one setting, and its repetitions with shorter steps, agree with the motion that they should follow.
 
-    If the setting is declared soft, the expected motion is integrated from the engine's own accelerations. The springs that close
-    the loops of the engine's model may vibrate so fast that this integration needs short steps. Therefore, if the run differs from
-    the expected motion, the motion is integrated again with STIFF steps per sample, and compared again.
+    The springs that close the loops of a soft setting may vibrate so fast that its own accelerations must be integrated by short
+    steps: if the run differs, it is compared again, with STIFF steps per sample.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -308,10 +295,9 @@ def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Ch
 def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str, finer: int) -> Check:
     """Compare a run and its repetitions with the motion that they should follow, and return the check.
 
-    The expected motion is the suite's own. If the setting is declared soft, it is a motion that is integrated from the engine's own
-    accelerations, with `finer` steps between two samples. The check is neither passed nor failed (None) if a run fails for a reason
-    that `is_excusable` accepts, if a soft setting is combined with a stabilisation, or if a variant with a wrong motion is declared
-    unfinished.
+    The expected motion is the suite's own or, for a soft setting, is integrated from the engine's own accelerations with `finer`
+    steps between two samples. The check is not made (None) if a failure is excusable, if a soft setting is combined with a
+    stabilisation, or if a variant with a wrong motion is declared unfinished.
     """
     subject.tell(f"A run under {name_choice(choice)}.")
     mechanism = probe(linkage, scenario).mechanism
@@ -344,16 +330,13 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
 
 
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
-    """Return a sentence if the loops of a run open so far that nothing can hold them, else an empty text.
-
-    The limit for the gaps of the loops is LOOSE times the linkage's size. Loops that are closed by springs open less than this.
-    """
+    """Return a sentence if the loops of a run open by more than LOOSE times the linkage's size, else an empty text."""
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 
 def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
-    """Return the settings with which a run is made and then repeated; the last has the shortest step or tightest tolerance."""
+    """Return the choices with which a run is made and repeated; the last has the shortest step or tightest tolerance."""
     if adaptive:
         return [replace(choice, tolerance=COARSE), choice, replace(choice, tolerance=TIGHT)]
     return [choice, replace(choice, step=choice.step / 2)]
@@ -362,12 +345,8 @@ def _from_coarse_to_fine(choice: Choice, adaptive: bool) -> list[Choice]:
 def _compare(expected: Array, given: Array, finest: Array, names: tuple[str, ...]) -> tuple[str, str]:
     """Compare a run with the expected motion; return (sentence on the agreement, "") or ("", sentence on the fault).
 
-    An error is a fault if it exceeds RATIO times the change of the result between this run and its finest repetition.
-
-    Args:
-        expected: positions, velocities and accelerations (3, k, n) of the expected motion.
-        given, finest: positions, velocities and accelerations (3, k, n) of the run and of its finest repetition.
-        names: names of the quantities that are compared: the first two or all three of LEVELS.
+    All motions, also that of the run's finest repetition, are positions, velocities and accelerations (3, k, n), of which those in
+    `names` count. An error is a fault if it exceeds RATIO times the change between the run and its finest repetition.
     """
     travel = np.array([expected[0] - expected[0, 0], expected[1], expected[2]])  # displacements from the start instead of positions
     scale = np.abs(travel).max(axis=(1, 2))

@@ -17,7 +17,7 @@ LISTED = {place for name in ("quick", "exhaustive") for part in read_suite(name)
 
 
 class Combination(NamedTuple):
-    """A combination of an engine's settings with one of its integrators and stabilisations, by name."""
+    """The names of an engine's settings, of one of its integrators and of a stabilisation."""
 
     settings: str
     integrator: str
@@ -28,12 +28,8 @@ class Combination(NamedTuple):
 class Case:
     """A case of the accuracy table; its fields are the key of its rows.
 
-    Attributes:
-        linkage: name of a built-in linkage, or a path.
-        scenario: name of a scenario of the linkage; "" for the first one that has a start.
-        engine, settings, integrator, stabilization: names as the engine offers them.
-        step: [s]; spacing of the samples if the integrator chooses its own steps.
-        t_end: end of the run [s].
+    `linkage` is a name or a path, and `scenario` is "" for the first one that has a start. `step` [s] is the spacing of the samples
+    if the integrator chooses its own steps. The run ends at `t_end` [s].
     """
 
     linkage: str
@@ -57,12 +53,8 @@ def combinations(
     """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
     There is every setting with every integrator without stabilisation, and every stabilisation with the default setting and
-    integrator.
-
-    Args:
-        integrators: a number n for the first n integrators, or the names of integrators; None for all.
-        plain: whether only the defaults of the engine are run.
-        asked: name of the setting to which the combinations are restricted; None for all settings.
+    integrator. `integrators` is a number n for the first n, or names; `plain` restricts an engine to its defaults, `asked` to a
+    setting.
 
     Raises:
         ChoiceError: the engine has no setting `asked`.
@@ -92,15 +84,10 @@ def cross(
     plain: Sequence[str] = PLAIN,
     asked: str | None = None,
 ) -> Iterator[Case]:
-    """Yield the cases: every linkage with every engine, every combination of its options, and every step size.
+    """Yield the cases: every linkage (with its scenario) with every engine, every combination of its options, and every step size.
 
-    Args:
-        linkages: name or path -> scenario.
-        steps: [s], from large to small; an integrator that chooses its own steps has the last one only.
-        t_end: end of the runs [s].
-        integrators: a number n for the first n integrators of each engine, or the names of integrators; None for all.
-        asked: name of the setting to which the cases are restricted; None for all settings.
-        plain: engines that are run with their defaults only, unless a setting is asked for.
+    Steps [s] are from large to small; an integrator that chooses its own steps has the last one only. Engines in `plain` are run
+    with their defaults only, unless a setting is `asked` for.
     """
     for linkage, scenario in linkages.items():
         for name in engines:
@@ -131,7 +118,7 @@ def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence
 
 
 def cases(suite: Suite) -> list[Case]:
-    """Return the cases of a suite without duplicates, and without the cases that one of the suite's rules (`left_out`) excludes."""
+    """Return the cases of a suite without duplicates, and without those that a rule of `left_out` excludes."""
     distinct: dict[Case, None] = {}
     for part in suite.accuracy:
         engines = part.engines or names()
@@ -141,12 +128,6 @@ def cases(suite: Suite) -> list[Case]:
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
     """Tell whether a rule excludes a case: each field of the rule is empty, or lists the value that the case has there."""
-    pairs = (
-        (rule.linkages, case.linkage),
-        (rule.engines, case.engine),
-        (rule.settings, case.settings),
-        (rule.integrators, case.integrator),
-        (rule.stabilizations, case.stabilization),
-        (rule.steps, case.step),
-    )
-    return all(value in named for named, value in pairs if named)
+    values = (case.linkage, case.engine, case.settings, case.integrator, case.stabilization, case.step)
+    named = (rule.linkages, rule.engines, rule.settings, rule.integrators, rule.stabilizations, rule.steps)
+    return all(value in excluded for value, excluded in zip(values, named, strict=True) if excluded)

@@ -1,25 +1,15 @@
 """Measure times in races: blocks of work are timed in turn in one process, in a new random order in every round.
 
-A block is the piece of work that is timed at once, such as a number of steps of one engine. An entry of a race is a timed quantity,
-such as the step of an engine with a setting; it has a key and one block.
+An entry of a race is a timed quantity, such as the step of an engine with a setting; it has a key and one block, the piece of work
+that is timed at once. The speed of a machine varies with time, but blocks that run one after the other are affected alike: the
+ratio of the lower quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor
+times, because waits for a shared processor would affect long blocks more often than short ones. No block is discarded.
 
-The speed of a machine varies with time, but blocks that run one after the other are affected alike. The ratio of the lower
-quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor times, because
-waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two milliseconds: shorter
-work is repeated within the block, because the first repetition is slow, while the processor's caches still hold the code of other
-blocks. The garbage collector is off during a race. No block is discarded.
-
-A race is repeated in several processes. The memory addresses of code and data change a measured time by some per cent, and are
-fixed during a process. Therefore the scatter of times within one process is smaller than the difference between the times of two
-processes. The time of an entry is found in two steps: the lower quartile of the times of all rounds, for each process, and then the
-median over the processes. The ratio of two entries is the quotient of their times, each computed from only those rounds and
-processes in which both were timed.
-
-The spread of a time or ratio is an interval that contains the value of each process and, with a probability of 99 %, the result of
-a repeated race with as many processes (see `foreseen`). If there is only one process, nothing can be said about a repeated race.
-The spread of a time is then the range from the 5 % to the 95 % quantile of the times of its rounds, and the spread of a ratio is
-the range between these quantiles over bootstrap samples of the rounds. An entry whose code cannot be built or run has a reason
-instead of times.
+A race is repeated in several processes, because the memory addresses of code and data change a measured time by some per cent and
+are fixed during a process. The time of an entry is the lower quartile of its rounds in each process, and then the median over the
+processes. A ratio is the quotient of two such times over common rounds and processes. A spread contains the value of each process
+and, with a probability of 99 %, the result of a repeated race (`foreseen`); with one process, nothing can be said about a repeated
+race, and the spread is the range from the 5 % to the 95 % quantile of its rounds or of bootstrap samples of them.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -52,11 +42,11 @@ Watch = Callable[[Hashable], object]  # called with the key of an entry before t
 
 
 def watch_nothing(entry: Hashable) -> None:
-    """Ignore the key of the entry whose block is about to run: the default of a race's argument `watch`."""
+    """Ignore the key of the entry whose block is about to run."""
 
 
 class Key(NamedTuple):
-    """The key of an entry of a race (timed comparison): the name of the timed quantity, the engine and its setting."""
+    """The key of an entry of a race: the name of the timed quantity, the engine and its setting."""
 
     quantity: str
     engine: str
@@ -66,7 +56,7 @@ class Key(NamedTuple):
 
 
 def interleave(blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
-    """Time each block once in every round, in a new random order; yield block, number of the round and seconds per repetition.
+    """Time each block once in every round, in a new random order; yield block, round and seconds per repetition.
 
     A block that takes longer than SLOW, such as the generation of code, is left out after SLOW_ROUNDS rounds.
     """
@@ -93,11 +83,10 @@ class Missing(Failure):
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The result of a race (timed comparison).
+    """The result of a race.
 
     Attributes:
-        samples: key of an entry -> seconds per repetition of its work, as an array (processes, rounds); NaN in rounds that the
-            entry skipped, and in all rounds of a process in which the entry did not run.
+        samples: key of an entry -> seconds per repetition of its work, (processes, rounds); NaN where it was not timed.
         failed: key of an entry -> the reason why the entry has no times.
         facts: key of an entry -> further columns of its row.
     """
@@ -107,7 +96,7 @@ class Measured:
     facts: Mapping[Hashable, Row] = field(default_factory=dict)
 
     def of(self, key: Hashable) -> Array:
-        """Return the measured times [s] of an entry of the race, (processes, rounds).
+        """Return the measured times [s] of an entry, (processes, rounds).
 
         Raises:
             Failure: the entry was not measured.
@@ -118,33 +107,29 @@ class Measured:
         raise self.failed.get(key) or Missing(Status.SKIP, f"{' '.join(map(str, words))} was not measured")
 
     def time(self, key: Hashable) -> float:
-        """Return the time [s] of an entry of the race: the lower quartile of each process, then the median over the processes.
+        """Return the time [s] of an entry, as `time_of` does."""
+        return time_of(self.of(key))
+
+    def summary(self, key: Hashable) -> Row:
+        """Return the columns of the time of an entry and its spread, and its further columns (facts).
 
         Raises:
             Failure: the entry was not measured.
         """
-        return time_of(self.of(key))
+        return spread("seconds", self.of(key)) | self.facts.get(key, {})
 
     def compare(self, own: Hashable, rival: Hashable) -> Row:
-        """Return the columns that `compare` computes from the samples of two entries of the race.
-
-        Raises:
-            Failure: at least one of the two entries was not measured.
-        """
+        """Return the columns that `compare` computes from the samples of two entries."""
         return compare(self.of(own), self.of(rival))
 
 
 class Race:
-    """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept.
+    """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept in `failed`.
 
-    Attributes:
-        watch: called with the key of an entry before the entry's code runs, so that a crash can be attributed to the entry.
-        blocks: the blocks (pieces of work to be timed), one for each entry that could be built.
-        failed: key of an entry -> the reason why the entry has no block or no times.
+    `watch` is called with the key of an entry before the entry's code runs, so that a crash can be attributed to the entry.
     """
 
     def __init__(self, watch: Watch = watch_nothing) -> None:
-        """Begin a race without entries."""
         self.watch = watch
         self.blocks: list[Block] = []
         self.failed: dict[Hashable, Failure] = {}
@@ -180,13 +165,10 @@ def key_of(row: Row) -> Key:
 
 
 def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, strict: bool = False) -> Measured:
-    """Group the result rows of several processes of a race by entry.
+    """Group the result rows of several processes of a race by entry, of which `key` returns the key.
 
-    Args:
-        rows: each row has the seconds of one entry in one round of one process, the facts (further columns) of an entry, or the
-            status of an entry that failed, with the reason.
-        key: returns the key of the entry to which a row belongs.
-        strict: whether an entry that failed in one process counts as failed even if it has times in other processes.
+    Each row has the seconds of one entry in one round of one process, its `facts`, or the status and the reason of its failure.
+    With `strict`, an entry that failed in one process counts as failed even if it has times in other processes.
     """
     samples: dict[Hashable, dict[int, list[float]]] = {}
     failed: dict[Hashable, Failure] = {}
@@ -211,9 +193,9 @@ def pad(processes: Sequence[Array]) -> Array:
 
 
 def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Return key of an entry -> the times [s] of this entry, as an array (processes, rounds) filled up with NaN.
+    """Return key of an entry -> its times [s] as an array (processes, rounds) filled up with NaN.
 
-    `samples` maps the key of an entry, and then the number of each process in which the entry ran, to the times [s] of the rounds.
+    `samples` maps the key of an entry, and then the number of each process in which the entry ran, to the times of the rounds.
     """
     numbers = sorted({number for x in samples.values() for number in x})
     return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
@@ -234,10 +216,10 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
-    """Return several values of the ratio samples / baseline of two measured times; their scatter shows how uncertain the ratio is.
+    """Return several values of the ratio samples / baseline of two measured times, which show how uncertain it is.
 
-    The result has one value for each process that timed both quantities. If only one process timed both, the result has RESAMPLES
-    values, from bootstrap samples of the rounds. `samples` and `baseline` are times [s], (processes, rounds).
+    There is one value for each process that timed both quantities or, if only one did, RESAMPLES values from bootstrap samples of
+    its rounds.
     """
     numerators, denominators = common(samples, baseline)
     if len(numerators) != 1:
@@ -253,8 +235,7 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     """Return the ratio samples / baseline over the rounds in which both were timed, and the lower and upper end of its spread.
 
-    `samples` and `baseline` are times [s] of two timed quantities, (processes, rounds), NaN where a quantity was not timed. The
-    ratio and both ends are NaN if no process timed both.
+    All three are NaN if no process timed both.
     """
     numerators, denominators = common(samples, baseline)
     if not len(numerators):
@@ -269,12 +250,11 @@ def ratio_columns(samples: Array, baseline: Array, name: str = "ratio") -> Row:
 
 
 def ends(values: Array, several: bool) -> tuple[float, float]:
-    """Return the lower and upper end of a spread.
+    """Return the lower and upper end of the spread of times or ratios.
 
     Args:
-        values: times or ratios: one value for each process if `several`, else one value for each round of a single process.
-        several: whether several processes ran. If so, the spread is the interval in which the result of a repeated race is expected
-            (`foreseen`), else the middle 90 % of the values.
+        values: one for each process if `several`, else one for each round of a single process.
+        several: whether several processes ran: the spread is then that of `foreseen`, else the middle 90 % of the values.
     """
     if several:
         return foreseen(values)
@@ -285,11 +265,13 @@ def ends(values: Array, several: bool) -> tuple[float, float]:
 def foreseen(values: Array) -> tuple[float, float]:
     """Return the ends of an interval that contains all `values` and, with probability CERTAIN, the median of a repeated race.
 
-    `values` (processes,) has one time or ratio for each of n processes, n >= 2. The logarithms of the values are taken as normally
-    distributed with the standard deviation s. The median of n of them has the variance pi s^2 / (2 n), so that the difference
-    between the medians of this race and of a repeated one has the standard deviation s (pi / n)^(1/2). Because s is estimated from
+    `values` (processes,) has one time or ratio for each of n processes; both ends are NaN for fewer than two. The logarithms of the
+    values are taken as normally distributed with the standard deviation s. The median of n of them has the variance pi s^2 / (2 n),
+    so that the difference between the medians of two races has the standard deviation s (pi / n)^(1/2). Because s is estimated from
     n values, the quantile is that of Student's t with n - 1 degrees of freedom.
     """
+    if len(values) < 2:
+        return math.nan, math.nan
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
     half = float(stdtrit(len(values) - 1, (1 + CERTAIN) / 2)) * scatter
@@ -302,20 +284,16 @@ def common(one: Array, other: Array) -> tuple[Array, Array]:
 
     The times of both quantities are NaN in rounds in which only one of them was timed.
     """
-    pair = [np.atleast_2d(x) for x in (one, other)]
-    rounds = min(x.shape[1] for x in pair)
-    first, second = (x[:, :rounds] for x in pair)
+    first, second = np.atleast_2d(one), np.atleast_2d(other)
+    rounds = min(first.shape[1], second.shape[1])
+    first, second = first[:, :rounds], second[:, :rounds]
     both = np.isfinite(first) & np.isfinite(second)  # (processes, rounds)
     ran = both.any(axis=1)  # (processes,)
     return np.where(both, first, np.nan)[ran], np.where(both, second, np.nan)[ran]
 
 
 def spread(name: str, samples: Array) -> dict[str, float]:
-    """Return the table columns with a measured time and the two ends of its spread; the names of the columns begin with `name`.
-
-    The time is the median, over the processes, of the lower quartile of each process's rounds. `ends` computes the spread from the
-    lower quartiles of all processes or, if only one process ran, from the times of its rounds.
-    """
+    """Return the columns of a measured time (`time_of`) and the two ends of its spread; their names begin with `name`."""
     times = quartiles(samples)  # [s] one for each process
     times = times[np.isfinite(times)]
     rounds = samples[np.isfinite(samples)]
@@ -324,14 +302,9 @@ def spread(name: str, samples: Array) -> dict[str, float]:
 
 
 def compare(own: Array, rival: Array) -> Row:
-    """Return the table columns that compare two entries of a race: `own` and `rival`.
+    """Return the columns of the times of two entries, each over all its rounds, and of the ratio rival / own over common rounds.
 
-    The columns are the times of both entries, each over all rounds of the entry, and the ratio rival / own over the rounds in which
-    both were timed. The time of an entry thus does not depend on the other entry. If one entry has fewer rounds than the other, the
-    ratio is not the quotient of the two times.
-
-    Args:
-        own, rival: measured times [s] of both entries, (processes, rounds) each.
+    The time of an entry thus does not depend on the other one, and the ratio may differ from the quotient of the two times.
     """
     return spread("seconds", own) | {"rival_seconds": time_of(rival)} | ratio_columns(rival, own)
 
@@ -348,22 +321,13 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
 
 
 def at_least(columns: Row, column: str, target: float | None) -> Row:
-    """Return a table row with two more columns: `target`, and `met`, whether the value of a column is at least the target.
+    """Return a row with its `target` and whether the value of a column has `met` it; unchanged without a target.
 
-    A missing value does not meet the target. If `target` is None, the row is returned unchanged.
-
-    Args:
-        columns: the row: name of a column -> value.
-        column: name of the column that has a target.
+    A missing value does not meet the target.
     """
-    if target is None:
-        return columns
-    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] >= target)}
+    return columns if target is None else columns | {"target": target, "met": bool(columns.get(column, math.nan) >= target)}
 
 
 def at_most(columns: Row, column: str, target: float) -> Row:
-    """Return a table row with two more columns: `target`, and `met`, whether the value of a column is at most the target.
-
-    A missing value does not meet the target. `columns` is the row: name of a column -> value.
-    """
-    return columns | {"target": target, "met": columns.get(column) is not None and bool(columns[column] <= target)}
+    """Return a row with its `target` and whether the value of a column is at most the target; a missing value is not."""
+    return columns | {"target": target, "met": bool(columns.get(column, math.nan) <= target)}

@@ -18,6 +18,7 @@ from gauss_bench.bench.subject import EVERY_STEP, PLAIN, STEP, Check, Subject, c
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import build_first
 from gauss_bench.runs.offers import offers
+from gauss_bench.runs.one_run import Run
 from gauss_bench.runs.questions import accelerations, run_before
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
@@ -59,7 +60,7 @@ def conformance(name: str, told: Callable[[str], None] = lambda sentence: None) 
 def _check_runs(
     subject: Subject, name: str, find_fault: Callable[[Mechanism, Trajectory], str], times: Array | None = None
 ) -> Iterator[Check]:
-    """Yield one check for each linkage and scenario in PLAIN, the list of simple linkages that nearly all engines can run.
+    """Yield one check for each linkage and scenario in PLAIN.
 
     Args:
         find_fault: function that returns the fault of a trajectory in a sentence, or an empty text.
@@ -84,10 +85,7 @@ def _start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
     def find_wrong_start(m: Mechanism, x: Trajectory) -> str:
-        """Return a sentence if the first sample is farther than START from the scenario's start, else an empty text.
-
-        Errors of speeds are divided by the largest speed at the start, or by 1 if this speed is smaller.
-        """
+        """Return a sentence if the first sample is too far off; speeds count relative to the largest, at least 1."""
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
@@ -115,11 +113,9 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 
 
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
-    """Return the fault of a trajectory's velocities or accelerations, or an empty text, and whether the fault is a shift in time.
+    """Return the fault of a run's velocities or accelerations, or an empty text, and whether it is a shift in time.
 
-    The velocities are compared with central differences of the positions, and the accelerations with central differences of the
-    velocities. Velocities or accelerations ("rates") are called shifted if they belong to a slightly later or earlier time than the
-    time of their sample.
+    Both are compared with central differences of positions and of velocities.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
@@ -133,16 +129,12 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
 
 
 def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajectory | None) -> bool:
-    """Tell whether a first-order integrator explains why a run's rates belong to slightly later or earlier times than its samples.
+    """Tell whether a first-order integrator explains why a run's rates belong to later or earlier times than its samples.
 
-    `rates_fault` has found such a shift of the rates (velocities or accelerations). If the integrator is of first order, two things
-    follow. Halving the step changes the velocities, and halving it again changes them half as much; the ratio of the two changes
-    must lie within FIRST_ORDER. The run with the shortest step no longer has the fault. Another cause would show: an engine that
-    shifts its samples by whole steps shifts them at every step size, and with a method of higher order the second change is less
-    than half the first.
-
-    Args:
-        x, half, quarter: the run, and its repetitions with the step divided by PARTS; None if a repetition failed.
+    If so, halving the step changes the velocities, and halving it again changes them half as much (within FIRST_ORDER), and the run
+    with the shortest step no longer has the fault. An engine that shifts its samples by whole steps does so at every step size, and
+    with a method of higher order the second change is less than half the first. `half` and `quarter` are the repetitions with the
+    step divided by PARTS; None if one failed.
     """
     if half is None or quarter is None or rates_fault(quarter)[0]:
         return False
@@ -154,8 +146,8 @@ def explains_lateness(x: Trajectory, half: Trajectory | None, quarter: Trajector
 def lateness(slope: Array, reported: Array) -> float:
     """Return by how many samples reported rates (k, n) are later than the difference quotients `slope` (k, n).
 
-    A reported rate that is d samples late equals slope - d * change, where `change` is the difference of the slope from one sample
-    to the next. The result is the value of d with the least sum of squared errors.
+    A rate that is d samples late equals slope - d * change, where `change` is the difference of the slope from one sample to the
+    next; d follows by least squares.
     """
     change = (slope[2:] - slope[:-2]) / 2
     scale = float((change * change).sum())
@@ -165,17 +157,14 @@ def lateness(slope: Array, reported: Array) -> float:
 def _same_again(subject: Subject) -> Iterator[Check]:
     """Check that a repeated run returns the same numbers, bit for bit."""
     (linkage, scenario), title = PLAIN[0], "a run repeats bit by bit"
-    runs = [
-        subject.whole[linkage],
-        subject.run(linkage, scenario, EVERY_STEP),
-        subject.run(linkage, scenario, EVERY_STEP, partial(run_before, EVERY_STEP)),
-    ]
-    first, second, third = (run.trajectory for run in runs)
-    if first is None or second is None or third is None:
-        yield check_failed_run(title, next(run for run in runs if run.trajectory is None))
+    second = subject.run(linkage, scenario, EVERY_STEP)
+    third = subject.run(linkage, scenario, EVERY_STEP, partial(run_before, EVERY_STEP))
+    runs = [subject.whole[linkage], second, third]
+    if failed := next((run for run in runs if run.trajectory is None), None):
+        yield check_failed_run(title, failed)
         return
-    yield check_fault(title, "" if _equal(first, second) else "two runs differ")
-    fault = "" if _equal(first, third) else "a model that has run before gives another motion: prepare must reset everything"
+    yield check_fault(title, "" if _equal(runs[0], second) else "two runs differ")
+    fault = "" if _equal(runs[0], third) else "a model that has run before gives another motion: prepare must reset everything"
     yield check_fault("a model can run again", fault)
 
 
@@ -190,7 +179,7 @@ def _is_undisturbed(subject: Subject) -> Iterator[Check]:
         return
     fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
     yield check_fault("an acceleration is a finite number for each coordinate", fault)
-    yield check_fault(title, "" if _equal(plain.trajectory, asked.trajectory) else "a run changes after a question at its start")
+    yield check_fault(title, "" if _equal(plain, asked) else "a run changes after a question at its start")
 
 
 def _step_counts(subject: Subject) -> Iterator[Check]:
@@ -201,17 +190,13 @@ def _step_counts(subject: Subject) -> Iterator[Check]:
     elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
         yield Check(title, None, "it does not count its steps")
     else:
-
-        def find_wrong_count(m: Mechanism, x: Trajectory) -> str:
-            """Return a sentence if the number of counted steps is not the number that was asked for, else an empty text."""
-            return "" if x.steps == wanted else f"{x.steps} steps are counted, {wanted} of {STEP:g} s were asked for"
-
-        yield from _check_runs(subject, title, find_wrong_count)
+        fault = f"steps are counted, {wanted} of {STEP:g} s were asked for"
+        yield from _check_runs(subject, title, lambda _, x: "" if x.steps == wanted else f"{x.steps} {fault}")
 
 
-def _equal(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether the samples of two trajectories are identical, bit for bit."""
-    return all(np.array_equal(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a"))
+def _equal(one: Run, other: Run) -> bool:
+    """Tell whether the samples of two complete runs are identical, bit for bit."""
+    return all(np.array_equal(getattr(one.trajectory, x), getattr(other.trajectory, x)) for x in ("t", "q", "v", "a"))
 
 
 CHECKS = (_times, _start, _derivatives, _same_again, _is_undisturbed, _step_counts, *MEASURED)

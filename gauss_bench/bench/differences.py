@@ -31,8 +31,7 @@ class Differences:
 def differences(here: Path, there: Path) -> Differences:
     """Compare the numbers and statuses of the accuracy cases stored in the folder `here` with those in the folder `there`.
 
-    Each number has a rule (`gate.RULES`) with the factor by which it may become worse. Because neither run is a baseline, a number
-    that is better by more than this factor counts as a difference too.
+    Because neither run is a baseline, a number that is better by more than the gate's factor counts as a difference too.
 
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
@@ -81,8 +80,8 @@ class Clocked:
 def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
     """Return the number of ratios, targets and claims that both runs have, and a list of those that differ.
 
-    Two ratios count as different if their spreads do not overlap. Differences that change a reader's conclusion come first, then
-    the others; in both groups, the ratios that differ by the largest factor come first.
+    Ratios differ if their spreads do not overlap. Differences that change a reader's conclusion come first, then the others; in
+    both groups, the largest factor comes first.
 
     Raises:
         TableError: a table is damaged, or has a newer format than this version can read.
@@ -104,37 +103,24 @@ def compare_times(here: Path, there: Path) -> tuple[int, tuple[Clocked, ...]]:
 
 
 def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Clocked | None]:
-    """Compare a column of two rows: yield the difference, or None if the values agree; yield nothing if a row lacks the value.
+    """Yield the difference of a column of two rows, or None if the values agree; yield nothing if a row lacks the value.
 
-    Two ratios agree if their spreads overlap. Two targets, or two verdicts on a claim, agree if they are equal.
-
-    Args:
-        what: text that names the table and the row.
+    Two ratios agree if their spreads overlap. Two targets, or two verdicts on a claim, agree if they are equal. `what` names the
+    table and the row.
     """
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
-            same = row[column] == other[column]
-            yield None if same else Clocked(what, _word(row[column]), _word(other[column]), matters=True)
+            here, there = (x if isinstance(x, str) else "yes" if x else "no" for x in (row[column], other[column]))
+            yield None if row[column] == other[column] else Clocked(what, here, there, matters=True)
         return
-    ends = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
-    if all(math.isfinite(x) and x > 0 for values in ends for x in values):
-        (x, low, high), (y, other_low, other_high) = ends
-        if low <= other_high and other_low <= high:  # the spreads overlap
-            yield None
-        else:
-            crossed = (x > 1) != (y > 1)  # another side is the faster one
-            yield Clocked(what, _range(x, low, high), _range(y, other_low, other_high), matters=crossed, factor=x / y)
-
-
-def _word(value: bool | str) -> str:
-    """Return a text as it is, and a boolean as yes or no."""
-    return value if isinstance(value, str) else "yes" if value else "no"
-
-
-def _range(x: float, low: float, high: float) -> str:
-    """Return a ratio with its spread in words."""
-    return f"{x:.3g} ({low:.3g}..{high:.3g})"
+    spreads = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
+    if all(math.isfinite(x) and x > 0 for values in spreads for x in values):
+        (x, low, high), (y, other_low, other_high) = spreads
+        here, there = (f"{value:.3g} ({least:.3g}..{most:.3g})" for value, least, most in spreads)
+        is_crossed = (x > 1) != (y > 1)  # another side is the faster one
+        overlap = low <= other_high and other_low <= high
+        yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
 
 
 def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:

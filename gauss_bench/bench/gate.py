@@ -1,12 +1,11 @@
 """The accuracy gate: compare the figures (measured numbers and statuses) of the gate suite with a committed baseline.
 
-Times are not compared. The limit of a figure follows from its value in the baseline by the rules below (RULES and other constants).
-A figure fails if it is worse than its limit, which is the baseline times a factor. A figure is reported as better if it is better
-than the baseline by this factor. A figure that is much better fails too, because a faulty metric may be the cause; a real
-improvement is accepted like any other change. A new baseline is accepted only with a reason, which is stored with the date.
+Times are not compared. A figure fails if it is worse than its limit, which follows from its value in the baseline, and is reported
+as better if it is better by the same factor. A figure that is much better fails too, because a faulty metric may be the cause; a
+real improvement is accepted like any other change. A new baseline needs a reason, which is stored with the date.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,7 +28,7 @@ Key = tuple[Any, ...]  # values of the columns FIGURE
 
 @dataclass(frozen=True)
 class Rule:
-    """The limits of one metric; a metric is an error column of the result rows.
+    """The limits of one metric, an error column of the result rows.
 
     A figure fails if it is larger than `factor` times its value in the baseline and larger than `floor`. It is reported as better
     if it is smaller than the value in the baseline divided by `factor`.
@@ -83,25 +82,26 @@ class Verdict:
     cause: str = ""
 
     def __str__(self) -> str:
-        """Return the verdict as one line."""
         cause = f"{self.cause}: " if self.cause else ""
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
 def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
-    """Return the figures that the gate compares with the baseline: one row for each case and metric.
+    """Return the figures that the gate compares: one row for each case and metric, from the rows of results and of references.
 
-    The figures (measured numbers and statuses) are read from the result rows of the accuracy cases and from the rows of the
-    references. If a run has large errors, only its status, its validity and its acceleration error are taken, because its other
-    figures differ between machines.
+    If a run has large errors, only its status, its validity and its acceleration error are taken, because its other figures differ
+    between machines.
     """
     figures: list[dict[str, Any]] = []
+    limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
     for row in rows.to_dict("records"):
         key = {k: row[k] for k in KEY}
         figures.append(key | {"metric": "status", "value": row["status"], "message": row["message"]})
-        if row["status"] in ENDED:
+        ended = row["status"] in ENDED
+        if ended:
             figures.append(key | {"metric": "valid", "value": str(row["valid"])})
-        used = [*RULES, "observed_order"] if _repeatable(row) else ["acceleration_error_median"]
+        repeatable = ended and all(row[metric] <= limit for metric, limit in limits.items())
+        used = [*RULES, "observed_order"] if repeatable else ["acceleration_error_median"]
         figures += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
     for reference in references.to_dict("records"):
         key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
@@ -111,27 +111,21 @@ def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
 
 
 def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
-    """Return figures as a data frame, sorted by the columns that FIGURE lists: those of the case, and the metric."""
+    """Return figures as a data frame, sorted by the columns of FIGURE."""
     frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
     return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
 
 
 def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
-    """Return key -> row, for a table of figures; a key has the values of the columns that FIGURE lists (case and metric)."""
+    """Return key -> row for a table of figures."""
     return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
-
-
-def _repeatable(row: Mapping[Any, Any]) -> bool:
-    """Tell whether the errors of a run are so small that its figures are nearly the same on every machine."""
-    limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
-    return row["status"] in ENDED and all(row[metric] <= limit for metric, limit in limits.items())
 
 
 def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
     """Return a verdict for every figure of a run and of the baseline; a figure that is missing in one of the two fails.
 
-    If a case has another status in the run than in the baseline, those figures of the case that are missing in one of the two get
-    no verdict; the verdict on the status tells why they are missing.
+    If the status of a case differs, its missing figures get no verdict, because the verdict on the status tells why they are
+    missing.
     """
     here, there = by_key(figures), by_key(baseline)
     verdicts = []
@@ -140,8 +134,7 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
         statuses = {str(x[status]["value"]) for x in (here, there) if status in x}
         if len(statuses) > 1 and key != status and not (key in here and key in there):
             continue
-        values = [str(x[key]["value"]) if key in x else None for x in (here, there)]
-        verdict = judge_figure(key, *values)
+        verdict = judge_figure(key, *(str(x[key]["value"]) if key in x else None for x in (here, there)))
         if verdict.outcome == "fail" and key in here:
             verdict = replace(verdict, cause=str(here[key].get("message", "")))
         verdicts.append(verdict)
@@ -151,9 +144,8 @@ def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
 def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     """Return the verdict on a figure: "fail", "better" or "ok".
 
-    A figure fails if it is worse than its limit, or so much better that a faulty metric may be the cause. A new value that is
-    intended must be accepted explicitly, with a reason. There are four kinds of figures, each with its own limits: statuses, which
-    must be equal; observed orders of convergence; values of references; and errors, whose limits follow from RULES.
+    There are four kinds of figures, each with its own limits: statuses, which must be equal; observed orders of convergence; values
+    of references; and errors, whose limits follow from RULES.
 
     Args:
         key: the values of the columns that FIGURE lists: those of the case, and the metric.
@@ -163,7 +155,6 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
 
     def verdict(outcome: str, value: str, limit: str, baseline: str) -> Verdict:
-        """Return a verdict on the judged figure: `outcome`, and the texts for its value, limit and baseline."""
         return Verdict(outcome, case, metric, value, limit, baseline)
 
     if base is None or value is None:
@@ -204,9 +195,9 @@ def read_baseline(path: Path) -> pd.DataFrame:
 def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
-    A case whose run failed is accepted only if the old baseline has the same failure, or if there is no old baseline; else the new
-    baseline keeps the old figures of the case. If the process of a case crashed, was stopped or did not end its run, the case is
-    never accepted. The new baseline also keeps the old figures of mechanisms and engines that were not measured.
+    The new baseline keeps the old figures of mechanisms and engines that were not measured, and of cases that are refused: those
+    whose process crashed, was stopped or did not end its run and, if there is an old baseline, those that failed in another way
+    than there.
 
     Returns:
         The number of figures that changed, and a sentence for every case whose new figures were not accepted.
@@ -235,26 +226,25 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
 
 
 def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
-    """Return those cases whose figures a baseline has, and one case for each of its engines that cannot be used here.
+    """Return those cases whose figures a baseline has.
 
-    An engine that cannot be used here has one case without integrator, which no baseline has. This case is returned if the baseline
-    has any case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
+    An engine that cannot be used here has one case without integrator, which no baseline has. It is kept if the baseline has any
+    case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
     """
     known = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
-
-    def is_kept(case: Case) -> bool:
-        """Tell whether the baseline has this case or, if the engine cannot be used here, any case of this linkage and engine."""
+    kept = []
+    for case in cases:
         mechanism = load(case.linkage, case.scenario or None)
         # in the order of the columns KEY: mechanism, scenario, and the fields of a case after linkage and scenario
         key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
-        return key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable)
-
-    return [case for case in cases if is_kept(case)]
+        if key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable):
+            kept.append(case)
+    return kept
 
 
 def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
-    """Return those figures of a baseline that belong to the given mechanisms and engines, or to references of these mechanisms."""
+    """Return the figures of a baseline for the given mechanisms and engines, and for the references of these mechanisms."""
     inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
     return baseline[inside].reset_index(drop=True)
 

@@ -1,9 +1,8 @@
 """The journal: a file of the finished tasks of a run, by which a killed run is resumed.
 
-Each finished task is one line of the file, appended and synced to disk. A line ends with the checksum of its content. A line is
-used only if its content matches its checksum, and if the code, the linkage and the libraries have not changed since the task was
-run. An incomplete last line is cut off before the next line is written. A damaged line stays in the file: a warning on stderr
-reports it, and its task is run again.
+Each finished task is one line, synced to disk, which ends with the checksum of its content. A line is used only if it matches its
+checksum, and if code, linkage and libraries have not changed since. An incomplete last line is cut off before the next one is
+written; a damaged line stays, is reported on stderr, and its task is run again.
 """
 
 import fcntl
@@ -13,7 +12,6 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from gauss_bench.bench.provenance import package_versions
@@ -36,12 +34,12 @@ SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and digit
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
-    """Return an entry (the data of one task) as a line of the journal: JSON whose last key is the checksum of the other keys."""
+    """Return the data of one task as a line of the journal: JSON whose last key is the checksum of the other keys."""
     return _add_checksum(json.dumps(entry).encode())
 
 
 def entry_of(line: bytes) -> dict[str, Any] | None:
-    """Return the entry (the data of one task) that a line of the journal holds, or None if the checksum does not agree."""
+    """Return the data of the task that a line of the journal holds, or None if the checksum does not agree."""
     content = line.rpartition(SUM)[0] + b"}"  # the JSON text without its last key, the checksum
     if line != _add_checksum(content):
         return None
@@ -50,7 +48,7 @@ def entry_of(line: bytes) -> dict[str, Any] | None:
 
 
 def _add_checksum(content: bytes) -> bytes:
-    """Return the text of a JSON object as a line; a last key with the checksum of the text is inserted before the closing brace."""
+    """Return the text of a JSON object as a line, with the text's checksum as a last key."""
     return content[:-1] + SUM + hashlib.sha256(content).hexdigest()[:DIGITS].encode() + b'"}\n'
 
 
@@ -63,12 +61,11 @@ class Journal:
     """
 
     def __init__(self, path: Path):
-        """Set the path of the journal's file; the file is not opened yet."""
         self.path = path
         self.entries: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> "Journal":
-        """Open and lock the file, and read the finished tasks."""
+        """Open and lock the file, read the finished tasks, and cut off an incomplete last line."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.file = self.path.open("a+b", buffering=0)
         try:
@@ -76,15 +73,6 @@ class Journal:
         except OSError as error:
             self.file.close()
             raise Busy(f"{self.path}: another run is writing there") from error
-        self._read()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close the file, which also unlocks it."""
-        self.file.close()
-
-    def _read(self) -> None:
-        """Read the finished tasks from the journal's file, and cut off an incomplete last line of the file."""
         self.file.seek(0)
         content = self.file.read()
         *lines, torn = content.split(b"\n")
@@ -92,16 +80,15 @@ class Journal:
         entries = [entry_of(line + b"\n") for line in lines]
         self.entries = {entry["key"]: entry for entry in entries if entry}
         if damaged := entries.count(None):
-            warning = (
-                f"warning: {self.path}: {damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
-            )
-            print(harmless(warning), file=sys.stderr)
+            what = f"{damaged} of {len(lines)} lines are not as they were written; their tasks are run again"
+            print(harmless(f"warning: {self.path}: {what}"), file=sys.stderr)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.file.close()
 
     def find(self, key: str, *stamps: str) -> dict[str, Any] | None:
-        """Return the rows of a task (table -> rows) if the journal has the task with one of the given stamps, else None.
-
-        A stamp is a digest of the code and data on which the rows depend; `key` identifies the task.
-        """
+        """Return the rows of a task (table -> rows) if the journal has the task with one of the given stamps, else None."""
         entry = self.entries.get(key)
         return entry["tables"] if entry and entry["stamp"] in stamps else None
 

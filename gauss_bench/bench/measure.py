@@ -59,10 +59,7 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
 
 @lru_cache(maxsize=4)
 def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference as `reference_of` does, or the reason why there is none.
-
-    If no reference can be computed, the reason is cached too, because it takes long to find this out.
-    """
+    """Return the reference as `reference_of` does, or the reason why there is none; both are slow to find and cached."""
     try:
         return reference_of(linkage, scenario, t_end, store)
     except NO_TRUTH as error:
@@ -70,7 +67,7 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
 
 
 class Measurement(NamedTuple):
-    """What was measured in a case: a linkage with a scenario, an engine, a setting and a step.
+    """What was measured in a case.
 
     Attributes:
         row: the case's row in the table of results, without the columns that identify the case.
@@ -87,16 +84,9 @@ def measure(
 ) -> Measurement:
     """Run a case, judge the run, and return the case's row of results, its curves and its poses.
 
-    To estimate its errors, the run is repeated at half the step, or with a tighter tolerance. It is not repeated if there is a
-    reference so accurate that it decides whether the run is valid, and if the run's velocities and accelerations are derivatives of
-    its positions. If there are states with accelerations of the reference, the engine is also asked for its accelerations at them.
-
-    Args:
-        store: the folder where references are stored.
-        alter: function that plants a fault in the mechanism that the engine is given, for tests of the judgement; the run is judged
-            by the unaltered mechanism.
-        limit: [s] after which an engine that runs in a process of its own is stopped.
-        posed: whether poses are computed; they need a reference and a run that reached its end.
+    The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
+    accelerations are derivatives of its positions. `store` is the folder of references, `alter` plants a fault in the mechanism
+    that the engine is given, `limit` [s] stops an engine in a process of its own. Poses are computed if `posed`, with a reference.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
@@ -142,7 +132,7 @@ def measure(
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:
     """Return a finer repetition of a run and an empty text, or None and the reason why there is no repetition.
 
-    The run and its repetition together may take `limit` [s]. The repetition may take half of the time that remains after the run.
+    Both together may take `limit` [s]; the repetition may take half of the time that remains after the run.
     """
     assert run.trajectory is not None
     times, spent = run.trajectory.t, run.seconds + run.build_time
@@ -154,9 +144,9 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
 
 
 def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
-    """Return the columns of median and largest relative error of an engine's accelerations at states with known accelerations.
+    """Return the columns of median and largest relative error of an engine's accelerations at given states.
 
-    The median and the largest error are NaN if `given` is not an array of accelerations of the expected shape.
+    Both are NaN if `given` is not an array of accelerations of the expected shape.
     """
     error = np.full(1, np.nan)
     with suppress(TypeError, ValueError):  # an engine may return anything
@@ -191,12 +181,9 @@ def figures(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) ->
 
 
 def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
-    """Return the columns of a quantity at the checkpoints, the times [s] at which tables quote it: column NAME_t05 for 0.5 s.
+    """Return the columns of a quantity at the times [s] at which tables quote it: NAME_t05 for 0.5 s.
 
-    Args:
-        name: of the quantity.
-        t: (k,) times [s]; the value is NaN at a checkpoint that is not among them.
-        values: (k,) of the quantity at these times.
+    The quantity has `values` (k,) at the times `t` (k,) [s]; it is NaN at a checkpoint that is not among them.
     """
     columns = {}
     for checkpoint in metrics.CHECKPOINTS:

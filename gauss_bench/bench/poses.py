@@ -4,12 +4,9 @@ A run's pose at a time is the sum
 
     q = reference + ahead + gap,    reference + ahead: the pose nearest to q whose loops are closed
 
-Here `ahead` is a motion of the linkage with closed loops, and `gap` is the distance of the links from their places in closed loops.
-The report's player draws a magnified deviation of a run from the reference. The player multiplies the two parts separately: it
-moves the linkage along its motion for `ahead`, and shifts single links by `gap`. If the player magnified the sum `ahead` + `gap`, a
-run that is only late would be drawn with open loops, because links move along arcs.
-
-`ahead` and `gap` are stored separately, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
+The report's player magnifies the two parts separately: it moves the linkage along its motion for `ahead`, and shifts single links
+by `gap`. If it magnified the sum, a run that is only late would be drawn with open loops, because links move along arcs. Both parts
+are stored, so that a gap of 1e-12 m is not lost beside a delay of a centimetre.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,10 +33,9 @@ AXES = ("x", "y", "angle")
 
 
 def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
-    """Return the cases whose motion the report's player shows.
+    """Return the cases whose motion the report's player shows: for each engine and setting the step nearest to STEP.
 
-    For each linkage, engine and setting, the case whose step is nearest to STEP is shown. Engines with a planted fault (CONTROLS)
-    are left out.
+    Engines with a planted fault (CONTROLS) are left out.
     """
     nearest: dict[Case, Case] = {}  # the case with STEP in place of its own step -> the case that is played
     for case in sorted(cases, key=lambda x: abs(np.log(x.step / STEP))):
@@ -49,7 +45,7 @@ def choose_played(cases: Sequence[Case]) -> frozenset[Case]:
 
 
 def frames(truth: Reference) -> Array:
-    """Return the times (k,) [s] of the frames, at which poses of a run are kept."""
+    """Return the times (k,) [s] at which poses of a run are kept."""
     return truth.t[:: max(1, len(truth.t) // FRAMES)]
 
 
@@ -61,10 +57,7 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Return one row (link, time, pose) for each link at each frame (time of the animation), from the reference motion.
-
-    Angles are wrapped to [-pi, pi). The columns of the pose are AXES without a suffix, as the key "" says.
-    """
+    """Return one row (link, time, pose) for each link at each frame, from the reference motion, with angles in [-pi, pi)."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
     return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrap(q)})]
@@ -73,8 +66,7 @@ def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:
     """Return one row for the deviation of each link's pose from the reference, at each frame that the run reached.
 
-    The deviation has two parts. With p the pose nearest to the run's pose q whose loops are closed, they are the columns "_ahead",
-    p - reference, and the columns "_gap", q - p.
+    With p the pose nearest to the run's pose q whose loops are closed, the columns "_ahead" have p - reference, and "_gap" q - p.
     """
     times = frames(truth)
     sampled, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and of these frames
@@ -99,12 +91,7 @@ def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
 
 
 def keep(results: Rows, poses: Rows) -> Rows:
-    """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case.
-
-    Args:
-        results: table rows with the results of the cases.
-        poses: table rows with the poses of the links in these cases.
-    """
+    """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case."""
     posed = {_key(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()
     best: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # linkage, scenario, engine -> least error, and key of its case

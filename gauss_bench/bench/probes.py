@@ -1,16 +1,14 @@
 """Linkages on which an engine's accelerations are compared with the suite's own: unchanged, and with changed numbers.
 
-A probe is such a linkage at some states of motion. Every number of the linkage file `suites/linkages/probe.toml` affects the
-accelerations. Therefore an engine that leaves out, scales or hard-codes one of these numbers has wrong accelerations on a linkage
-in which that number is changed. The engine and the suite's own equations are given the same changed linkage.
+A probe is such a linkage at some states of motion. Every number of `suites/linkages/probe.toml` affects the accelerations, so that
+an engine that leaves out, scales or hard-codes one of them has wrong accelerations where that number is changed.
 
 Let the columns of N (n, dof) be a basis of the velocities that the constraints allow: J N = 0. Constraint forces do no work in
-these motions. Therefore the accelerations a obey, whatever the constraint forces are,
+these motions, so that the accelerations a obey, even if the forces are too weak to keep a loop closed,
 
     N^T (M a - Q) = 0
 
-This equation holds even if the constraint forces are too weak to keep a loop closed. If a mass, a force or a row of J is wrong, the
-accelerations violate this equation.
+unless a mass, a force or a row of J is wrong.
 """
 
 from collections.abc import Iterator, Mapping
@@ -68,13 +66,9 @@ class Probe:
         return _share(np.abs(a - self.a).max(axis=1), np.abs(self.a).max(axis=1))
 
     def residual_along_free(self, a: Array) -> float:
-        """Return the largest component of N^T (M a - Q), the error of the equations of motion, relative to that of N^T Q.
+        """Return the largest component of N^T (M a - Q) for accelerations (k, n), relative to that of N^T Q.
 
-        The columns of N are a basis of the velocities that the constraints allow, J N = 0. The result is 0 if the linkage has no
-        degrees of freedom.
-
-        Args:
-            a: accelerations (k, n).
+        The columns of N are a basis of the velocities that the constraints allow; the result is 0 without degrees of freedom.
         """
         motion = AbsoluteCoordinates(self.mechanism)
         left, loads = [], []  # of each state: the largest component of the residual, and of N^T Q
@@ -86,28 +80,21 @@ class Probe:
         return _share(np.array(left), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
-        """Estimate, for each row of J a, which share of the velocity term -dJ/dt v the engine used; return the smallest share.
+        """Estimate, for each row of J a, which share of its velocity term an engine used; return the smallest share.
 
-        Exact accelerations obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine may
-        leave its velocity term out, in whole or in part: the share is 1 for all of it, and 0 for none. To find the share, each row
-        of J a, as a function of the k states, is fitted by the sum
+        Exact accelerations (k, n) obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. To find the
+        share c (1: all of the velocity term g, 0: none), each row of J a, as a function of the k states, is fitted by least
+        squares:
 
             J a = gamma + (c - 1) g + r f
 
-        Here c is the share of the velocity term that the engine used, g is this velocity term, f is the constraint force that the
-        accelerations need, and r is a compliance. For each constraint row, c and r follow by least squares. If the constraint of
-        the row is a spring, J a differs from gamma in proportion to the force, and c is 1. If the engine leaves the velocity term
-        of the row out, c is 0.
+        Here f is the constraint force that the accelerations need, and r is a compliance: if the row's constraint is a spring, J a
+        differs from gamma in proportion to f, and c is 1. With absolute coordinates, g is gamma. With the joint coordinates of a
+        spanning tree, g is gamma - J a0, where a0 are the accelerations of the links if all joint accelerations of the tree are 0.
+        For each row, the candidate for g that leaves the smallest residual counts.
 
-        The velocity term g depends on the coordinates in which an engine computes. With absolute coordinates, g is gamma. With the
-        joint coordinates of a spanning tree, g is gamma - J a0, where a0 are the accelerations of the links if all joint
-        accelerations of the tree are 0. For each row, the candidate for g that gives the smallest residual of the fit is used.
-
-        Constraint rows without a velocity term, or without a force (springs may close a loop), are left out. The share is 1 if no
-        constraint row remains, or if the linkage has redundant rows, whose forces are not determined.
-
-        Args:
-            a: accelerations (k, n).
+        Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or if rows are redundant,
+        whose forces are not determined.
         """
         if self.mechanism.redundant:
             return 1.0
@@ -126,16 +113,10 @@ class Probe:
 
 
 def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
-    """Return the smallest share c of the velocity term in a row of J a (1: all of it, 0: none); 1 if no row can be judged.
-
-    Exact accelerations satisfy J a = gamma. An engine that uses only a share c of its velocity term g is off by (c - 1) g. Which g
-    it has depends on its coordinates, so three candidates are tried (see `share_of_gamma`). With each, every constraint row is
-    fitted by J a - gamma = (c - 1) g + r f, where f is the constraint force and r an unknown compliance. The c of the candidate
-    with the smallest residual is used.
+    """Return the smallest share c of the velocity term in a row of J a, by the fit of `share_of_gamma`; 1 if none can be judged.
 
     Args:
-        extra, forces: J a - gamma and the constraint forces f, (k, m) each: a number for each of m constraint rows at each of k
-            states.
+        extra, forces: J a - gamma and the constraint forces f, (k, m) each, for m constraint rows at k states.
         velocities: three candidates of the velocity term g, (k, 3, m); the first is gamma.
     """
     largest = np.abs(velocities[:, 0]).max(initial=0.0)
@@ -155,10 +136,10 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
 
 
 def _share(errors: Array, sizes: Array) -> float:
-    """Return the largest relative error: max(errors / sizes), where sizes below FLOOR * max(sizes) are replaced by this bound.
+    """Return max(errors / sizes) over k states, where sizes below FLOOR * max(sizes) are replaced by this bound.
 
-    `errors` and `sizes` (k,) belong to k states. The result is infinite if an error is NaN. If all sizes are 0, the result is the
-    largest absolute error, so that rounding passes and a wrong term does not.
+    The result is infinite if an error is NaN. If all sizes are 0, it is the largest absolute error, so that rounding passes and a
+    wrong term does not.
     """
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
     return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -168,8 +149,7 @@ def _share(errors: Array, sizes: Array) -> float:
 def probe(linkage: str, scenario: str, change: str = AS_IT_IS, forces: tuple[str, ...] | None = None) -> Probe:
     """Return a linkage with one of the modifications that `changes` lists, at random states, with the exact accelerations there.
 
-    Args:
-        forces: names of the forces that act; if not given, all forces of the scenario act.
+    `forces` are the names of the forces that act; if not given, all forces of the scenario act.
     """
     document, digest, path = document_of(linkage)
     changed = scale(document, changes(linkage, scenario)[change])
@@ -203,8 +183,8 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     """Return the changes of a linkage by name, each as a map: path of a number -> factor by which it is multiplied.
 
-    The first change is none. The second one changes all numbers. Then one change for each kind changes all numbers of this kind
-    (all masses), and one change for each number changes it alone.
+    The first change is none, the second one changes all numbers, then one for each kind all numbers of this kind (all masses), and
+    one for each number it alone.
     """
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
@@ -229,7 +209,7 @@ def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
 
 
 def _numbers(item: Any, path: Path) -> Iterator[Path]:
-    """Yield the paths of all numbers other than 0 in a part of a document; `path` is the path of this part."""
+    """Yield the paths of all numbers other than 0 in the part of a document that lies at `path`."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from _numbers(value, (*path, key))
@@ -246,10 +226,7 @@ def _kind(path: Path) -> str:
 
 
 def scale(item: Any, factors: Mapping[Path, float], path: Path = ()) -> Any:
-    """Return a copy of a part of a document in which the numbers at some paths are multiplied by factors.
-
-    `path` is the path of this part in the document, and `factors` maps the path of a number to its factor.
-    """
+    """Return a copy of the part of a document at `path`, in which the numbers at some paths are multiplied by factors."""
     if isinstance(item, dict):
         return {key: scale(x, factors, (*path, key)) for key, x in item.items()}
     if isinstance(item, list):

@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gauss_bench.runs.offers import NOT_INSTALLED, offers_from_outside
 from gauss_bench.tables import ENVIRONMENT, TIMES, TableError, read_environment
 
@@ -17,7 +19,7 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 
 
 def package_versions() -> dict[str, str]:
-    """Return package -> version of PACKAGES, and of the packages that engines name; a package that is not installed is left out.
+    """Return package -> version of PACKAGES and of the packages that engines name, as far as they are installed.
 
     If the environment of an engine has another version of a package, that version is listed as "PACKAGE of ENGINE".
     """
@@ -33,7 +35,7 @@ def package_versions() -> dict[str, str]:
 
 
 def check_publishable(folder: Path) -> None:
-    """Check that the origin of the run in a folder is known, so that the run may be published.
+    """Check that a run may be published.
 
     The commit must be known, the code must have had no uncommitted changes, and the processor on which the times were measured must
     be recorded.
@@ -58,6 +60,8 @@ def environment() -> dict[str, Any]:
     from gauss_bench.compiler.elimination.program import SHORTER  # imported here, because it loads the compiler
     from gauss_bench.compiler.machine.native_code import QUICK
 
+    config: Any = np.show_config(mode="dicts")
+    blas = config.get("Build Dependencies", {}).get("blas", {})
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": _git("rev-parse", "--short=12", "HEAD"),
@@ -68,7 +72,7 @@ def environment() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "shortened": " ".join(f"{name}={os.environ[name]}" for name in (SHORTER, QUICK) if os.environ.get(name)),
         "threads": 1,
-        "blas": _blas(),
+        "blas": f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip(),
         "versions": package_versions(),
     }
 
@@ -89,12 +93,3 @@ def _cpu() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor()
-
-
-def _blas() -> str:
-    """Return name and version of the library for linear algebra that numpy was built with."""
-    import numpy as np
-
-    config: Any = np.show_config(mode="dicts")
-    blas = config.get("Build Dependencies", {}).get("blas", {})
-    return f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()

@@ -1,7 +1,5 @@
 """Run a suite: tasks that measure no times in parallel, then timing tasks one by one, then write the tables.
 
-A killed run can be resumed.
-
 A measurement is a module in the folder `measurements`. Each module may have these functions:
 
     exact_tasks(suite, context)                     return tasks that measure no time; they run side by side
@@ -31,12 +29,12 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.runs.apart import Alteration, is_unaltered
-from gauss_bench.runs.offers import Offer, offers
+from gauss_bench.runs.offers import offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import ENVIRONMENT, TABLES, row_of, write_schema, write_table
@@ -51,12 +49,7 @@ def modules() -> list[ModuleType]:
 
 
 def list_tasks(function_name: str, *arguments: Any) -> list[Task]:
-    """Call a function of every measurement module that defines it, and return all tasks together.
-
-    Args:
-        function_name: "exact_tasks", "timing_tasks" or "second_timing_tasks".
-        arguments: passed on to that function.
-    """
+    """Call a function of every measurement module that defines it, and return all tasks together."""
     return [task for module in modules() if hasattr(module, function_name) for task in getattr(module, function_name)(*arguments)]
 
 
@@ -72,12 +65,8 @@ def run(
 ) -> Tables:
     """Run the tasks of a suite that are not finished yet, write its tables into `folder`, and return table -> rows.
 
-    Args:
-        jobs: number of tasks that run side by side if they measure no times; timing tasks run alone.
-        costs: whether timing tasks are run.
-        name: the name of the suite, for the report.
-        until, steps: end and steps [s] of the accuracy cases, instead of the suite's.
-        limit: the longest time [s] of one accuracy case.
+    `jobs` tasks that measure no times run side by side; timing tasks run alone, if `costs`. The report shows the suite's `name`.
+    `until` and `steps` [s] replace those of the suite's accuracy cases, each of which may take `limit` [s].
 
     Raises:
         Busy: another run writes into the same folder.
@@ -88,9 +77,7 @@ def run(
         tables = finish(list_tasks("exact_tasks", suite, context), jobs, "accuracy", journal)
         timing_stages = {"timing_tasks": "times", "second_timing_tasks": "times again"} if costs else {}
         for stage, label in timing_stages.items():
-            timed = finish(list_tasks(stage, suite, context, tables), 1, label, journal)
-            for table, rows in timed.items():
-                tables.setdefault(table, []).extend(rows)
+            tables = gather([tables, finish(list_tasks(stage, suite, context, tables), 1, label, journal)])
     complete_rows(suite, tables)
     for table, rows in tables.items():
         write_table(table, rows, folder)
@@ -109,15 +96,10 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Run accuracy cases and return two tables: the result rows of the cases, and the rows of the references used.
+    """Run accuracy cases, without times and without a journal; return the tables of results and of the references used.
 
-    No times are measured, and no journal of finished tasks is kept.
-
-    Args:
-        folder: where the references are kept; nothing else is written.
-        jobs: number of cases that run side by side.
-        alter: function that plants a fault in the mechanism that engines are given; the default changes nothing.
-        limit: the longest time [s] of one case.
+    References are kept in `folder`, where nothing else is written. `alter` plants a fault in the mechanism that engines are given,
+    and one case may take `limit` [s].
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = finish(accuracy.tasks(cases, context), jobs, "accuracy")
@@ -133,31 +115,23 @@ def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
     """Describe a run for the report: machine, date, suite, and the versions and settings of its engines."""
     engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
+    described: dict[str, dict[str, Any]] = {}
+    for offer in offers([*engines]):
+        about = described[offer.name] = {"version": offer.version, "settings": offer.settings}
+        if soft := {label: cause for label, cause in offer.soft.items() if label in offer.settings}:
+            about["soft"] = soft
+        if offer.environment:
+            about["environment"] = offer.environment.partition(" at ")[0]  # without the path, which differs between machines
     return environment() | {
         "suite": name,
         "hours": suite.hours,
         "baseline_engine": BASELINE,
         "own_engines": list(AUTHORED),
         "gates": LIMITS,
-        "engines": {x.name: _describe_engine(x) for x in offers([*engines])},
+        "engines": described,
         "left_out": [rule.model_dump(exclude_defaults=True) for rule in suite.left_out],
         "linkages": own_files(suite),
     }
-
-
-def _describe_engine(offer: Offer) -> dict[str, Any]:
-    """Return version and settings of an engine and, if they apply to it, the two keys "soft" and "environment".
-
-    "soft" has the name of each setting with only approximately closed loops -> the cause. "environment" is the version of Python in
-    the engine's own environment.
-    """
-    soft = {label: cause for label, cause in offer.soft.items() if label in offer.settings}
-    described: dict[str, Any] = {"version": offer.version, "settings": offer.settings}
-    if soft:
-        described["soft"] = soft
-    if offer.environment:
-        described["environment"] = offer.environment.partition(" at ")[0]  # without the path, which differs between machines
-    return described
 
 
 def own_files(suite: Suite) -> dict[str, str]:

@@ -1,22 +1,15 @@
 """Find the cheapest of an engine's variants that meets a requirement, by fixed rules.
 
 A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
-its own steps. A setting is a variant with a step or tolerance.
+its own steps. A setting is a variant with a size.
 
-In the first phase, each variant is evaluated at steps or tolerances from coarse to fine. An evaluation is a whole run and its
-largest errors. These errors do not depend on measured times, so that a repeated search finds the same steps and tolerances that
-meet a requirement. The search first tries a coarse sequence of sizes, called the ladder (each size of it is a rung), until each
-requirement is met or it is clear that it cannot be met. Then the search halves the interval between the coarsest size that meets a
-requirement and the next coarser size tried, until no size is left between the two. `budget` limits the number of evaluations of one
-variant.
+First, each variant is evaluated at sizes from coarse to fine: an evaluation is a whole run and its largest errors. The search tries
+a coarse sequence of sizes (rungs of a ladder) until each requirement is met or it is clear that it cannot be met. Then it halves
+the interval between the coarsest size that meets a requirement and the next coarser size tried.
 
-In the second phase, the settings that meet the requirement are timed alternately in one process (a race). A setting is left out if
-its estimated cost, the time of a step times the number of steps, is more than NEAR times the least cost. All other settings are
-timed in a first process. Settings whose time in the first process is at most CLOSE times the shortest time are timed in further
-processes too. A setting ties with the fastest one if, in at least a quarter of the processes, its time is not longer than that of
-the fastest: then the lower quartile of the ratios of their times is 1 or less. If the whole range of these ratios were used instead
-of the quartile, a setting that takes a tenth more time would also tie. If several settings tie, the winner is the one that comes
-first in the engine's file. A repeated search therefore names the same winner or another setting that tied.
+Then the settings that meet the requirement race: those of an estimated cost of at most NEAR times the least and, in further
+processes, those whose time in the first one is at most CLOSE times the shortest. If several settings tie with the fastest
+(`ties_with`), the first one in the engine's file wins. A repeated search names the same winner or another setting that tied.
 """
 
 import math
@@ -58,22 +51,16 @@ class Scale:
 
 
 def equal_steps(until: float, beats: int, most: int) -> Scale:
-    """Return steps [s] that divide a run into COARSEST to `most` equal parts, with PER_OCTAVE step sizes for each factor of two.
+    """Return steps [s] that divide a run into COARSEST to `most` equal parts, with PER_OCTAVE sizes for each factor of two.
 
-    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times at equal distances.
-    If a step had to end at every sample time, there would be no coarse steps. A run with few steps is therefore compared at fewer
-    sample times: its number of steps is rounded to a multiple of
+    The errors of a run are taken at sample times, which must be ends of steps. There are `beats` sample times, a multiple of ten. A
+    run with few steps is compared at fewer of them: its number of steps is rounded to a multiple of
 
         5:        for fewer than FIFTHS steps; errors are taken at five sample times
         10:       for fewer than 5 `beats` steps; errors are taken at ten sample times
         `beats`:  for more steps; errors are taken at all sample times
 
-    The step sizes to be tried first (`rungs`) differ by factors of about two, and include the finest.
-
-    Args:
-        until: end of the run [s].
-        beats: number of sample times, a multiple of ten.
-        most: largest number of steps.
+    The `rungs` differ by factors of about two, and include the finest.
     """
 
     def round_steps(x: float) -> int:
@@ -89,16 +76,13 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
 
 
 def no_coarser(scale: Scale, size: float) -> Scale:
-    """Return the steps or tolerances of a scale that are at most `size`, or the finest alone if all are larger."""
+    """Return the sizes of a scale that are at most `size`, or the finest alone if all are larger."""
     first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
 def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """Return tolerances from 10^-`largest` to 10^-`smallest`, with factors of 10^(1/2) between them.
-
-    The field `rungs` of the result has the indices of the whole powers of ten, which a search tries first.
-    """
+    """Return tolerances from 10^-`largest` to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
     exponents = range(2 * largest, 2 * smallest + 1)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
@@ -106,12 +90,10 @@ def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
 def explore(
     evaluate: Callable[[float], Trial], scale: Scale, wanted: Sequence[Requirement], budget: int, most: int = 0
 ) -> tuple[list[Trial], str]:
-    """Return the trials (runs and their errors) of one variant, from coarse to fine, and the reason why no finer one was tried.
+    """Return the trials of one variant, from coarse to fine, and the reason why no finer size was tried.
 
     Args:
-        evaluate: function that returns the trial at a given size (step or tolerance).
-        scale: all steps or tolerances that may be tried, and which of them to try first.
-        wanted: the requirements.
+        evaluate: returns the trial (a run and its errors) at a given size.
         budget: largest number of trials.
         most: largest number of steps of a run; 0 if the integrator chooses its steps.
     """
@@ -132,13 +114,10 @@ def explore(
 
 
 def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
-    """Return, for each requirement, the index halfway between the coarsest size that meets it and the next coarser size tried.
+    """Return for each requirement the index halfway from the coarsest size that meets it to the next coarser size tried.
 
-    There is no index for a requirement that no size meets, nor for one with no untried size between those two sizes.
-
-    Args:
-        tried: index of a step or tolerance in the scale -> the trial with this step or tolerance.
-        wanted: the requirements.
+    There is none for a requirement that no size meets or that has no untried size in between. `tried` maps indices of sizes to
+    trials.
     """
     halves = []
     for requirement in wanted:
@@ -150,17 +129,16 @@ def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> li
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
-    """Return why a search stops trying finer steps or tolerances after its last trial, or an empty text if it goes on.
+    """Return why a search tries no finer sizes after its last trial, or an empty text if it goes on.
 
-    Args:
-        trials: from coarse to fine.
-        wanted: the requirements.
-        most: largest number of steps; 0 if the integrator chooses its steps.
+    The trials are from coarse to fine. `most` is the largest number of steps; 0 if the integrator chooses its steps.
     """
     last = trials[-1]  # finer steps cannot help if its status is neither OK nor one of MENDABLE
     if last.status is not Status.OK and last.status not in MENDABLE:
         return last.message
-    unmet = [w for w in wanted if not any(t.meets(w) for t in trials) and not _is_undetermined(trials, w)]
+    # an error of NaN, such as that of forces which redundant rows leave undetermined, can meet no requirement
+    undetermined = {kind for t in trials for kind, error in t.errors.items() if math.isnan(error)}
+    unmet = [w for w in wanted if w.kind not in undetermined and not any(t.meets(w) for t in trials)]
     if not unmet:
         return "every requirement is met"
     # convergence can be judged only from several runs with equal steps that are not too few
@@ -174,11 +152,6 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
     return ""
 
 
-def _is_undetermined(trials: Sequence[Trial], wanted: Requirement) -> bool:
-    """Tell whether a trial has NaN for the required kind of error, as for joint forces that redundant rows leave undetermined."""
-    return any(math.isnan(t.errors.get(wanted.kind, 0.0)) for t in trials)
-
-
 def _has_stalled(errors: Sequence[float]) -> bool:
     """Tell whether each of the last STALLED errors is larger than FALLS times the smallest error before them."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
@@ -186,21 +159,18 @@ def _has_stalled(errors: Sequence[float]) -> bool:
 
 
 def coarsest(trials: Sequence[Trial], wanted: Requirement) -> Trial | None:
-    """Return the trial with the largest step or tolerance that meets a requirement, or None if no trial meets the requirement."""
+    """Return the trial with the largest size that meets a requirement, or None."""
     return max((t for t in trials if t.meets(wanted)), key=lambda t: t.size, default=None)
 
 
 def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
-    """Return the trial with the smallest error of a given kind, such as "position"; None if no trial has an error of this kind."""
+    """Return the trial with the smallest error of a given kind, such as "position"; None if no trial has one."""
     known = [t for t in trials if t.status is Status.OK and math.isfinite(t.errors.get(kind, math.nan))]
     return min(known, key=lambda t: t.errors[kind], default=None)
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings that are to be timed, in the order given: at most FINALISTS, and only those of low estimated cost.
-
-    `costs` maps a setting to its estimated cost [s], which may be at most NEAR times the least.
-    """
+    """Return the settings to be timed, in the order given: at most FINALISTS, of at most NEAR times the least cost [s]."""
     chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
     return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
@@ -213,10 +183,9 @@ def close(times: Mapping[K, float]) -> list[K]:
 
 
 def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
-    """Return the winner of a race, and all settings that tie with the fastest.
+    """Return the winner of a race, and all settings that tie with the fastest; the first of those that tie wins.
 
-    Args:
-        samples: setting -> seconds (processes, rounds), or (rounds,) of one process. The first of those that tie wins.
+    `samples` maps a setting to its seconds (processes, rounds), or (rounds,) of one process.
     """
     times = {k: time_of(x) for k, x in samples.items()}
     fastest = min(times, key=lambda k: times[k])
@@ -225,13 +194,10 @@ def pick_winner(samples: Mapping[K, Array]) -> tuple[K, list[K]]:
 
 
 def ties_with(samples: Array, fastest: Array) -> bool:
-    """Tell whether a setting ties with the fastest: in at least a quarter of the processes it takes no longer than the fastest.
+    """Tell whether a setting takes no longer than the fastest in at least a quarter of the processes that timed both.
 
-    If only one process timed both settings, bootstrap samples of its rounds are used instead of processes: the setting ties if it
-    takes no longer than the fastest in at least a share LUCK of them.
-
-    Args:
-        samples, fastest: measured times [s] of the setting and of the fastest setting, (processes, rounds) each.
+    If only one process did, it must take no longer in at least a share LUCK of the bootstrap samples of its rounds. Both arguments
+    are times [s] (processes, rounds).
     """
     several = len(common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

@@ -32,12 +32,13 @@ class Size:
 
 
 def size_of(engine: str) -> Size:
-    """Return the size on disk [MB] of an engine's environment or library; NaN, with the reason, if the size is unknown."""
+    """Return the size on disk of an engine's environment or library, or the reason why it is unknown."""
     if environment := environment_of(engine):
         folder = Path(environment.python).parent.parent
         if not (folder / VENV).is_file():
             return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
-        return Size(size_of_folder(folder) / MEGABYTE, "its environment")
+        files = (Path(place, file) for place, _, names in os.walk(folder) for file in names)  # links are not followed
+        return Size(size_of_files(files) / MEGABYTE, "its environment")
     if engine in ELSEWHERE:  # it needs an environment of its own, which is not installed here
         return Size(read_offered(engine).installed, "its environment, as told before it is installed")
     if engine in AUTHORED:
@@ -48,19 +49,13 @@ def size_of(engine: str) -> Size:
     return Size(sum(map(size_of_distribution, found)) / MEGABYTE, "its library and what that requires")
 
 
-def size_of_folder(folder: Path) -> int:
-    """Return the total size [bytes] of the files below a folder, without caches of compiled Python; links are not followed."""
-    paths = [Path(place, file) for place, _, files in os.walk(folder) for file in files]
-    return size_of_files(paths)
-
-
 def size_of_distribution(found: Distribution) -> int:
-    """Return the total size [bytes] of the files of an installed package, without caches of compiled Python."""
+    """Return the size [bytes] of the files of an installed package, without caches of compiled Python."""
     return size_of_files([Path(str(x.locate())) for x in found.files or ()])
 
 
 def size_of_files(paths: Iterable[Path]) -> int:
-    """Return the total size [bytes] of files; symbolic links and caches of compiled Python are not counted."""
+    """Return the total size [bytes] of files without symbolic links and caches of compiled Python."""
     return sum(path.stat().st_size for path in paths if CACHES not in path.parts and path.is_file() and not path.is_symlink())
 
 
@@ -75,10 +70,7 @@ def direct_requirements(engine: str) -> list[str]:
 
 
 def required_by(names: Iterable[str]) -> Iterator[Distribution]:
-    """Yield the installed packages with these names and all packages that they require, each once.
-
-    Packages that only the extras of a package require are left out.
-    """
+    """Yield the installed packages with these names and all that they require, without those of extras, each once."""
     waiting, seen = [*names], set()
     while waiting:
         name = waiting.pop()

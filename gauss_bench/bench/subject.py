@@ -49,10 +49,7 @@ def check_fault(name: str, fault: str) -> Check:
 
 
 def check_failed_run(name: str, run: Run) -> Check:
-    """Return the check for a run that gave no trajectory.
-
-    The check fails or, if the engine refuses the linkage, counts as not made (`passed` is None).
-    """
+    """Return the check for a run without a trajectory: not made if the engine refuses the linkage, else failed."""
     return Check(name, None if run.status is Status.SKIP else False, run.message)
 
 
@@ -72,11 +69,9 @@ def own_time() -> float:
 
 @dataclass(eq=False)
 class Subject:
-    """An engine under test.
+    """An engine under test, which runs in the worker.
 
     Attributes:
-        offer: the description of the engine: its settings, integrators and so on.
-        worker: the process in which the engine runs.
         tell: called with a sentence of progress before each run.
         before: processor time [s] of this process and its ended children before the first check.
     """
@@ -105,17 +100,14 @@ class Subject:
     def accepted(self) -> list[tuple[str, str]]:
         """The linkages and scenarios on which the engine's accelerations and motions are checked.
 
-        PROBE, a linkage with every kind of load, is used if the engine can run it; otherwise the linkages in PLAIN that the engine
-        can run. If the engine can run none of these either, all of PLAIN is returned, so that the checks report the refusals.
+        These are PROBE, a linkage with every kind of load, if the engine can run it, otherwise the linkages in PLAIN that it can
+        run, or all of PLAIN if it can run none, so that the checks report the refusals.
         """
-
-        def takes(place: tuple[str, str]) -> bool:
-            """Tell whether the engine can run a linkage and scenario (whether a run of one step is not refused)."""
-            return self.run(*place, np.array([0.0, STEP])).status is not Status.SKIP
-
-        if takes((PROBE, "loaded")):
-            return [(PROBE, "loaded")]
-        return [place for place in PLAIN if takes(place)] or [*PLAIN]
+        one_step = np.array([0.0, STEP])
+        for places in ([(PROBE, "loaded")], PLAIN):
+            if taken := [x for x in places if self.run(*x, one_step).status is not Status.SKIP]:
+                return taken
+        return [*PLAIN]
 
     def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
         """Run a linkage with the engine's defaults; the other arguments are those of `perform`."""
@@ -124,7 +116,7 @@ class Subject:
     def perform(
         self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
     ) -> Run:
-        """Run a mechanism; once the time allowed for all checks is used up, return a run with the status SKIP instead.
+        """Run a mechanism; once the time allowed for all checks is spent, return a run with the status SKIP instead.
 
         Args:
             times: sample times [s].
@@ -138,7 +130,7 @@ class Subject:
         return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
 
     def choices(self) -> Iterator[Choice]:
-        """Yield the engine's default choice, then each other setting, each other integrator, and every variant of the engine."""
+        """Yield the engine's default choice, then each other setting, each other integrator, and every variant."""
         usual, offer = self.usual, self.offer
         yield usual
         yield from (replace(usual, settings=label) for label in offer.settings if label != usual.settings)

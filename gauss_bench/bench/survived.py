@@ -1,4 +1,4 @@
-"""Timed comparisons ("races") that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
+"""Races that survive a crash: the engine that crashes gets rows with the reason, all others are timed again.
 
 The process of a race writes the name of the running engine into a small file. After a crash or a hang the parent reads the name
 there, and starts the race again without that engine.
@@ -17,9 +17,8 @@ from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine
-Entries = Callable[
-    ..., Iterable[tuple[Any, Callable[[], Block]]]
-]  # returns keys, named tuples with a field `engine`, and makers of blocks
+# returns keys, named tuples with a field `engine`, and makers of blocks
+Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]
 
 
 def race_here(
@@ -27,12 +26,8 @@ def race_here(
 ) -> Rows:
     """Time entries(*arguments) alternately in this process; return a row for each round of an entry, and one for each failed entry.
 
-    `entries` yields, for each timed quantity, a key and a function that makes its block, the piece of work to be timed. If a block
-    has facts, further columns that it returns after the race, there is one more row with these facts.
-
-    Args:
-        engines: names of the engines that take part; all engines if not given.
-        path: the file into which the name of the running engine is written before its code runs; no file if not given.
+    A block whose `facts` has further columns gets one more row with them. All engines take part unless `engines` names some. The
+    name of the running engine is written into the file `path`, if given, before its code runs.
     """
     watch = watching(path) if path else watch_nothing
     race = Race(watch)
@@ -68,15 +63,9 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
 def race_processes(
     race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
 ) -> Measured:
-    """Call `race` several times, and collect the times of all entries.
+    """Call `race` (`race_survivors` or, in tests, `race_here`) `processes` times, and collect the times of all entries.
 
-    If an engine crashes or hangs in one of the calls, the result has the reason of the failure and no times for the entries of this
-    engine.
-
-    Args:
-        race: `race_survivors`, which starts a new process in each call, or `race_here`, which races in this process.
-        entries, arguments, rounds, engines: arguments of `race`.
-        processes: number of calls.
+    An entry whose engine crashes or hangs in one of the calls has the reason of the failure and no times.
     """
     rows: Rows = []
     for number in range(processes):
@@ -93,16 +82,12 @@ def list_survivors(
 ) -> tuple[Any, dict[str, WorkerFailure]]:
     """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 
-    Args:
-        race: function that times engines and writes the name of the running one, at most ROOM bytes, into the file `path`.
-        engines: names of the engines that take part in the first race.
-        limit: largest time of one race [s], without waits for a processor; longest: largest elapsed time of one race [s].
-
-    Returns:
-        The result of the last race, and engine -> failure, for each engine that crashed or hung in an earlier one.
+    `race` writes the name of the running engine, at most ROOM bytes, into the file `path`. `limit` is the largest time of one race
+    [s] without waits for a processor, `longest` the largest elapsed time. Return the result of the last race, and engine -> failure
+    for each engine that crashed or hung in an earlier one.
 
     Raises:
-        WorkerFailure: the timed comparison crashed while no engine was running, or raised an error.
+        WorkerFailure: the race crashed while no engine was running, or raised an error.
     """
     lost: dict[str, WorkerFailure] = {}
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
@@ -121,8 +106,7 @@ def list_survivors(
 def watching(path: str) -> Watch:
     """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
 
-    The function is called before the entry's code runs, so that a crash can be attributed to the engine; a call takes a
-    microsecond. The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name.
+    The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name; a call takes a microsecond.
     """
     file = os.open(path, os.O_WRONLY)
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)

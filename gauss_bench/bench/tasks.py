@@ -1,8 +1,6 @@
 """Tasks: functions that run in worker processes and return rows of tables.
 
-A resumed run does not repeat a finished task. If the worker of a task crashed or was stopped, a result table gets one row for the
-task, with the reason. All tasks of a run share a `Context`: the folder of the references, and a digest of the code and data that
-the results depend on.
+A resumed run does not repeat a finished task. A task whose worker crashed or was stopped gets one row with the reason.
 """
 
 import hashlib
@@ -38,7 +36,7 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Group rows by some columns: return the values of these columns -> the rows that have these values, in their order."""
+    """Return the values of some columns -> the rows that have these values, in their order."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for row in rows:
         groups.setdefault(tuple(row[x] for x in columns), []).append(row)
@@ -46,14 +44,12 @@ def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
 
 
 class Task(NamedTuple):
-    """A task for a worker.
+    """A task for a worker, in which function(*arguments) returns table -> rows.
 
     Attributes:
         key: identifies the task in the journal, the file of finished tasks.
-        function, arguments: function(*arguments) returns table -> rows.
         stamp: digest of the code and data that the rows depend on.
-        table: name of the table that gets a row if the task fails.
-        start: the first columns of that row.
+        table, start: name of the table that gets a row if the task fails, and the first columns of that row.
         limit: [s] after which the worker is stopped.
     """
 
@@ -74,34 +70,22 @@ class Task(NamedTuple):
 
     @property
     def stamp_if_lost(self) -> str:
-        """The stamp of a task that crashed or was stopped: it includes the time limit, because a longer limit may be enough."""
+        """The stamp of a task that crashed or was stopped; it includes the time limit, because a longer one may be enough."""
         return f"{self.stamp}.{self.limit:g}"
-
-    def stamp_of(self, answer: Tables) -> str:
-        """Return the stamp (digest of code and data) with which an answer, table -> rows, is stored in the file of finished tasks.
-
-        The stamp is the attribute `stamp_if_lost` if a row of the answer reports that an engine crashed or was stopped, else
-        `stamp`.
-        """
-        lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
-        return self.stamp_if_lost if lost else self.stamp
 
 
 def with_race_limit(task: Task, processes: int = 1) -> Task:
-    """Return a task that times engines, with a time limit long enough for RACES attempts in each of `processes` processes."""
+    """Return a task that times engines, with time for RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
 def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = None) -> Tables:
-    """Run the tasks that are not finished yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
+    """Run the tasks that the journal does not have yet, `jobs` at a time, and return table -> rows of all tasks, in their order.
 
-    `journal` is the file of finished tasks, to which the tasks are added; `label` names the tasks in reports of progress.
+    Finished tasks are added to the journal; `label` names the tasks in reports of progress.
     """
-    done: dict[str, Tables] = {}  # key of a task -> its answer
-    for task in tasks:
-        known = journal.find(task.key, task.stamp, task.stamp_if_lost) if journal else None
-        if known is not None:
-            done[task.key] = known
+    found = {task.key: journal.find(task.key, task.stamp, task.stamp_if_lost) for task in tasks} if journal else {}
+    done: dict[str, Tables] = {key: known for key, known in found.items() if known is not None}
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[str, str, Tables] | BaseException] = queue.SimpleQueue()
@@ -114,10 +98,9 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        key, stamp, tables = answer
+        key, stamp, done[key] = answer
         if journal:
-            journal.add(key, stamp, tables)
-        done[key] = tables
+            journal.add(key, stamp, done[key])
     return gather(done[task.key] for task in tasks)
 
 
@@ -139,7 +122,7 @@ def count_with_progress(count: int, label: str) -> Iterator[int]:
 
 
 def gather(answers: Iterable[Tables]) -> Tables:
-    """Merge the answers of tasks (table -> rows) into one, in the order of the tasks."""
+    """Merge several maps table -> rows into one, in their order."""
     tables: Tables = {}
     for answer in answers:
         for name, rows in answer.items():
@@ -150,16 +133,17 @@ def gather(answers: Iterable[Tables]) -> Tables:
 def _run_tasks(todo: "queue.SimpleQueue[Task | None]", answers: "queue.SimpleQueue[Any]") -> None:
     """Run tasks from `todo` in one worker process until a None is taken, and put key, stamp and rows of each into `answers`.
 
-    An unexpected exception is also put into `answers`, so that `finish` can raise it.
+    An unexpected exception is put there too, so that `finish` can raise it.
     """
     try:
         with Worker() as worker:
             while task := todo.get():
                 try:
                     answer = worker.call(task.function, task.arguments, task.limit)
-                    answers.put((task.key, task.stamp_of(answer), answer))
+                    lost = any(row.get("status") in LOST for rows in answer.values() for row in rows)
                 except WorkerFailure as failure:
-                    answers.put((task.key, task.stamp_if_lost, task.rows_of_failure(failure)))
+                    answer, lost = task.rows_of_failure(failure), True
+                answers.put((task.key, task.stamp_if_lost if lost else task.stamp, answer))
     except BaseException as error:
         answers.put(error)
 
@@ -185,7 +169,7 @@ class Context:
     _loaded: dict[tuple[str, str], Mechanism] = field(default_factory=dict, repr=False, compare=False)
 
     def mechanism(self, linkage: str, scenario: str) -> Mechanism:
-        """Return a linkage in a scenario; each is read once, because hundreds of tasks name the same few."""
+        """Return a linkage in a scenario; each is read once."""
         if (linkage, scenario) not in self._loaded:
             self._loaded[linkage, scenario] = load(linkage, scenario or None)
         return self._loaded[linkage, scenario]
@@ -193,8 +177,7 @@ class Context:
     def each(self, parts: Iterable[OnLinkages], table: str, function: Callable[..., Tables]) -> list[Task]:
         """Return one task, function(linkage, scenario, part), for each linkage of some parts of a suite.
 
-        If the task fails, a row of `table` records the failure. The `part` (section of the suite) that is passed to `function` has
-        no linkages.
+        The `part` that is passed to `function` has no linkages. If the task fails, a row of `table` records the failure.
         """
         tasks = []
         for part in parts:

@@ -1,8 +1,4 @@
-"""Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`.
-
-A setting of this kind (class `Way`) is an engine with one of its variants (options, integrator, stabilisation) and a size, that is,
-a step or a tolerance.
-"""
+"""Run, judge and time settings of engines, for the searches in `measurements/search.py` and `../advice`."""
 
 import math
 from collections.abc import Mapping
@@ -68,10 +64,7 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`.
-
-    `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
-    """
+    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`."""
     engine = offer(way.engine)
     if is_assignment(way.settings):
         return engine.resolve_settings(way.settings)
@@ -80,23 +73,21 @@ def options_of(way: Way) -> Mapping[str, Any]:
 
 
 def loop_of(way: Way) -> str:
-    """Return the option `loop` of a setting: the name of the loop over the time steps; an empty text if there is no such option."""
+    """Return the option `loop` of a setting, the name of its loop over the time steps, or an empty text."""
     return str(options_of(way).get("loop", ""))
 
 
 def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
-    """Return a setting as a `Choice`, the object in which an engine is given its setting, for a run that ends at `until` [s].
+    """Return a setting as a `Choice` for a run that ends at `until` [s].
 
-    Args:
-        adaptive: whether the integrator chooses its steps. For such an integrator, `way.size` becomes the tolerance of the choice,
-            and the step is set to the whole duration and thus limits nothing. Otherwise `way.size` becomes the step.
+    If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration and thus limits nothing.
     """
     names = way[1:4]  # settings, integrator, stabilisation
     return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Tell whether the reference motion has samples at the ends of all parts of a run that is divided into `beats` equal parts."""
+    """Tell whether the reference has samples at the ends of all parts of a run divided into `beats` equal parts."""
     times = until / beats * np.arange(beats + 1)
     near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
     return bool((np.abs(truth.t[near] - times) < 1e-9).all())
@@ -106,17 +97,13 @@ def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ada
     """Run one setting of an engine, and return its largest errors at those sample times that are ends of steps.
 
     Args:
-        run: the motion to be computed.
-        evaluator, truth: evaluator of the run's mechanism, and the reference motion.
-        way: the engine and its setting.
         adaptive: whether the integrator chooses its steps; the run then has samples at all sample times.
         beats: number of sample times, at equal distances, at which errors are taken.
     """
     steps = beats if adaptive else round(run.until / way.size)
     # k equal parts end at ends of steps and at sample times if k divides both numbers
-    wanted = sample(run, steps, math.gcd(steps, beats))
-    ended = run_of(request_of(run, way, adaptive, wanted), run.mechanism, CASE_LIMIT, again=True)
-    return judge_trial(run, evaluator, truth, way, ended)
+    request = request_of(run, way, adaptive, sample(run, steps, math.gcd(steps, beats)))
+    return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, again=True))
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
@@ -125,15 +112,14 @@ def sample(run: Run, steps: int, samples: int) -> Sampling:
 
 
 def request_of(run: Run, way: Way, adaptive: bool, wanted: Sampling) -> Request:
-    """Return the request for a run of one engine with one setting, including its step or tolerance."""
+    """Return the request for a run of one engine with one setting."""
     return Request(run.linkage, run.mechanism.scenario, way.engine, choice_of(way, adaptive, run.until), wanted)
 
 
 def judge_trial(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ended: Ended) -> Trial:
     """Return the trial of an ended run: the reason for its failure, or its largest errors.
 
-    Errors are taken at the sample times that the run and the reference have in common. The error "end" is the largest position
-    error at the last of these times.
+    Errors are taken at the sample times that the run and the reference have in common; "end" is the error of position at the last.
     """
     if ended.trajectory is None:
         return Trial(way.size, {}, ended.sampling.count, ended.status, ended.message)
@@ -148,18 +134,12 @@ def judge_trial(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ende
 
 
 def is_adaptive(way: Way) -> bool:
-    """Tell whether the integrator of a setting chooses its own steps; if it does, `way.size` is a tolerance, otherwise a step."""
+    """Tell whether the integrator of a setting chooses its own steps, so that `way.size` is a tolerance."""
     return way.integrator in offer(way.engine).adaptive
 
 
 def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
-    """Build the model of an engine with a setting, or reuse a model, and return the timing block that `work` makes from it.
-
-    The engine runs in this process or, if it has an environment of its own, in a process of that environment.
-
-    Args:
-        models: cache of the models that were built in this process; a new model is added.
-        work: function that returns the timing block (the piece of work to be timed), given the model.
+    """Build or reuse a model, here or in the engine's environment, and return the timing block that `work` makes of it.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -171,7 +151,7 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
 
 
 def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
-    """Return a timing block for one step of an engine with one setting; the block's time is the time of one step.
+    """Return a timing block whose time is that of one step.
 
     If the integrator chooses its steps, the block is a whole run, which counts as `steps` repetitions, or as one if the engine does
     not count its steps (None).
@@ -184,14 +164,10 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 
 
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
-    """Return a timing block for a whole run of an engine with one setting; the block's time is the time of the whole run.
+    """Return a timing block whose time is that of the whole run.
 
-    If the run has equal steps and would take longer than `lead`, only its first part is run, and its time is extrapolated.
-
-    Args:
-        steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
-        seconds: estimated time of the run [s].
-        lead: time [s] that the first part of a longer run takes.
+    A run with equal steps that would take longer than `lead` [s] by its estimated time `seconds` is run in part, and extrapolated.
+    `steps` is None if the engine does not count the steps that its integrator chooses.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -203,24 +179,16 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a timing block for a whole run of an engine with one setting, if it is not known how long the run takes.
-
-    The block's time is the time of the whole run. If the run has equal steps, its first steps are timed now, together, to estimate
-    this time. If the run would take longer than `lead`, only its first part is run in a race, and the time is extrapolated.
+    """Return a timing block as `whole_run` does, but estimate the time of the run by its first steps, which are timed now.
 
     Args:
-        steps: number of steps of the run; None if the integrator chooses its steps and the engine does not count them.
-        lead: time [s] that the first part of a longer run takes.
-        samples: number of sample times of a run whose integrator chooses its steps: the same number as in the run in which its
-            errors were measured.
+        samples: number of sample times if the integrator chooses its steps: as in the run in which its errors were measured.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    choice = choice_of(way, is_adaptive(way), run.until)
-    if is_adaptive(way) or steps is None:
-        whole = 1.0  # share of the run that is timed: the time is not extrapolated
-        work = partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), whole)
-    else:
-        work = partial(leading, NO_KEY, choice, run.until, steps, lead)
-    return block_of(run, way, models, work)
+    adaptive = is_adaptive(way)
+    choice = choice_of(way, adaptive, run.until)
+    if adaptive or steps is None:
+        return block_of(run, way, models, partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
+    return block_of(run, way, models, partial(leading, NO_KEY, choice, run.until, steps, lead))

@@ -1,8 +1,8 @@
 """Run an engine in a process of its own: the request to that process, and the checks of its answer.
 
-All engines except the suite's own formulations run in a worker process. The worker's answer holds samples and sentences. The answer
-is checked in the parent process, whose code the engine cannot change. The engine's process imports this file first. Therefore this
-file imports no modules that read linkages or keep journals, which are slow to import, and a mechanism is sent as data.
+All engines except the suite's own formulations run in a worker process. Its answer is checked in the parent process, whose code the
+engine cannot change. The engine's process imports this file first: the file imports no modules that read linkages or keep journals,
+which are slow to import, and a mechanism is sent as data.
 """
 
 import math
@@ -60,11 +60,8 @@ class Request:
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
     """Carry out a requested run: one of the suite's own formulations in this process, any other engine in a worker process.
 
-    Args:
-        mechanism: the mechanism that the request names.
-        limit: time [s] after which a worker is stopped; the time during which it waits for a processor is not counted.
-        worker: the worker to use; if not given, the one that is kept for the engine.
-        again: whether the process may keep the model that it builds, to use it for the next request.
+    `limit` [s] is the time, without waits for a processor, after which a worker is stopped; the worker is the one kept for the
+    engine unless given. With `again`, the process may keep the model that it builds for the next request.
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
@@ -74,12 +71,9 @@ def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker 
 def run_apart(
     request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
 ) -> Run:
-    """Carry out a requested run in a worker.
+    """Carry out a requested run in a worker; arguments are as in `run_of`.
 
-    Args:
-        limit: time [s] after which the run is stopped; the time during which it waits for a processor is not counted.
-        again: whether the worker may keep the built model for the next request, which then needs almost no time to build.
-        longest: limit of the elapsed time [s], after which the run is stopped too.
+    `longest` limits the elapsed time [s], with the time during which the worker waits for a processor.
     """
     try:
         process = worker.under(interpreter_of(request.engine))
@@ -90,16 +84,19 @@ def run_apart(
 
 
 def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[str, Any]:
-    """Carry out a request in the engine's process, and return the run as plain data; `again` is as in `run_of`."""
-    return plain_run(_run(request, mechanism, again))
+    """Carry out a request in the engine's process, and return the run as texts, numbers and arrays, which `outcome_of` reads."""
+    run = _run(request, mechanism, again)
+    trajectory = run.trajectory or run.reached
+    fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
+    answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
+    return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
 def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
-    If `again` is true and the engine is `resizable` (its models accept another step and tolerance), this process keeps the model
-    for the next request; it keeps one model at a time. The kept model is used for a request that differs from the request for which
-    it was built only in step, tolerance or samples. If a request differs in more, a new model is built and replaces the kept model.
+    With `again`, the model of a `resizable` engine (which accepts another step and tolerance) is kept for requests that differ only
+    in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     place = request.linkage, request.scenario, mechanism.sha256, request.alter
@@ -107,7 +104,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
-        """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key` (see above)."""
+        """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key`."""
         if _kept.key != key:
             _kept.model = engine.build(mechanism, choice)
             _kept.key = key
@@ -131,31 +128,16 @@ class _Kept:
 _kept = _Kept()
 
 
-def plain_run(run: Run) -> dict[str, Any]:
-    """Return a run as a dict of texts, numbers and arrays, which `outcome_of` reads.
-
-    The trajectory of a failed run is the part that it reached before the failure.
-    """
-    trajectory = run.trajectory or run.reached
-    fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
-    answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
-    return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
-
-
 def outcome_of(answer: object) -> Outcome:
     """Return the outcome that a worker's answer describes; an answer that describes none becomes an outcome with status ERROR."""
     match answer:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
             answered = numbers if isinstance(numbers, np.ndarray) else None
-            built, seconds = (_seconds(rest.get(key)) for key in ("build_time", "seconds"))
+            given = (rest.get(key) for key in ("build_time", "seconds"))
+            built, seconds = (float(x) if isinstance(x, (int, float)) and x >= 0 else math.nan for x in given)
             return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
     return Outcome(Status.ERROR, "the answer of the engine's process is no run")
-
-
-def _seconds(x: object) -> float:
-    """Return a value of an answer as a time [s], or NaN if the value is no time."""
-    return float(x) if isinstance(x, (int, float)) and x >= 0 else float("nan")
 
 
 def _trajectory(x: object) -> Trajectory | None:
@@ -171,8 +153,7 @@ def _trajectory(x: object) -> Trajectory | None:
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
     """Build the compiled code that settings of an engine need, if it is missing; `told` is called with sentences of progress.
 
-    The code is built in a worker, which ends its compilers when its parent process dies. If building fails, no exception is raised,
-    because the run reports the failure later.
+    The code is built in a worker, which ends its compilers when its parent process dies. A failure is left to the run to report.
     """
     if "build_once" not in offer(engine).methods:
         return
@@ -188,7 +169,7 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
     """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
 
-    Adapters in this package are asked for the name of the missing code in this process, plug-ins in the worker process.
+    Adapters in this package are asked in this process, plug-ins in the worker process.
 
     Raises:
         WorkerFailure: a plug-in gave no answer.
@@ -200,7 +181,7 @@ def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
 
 
 def find_unbuilt_there(engine: str, settings: list[str]) -> str:
-    """Return the same name as `find_unbuilt`, by a call of the engine's method in this process, not in a worker."""
+    """Return the same name as `find_unbuilt`, by a call of the engine's method in this process."""
     names = [ask(get(engine), "unbuilt")(x) for x in settings]
     return next((x for x in names if x), "")
 

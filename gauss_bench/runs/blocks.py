@@ -1,8 +1,8 @@
 """Timing blocks: pieces of work to be timed, some milliseconds of steps, runs or calls. A race times all engines' blocks in turn.
 
-A timing block is timed inside the process that does the work. All blocks of engines in another environment are in one process
-there, and the race asks that process to time one block at a time. An engine's environment may contain no package except numpy, so
-that this file imports no other.
+A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
+the race asks it to time one block at a time. An engine's environment may contain no package except numpy, so that this file imports
+no other.
 """
 
 import gc
@@ -32,15 +32,13 @@ LONGEST = 600.0  # [s] limit of one block in another environment
 
 @dataclass
 class Block:
-    """The work that is timed for one quantity of an engine, which is one entry of a race (a timed comparison).
+    """The work that is timed for one quantity of an engine, which is one entry of a race.
 
     To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `again` times each. The result is
     the mean time of one repetition of the work.
 
     Attributes:
         entry: key of the entry; a race sets it.
-        ready: prepares the work, and is not timed.
-        go: does the work, and is timed.
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
         again: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry's row; called after the race.
@@ -63,16 +61,11 @@ class Block:
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
-    """Return a timing block that repeats a call for about BLOCK seconds.
-
-    Nothing is prepared before a call. Each call counts as `work` repetitions of the timed work. `entry` is the key of the block's
-    entry in a race.
-    """
+    """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
     count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
 
     def calls() -> None:
-        """Call the function as many times as it takes to fill BLOCK seconds."""
         for _ in range(count):
             call()
 
@@ -82,8 +75,8 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """Return a timing block of steps of a model, either in the engine's own loop (`native`) or called one by one from Python.
 
-    The motion has as many steps as can be computed in BLOCK seconds of processor time, but its duration is at most MOTION seconds.
-    If the motion of this duration takes less than BLOCK seconds to compute, the block computes it several times.
+    The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds; if this takes less than BLOCK
+    seconds to compute, the block computes it several times.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -109,8 +102,7 @@ def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
     """Return a block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
-    `share` is the fraction of the whole run that these sample times cover. The measured time is divided by `share`, so that the
-    block's time is the time of the whole run.
+    The sample times cover the fraction `share` of the whole run, whose time is that of the block.
 
     Raises:
         RunFailure: the run fails.
@@ -124,17 +116,9 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 
 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
-    """Return a timing block of the first part of a run, as long as takes about `lead` seconds of processor time.
+    """Return a timing block of the first part of a run of `steps` equal steps until `until` [s], which takes about `lead` [s].
 
-    The length of the timed part is estimated from the time that the first steps of the run take. The block's time is extrapolated
-    to the whole run.
-
-    Args:
-        entry: key under which the block is timed.
-        choice: the engine's setting, to which the model is set before each run.
-        until: end of the whole run [s].
-        steps: number of equal steps of the whole run.
-        lead: processor time of the first part [s].
+    The length of the part is estimated from the time of the first steps. The block's time is that of the whole run.
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
@@ -159,10 +143,7 @@ class TimedCall:
 
 
 def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Prepare a call of a library's function at a state q, v (n,); return its timing block, its result and the time of preparation.
-
-    Args:
-        prepare: function that, given a mechanism and a state, returns the call to be timed.
+    """Prepare a call of a library's function at a state q, v (n,), which `prepare` returns.
 
     Raises:
         RunFailure: the library cannot model the mechanism.
@@ -178,10 +159,7 @@ def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mech
 
 
 def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Return a timed call: one of the `library_calls` that an engine offers.
-
-    If the engine has an environment of its own, the call is prepared and timed in a process of that environment, else in this
-    process.
+    """Return one of the `library_calls` that an engine offers, prepared in this process or in that of the engine's environment.
 
     Raises:
         RunFailure: the engine cannot model the mechanism, or the call of its library failed.
@@ -210,8 +188,7 @@ def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model
     """Return a timing block of one run over sample times (k,) [s], which cover the fraction `share` of the whole run."""
 
     def ready() -> None:
-        """Prepare the run; a block that was timed before may have set the model to another choice, such as another step."""
-        model.choice = choice
+        model.choice = choice  # a block that was timed before may have set another one, such as another step
         model.prepare(times)
 
     return Block(entry, ready, model.run, share)
@@ -233,7 +210,7 @@ class BlockElsewhere(Block):
     failure: RunFailure | None = None
 
     def seconds(self) -> float:
-        """Return the time of one repetition of the work [s], measured in the engine's process; NaN after a failure (`failure`)."""
+        """Return the time of one repetition of the work [s], measured in the engine's process; NaN after a failure."""
         if self.failure is None:
             try:
                 return self.timed()
@@ -243,11 +220,7 @@ class BlockElsewhere(Block):
 
 
 def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> BlockElsewhere:
-    """Return a timing block of an engine that has an environment of its own.
-
-    The block returned here stands for a block in a process of the engine's environment, where the work is done and timed. In that
-    process the model is built, and `work`, given the model, returns the block. The same process of the environment serves all races
-    that the calling process runs.
+    """Return a block that stands for the one that `work` makes of a model in the process of an engine's environment.
 
     Raises:
         RunFailure: the engine cannot run the mechanism, or the process gave no answer.
@@ -257,10 +230,7 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
 
 
 def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
-    """Return a block that stands for a timing block in another process, which the function `ask_there` calls.
-
-    `number` is the index of the block in that process; `count` and `again` are the attributes of that block.
-    """
+    """Return a block that stands for block `number`, with its `count` and `again`, of the process that `ask_there` calls."""
     # `dict`, as a function that does nothing, for `ready` and `go`: the work is done in the other process
     return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
 
@@ -268,14 +238,13 @@ def _block_there(ask_there: Callable[..., Any], number: int, count: float, again
 def _asking_there(engine: str) -> Callable[..., Any]:
     """Return a function that calls a given function with arguments in the process of an engine's environment.
 
-    The returned function raises RunFailure if the engine's process gives no answer. Each environment has one such process, which
-    serves all races that the calling process runs.
+    It raises RunFailure if the process gives no answer. Each environment has one such process, which serves all races that the
+    calling process runs.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
 
     def ask_there(function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return function(*arguments), called in the worker process of the engine's environment; it may take LONGEST seconds."""
         try:
             return worker.call(function, arguments, LONGEST)
         except WorkerFailure as failure:
@@ -290,9 +259,7 @@ Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabil
 def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
     """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
 
-    A stored model can be used again only if the engine is `resizable`, that is, if its models accept another step and tolerance. In
-    this case all choices that differ only in step or tolerance use the same model. If the engine is not resizable, a new model is
-    built at every call.
+    Only models of a `resizable` engine, which accept another step and tolerance, are used again.
     """
     adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
     if key not in models or not ask(adapter, "resizable"):
@@ -305,20 +272,15 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a timing block in an engine's process, which the process that runs the race has asked to call this function.
-
-    `work`, given the model, returns the block. Return the index of the block in `_blocks`, its `count` (repetitions in one call)
-    and its `again` (number of calls).
-    """
+    """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `again`."""
     _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
-    """Make the timing block of a library's call in an engine's process, which the process that runs the race has asked to do so.
+    """Make the timing block of a library's call in an engine's process.
 
-    Return the block's index in `_blocks`, its `count` (repetitions of the work in one call), its `again` (number of calls), the
-    acceleration (n,) that the library's call computes, and the elapsed time that the preparation of this call took [s].
+    Return the same as `make_there`, the acceleration (n,) of the call, and the elapsed time of its preparation [s].
     """
     timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(timed.block)

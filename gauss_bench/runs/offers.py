@@ -1,15 +1,14 @@
 """The settings and integrators that engines offer, and checks of the durations, steps and budgets of runs.
 
 The description that an engine gives of itself is its `Offer`. Adapters of this package describe themselves in this process,
-plug-ins in a worker. If an engine aborts, hangs, cannot be imported or lacks a member, its description contains the reason, and no
-exception is raised.
+plug-ins in a worker. If an engine aborts, hangs, cannot be imported or lacks a member, its description has the reason.
 """
 
 import math
 import platform
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -84,7 +83,6 @@ class Offer:
 
     @property
     def usable(self) -> bool:
-        """Whether the engine can be run."""
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
@@ -110,7 +108,7 @@ class Offer:
         return chosen
 
     def choose_tolerance(self, choice: Choice, tolerance: float | None) -> Choice:
-        """Return a copy of `choice` (an engine's setting) with a relative tolerance, or `choice` itself if the tolerance is None.
+        """Return a copy of `choice` with a relative tolerance, or `choice` itself if the tolerance is None.
 
         Raises:
             ChoiceError: the tolerance is not positive, or the integrator takes equal steps.
@@ -133,23 +131,16 @@ class Offer:
         """
         labels = {**self.settings, **{k: x.options for k, x in self.variants.items()}}
         if text not in labels and not is_assignment(text):
-            raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{self._and_options()}")
+            own = f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
+            raise ChoiceError(f"{self.name} has no settings {text!r}; it offers {', '.join(labels)}{own}")
         try:
             return OptionTable(labels, self.options).resolve(text)
         except (OptionError, KeyError) as error:
             raise ChoiceError(f"{self.name}: {error.args[0]}") from error
 
-    def _and_options(self) -> str:
-        """Return the engine's own options as the end of a sentence, or an empty text if it has none."""
-        return f"; or its own options: {OptionTable(self.settings, self.options).describe()}" if self.options else ""
-
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Say which Python code, besides the engine's library, runs while an engine's run is timed.
-
-    Adapters of this package are asked for this text in this process, plug-ins in a worker. The result is NOT_TOLD if the engine
-    does not report such a text.
-    """
+    """Say which Python code, besides the engine's library, runs while an engine's run is timed; NOT_TOLD if it does not say."""
     environment = environment_of(name)
     # the condition: the engine's adapter is part of this package, so that no worker is needed to call it
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
@@ -172,7 +163,7 @@ def has_method(name: str, method: str) -> bool:
 
 
 def in_python_there(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return the same text as `in_python`, by a call of the engine's method in this process, not in a worker."""
+    """Return the same text as `in_python`, by a call of the engine's method in this process."""
     return str(ask(get(name), "in_python")(mechanism, choice))
 
 
@@ -205,8 +196,7 @@ def offer(name: str) -> Offer:
 def offers(wanted: list[str] | None = None) -> list[Offer]:
     """Return the descriptions of the engines with these names, or of all engines.
 
-    Each engine is asked for its description once, and the answer is kept. Adapters of this package (SAFE) describe themselves in
-    this process, all other engines in a worker.
+    Each engine is asked once: adapters of this package (SAFE) in this process, all other engines in a worker.
 
     Raises:
         KeyError: there is no such engine.
@@ -230,7 +220,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
 
 
 def offers_from_outside() -> list[Offer]:
-    """Return the descriptions of plug-ins and of engines of other environments, without importing libraries of other engines."""
+    """Return the descriptions of plug-ins and of engines of other environments."""
     return offers([name for name in all_names() if name not in SAFE])
 
 
@@ -251,10 +241,7 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the engine's description from the answer of a worker.
-
-    If the worker's answer is not a valid description, return the description of an engine that cannot be used, with the reason.
-    """
+    """Return the engine's description from the answer of a worker, or the reason why the answer is no valid description."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -286,18 +273,25 @@ def describe(name: str) -> Offer:
                 raise TypeError(f"{word} is a text, not names")
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
+        knobs = {str(k): x for k, x in dict(ask(engine, "knobs")).items()}  # plug-ins may leave out all attributes of a knob
+        values = {k: tuple(map(str, getattr(x, "values", ()))) for k, x in knobs.items() if k not in CHOSEN}
         offer = Offer(
             name,
-            settings={str(k): {str(x): _plain(y) for x, y in dict(v).items()} for k, v in dict(engine.settings).items()},
-            variants={str(k): _variant(str(k), v) for k, v in dict(ask(engine, "variants")).items()},
+            settings={str(k): _plain_options(v) for k, v in dict(engine.settings).items()},
+            variants={
+                str(k): Variant(str(k), str(x.integrator), str(x.stabilization), _plain_options(x.options))
+                for k, x in dict(ask(engine, "variants")).items()
+            },
             integrators=tuple(map(str, engine.integrators)),
             stabilizations=tuple(map(str, engine.stabilizations)),
             adaptive=tuple(map(str, ask(engine, "adaptive"))),
-            options=_options(engine),
-            knobs={str(k): _explain_knob(x) for k, x in dict(ask(engine, "knobs")).items()},
+            options=values or dict.fromkeys(map(str, ask(engine, "options")), ()),
+            knobs={
+                k: (in_a_sentence(getattr(x, "meaning", "")), in_a_sentence(getattr(x, "source", ""))) for k, x in knobs.items()
+            },
             first=tuple(map(str, ask(engine, "first"))),
-            soft=_causes(ask(engine, "soft")),
-            unfinished=_causes(ask(engine, "unfinished")),
+            soft={str(k): in_a_sentence(x) for k, x in dict(ask(engine, "soft")).items()},
+            unfinished={str(k): in_a_sentence(x) for k, x in dict(ask(engine, "unfinished")).items()},
             native_loop=bool(engine.native_loop),
             python_loop=bool(engine.python_loop),
             methods=tuple(x for x in METHODS if has_own(engine, x)),
@@ -310,53 +304,18 @@ def describe(name: str) -> Offer:
     except Exception as error:
         return _reject(name, error)
     try:
-        return replace(offer, version=_version(engine.version))
+        version = engine.version()
+        version = in_a_sentence(version) if isinstance(version, str) else f"unknown ({type(version).__name__}, not a text)"
     except ImportError as error:
         return replace(offer, version=NOT_INSTALLED, status=Status.SKIP, reason=not_installed(error))
+    except Exception as error:
+        version = f"unknown ({type(error).__name__}: {in_a_sentence(error)})"
+    return replace(offer, version=version)
 
 
 def _reject(name: str, error: Exception) -> Offer:
     """Return the description of an engine that cannot be used because of an error."""
     return Offer(name, "cannot be used", status=Status.ERROR, reason=f"{type(error).__name__}: {in_a_sentence(error)}")
-
-
-def _version(get_version: Callable[[], object]) -> str:
-    """Call an engine's method `version`, and return the version of its library, or "unknown" with the reason if the call fails.
-
-    Raises:
-        ImportError: the library is not installed.
-    """
-    try:
-        version = get_version()
-        return in_a_sentence(version) if isinstance(version, str) else f"unknown ({type(version).__name__}, not a text)"
-    except ImportError:
-        raise
-    except Exception as error:
-        return f"unknown ({type(error).__name__}: {in_a_sentence(error)})"
-
-
-def _variant(name: str, said: Any) -> Variant:
-    """Return a variant (a named setting of an engine) as plain data; `said` is the engine's own object, of any type."""
-    return Variant(name, str(said.integrator), str(said.stabilization), {str(k): _plain(x) for k, x in said.options.items()})
-
-
-def _options(engine: Any) -> dict[str, tuple[str, ...]]:
-    """Return option -> texts that are allowed as values, for each option that can be set by itself.
-
-    These options are the engine's `knobs` or, if the engine declares no knobs, the names that it lists in `options`.
-    """
-    knobs = {str(k): tuple(map(str, getattr(x, "values", ()))) for k, x in dict(ask(engine, "knobs")).items()}
-    return {k: x for k, x in knobs.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ())
-
-
-def _explain_knob(knob: object) -> tuple[str, str]:
-    """Return the meaning of a knob and the address of its documentation; plug-ins may leave out either."""
-    return in_a_sentence(getattr(knob, "meaning", "")), in_a_sentence(getattr(knob, "source", ""))
-
-
-def _causes(declared: Mapping[str, object]) -> dict[str, str]:
-    """Return name -> cause of inexactness, for the settings and variants that an engine declares inexact."""
-    return {str(k): in_a_sentence(x) for k, x in dict(declared).items()}
 
 
 def _find_versions(packages: Sequence[str]) -> dict[str, str]:
@@ -380,18 +339,22 @@ def _find_versions(packages: Sequence[str]) -> dict[str, str]:
     return versions
 
 
-def _plain(value: object) -> object:
-    """Return the value of an option as plain data; an object of another type is replaced by its text."""
-    if isinstance(value, (list, tuple)):
-        return [_plain(x) for x in value]
-    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+def _plain_options(options: Mapping[object, object]) -> dict[str, Any]:
+    """Return option -> value as plain data; a value of another type is replaced by its text."""
+
+    def plain(value: object) -> object:
+        if isinstance(value, (list, tuple)):
+            return [plain(x) for x in value]
+        return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+
+    return {str(k): plain(x) for k, x in dict(options).items()}
 
 
 def check_positive(name: str, value: float, unit: str = " of seconds") -> None:
     """Check that a number is positive and finite.
 
     Raises:
-        ChoiceError: the number is not positive and finite; the message begins with the name of the number.
+        ChoiceError: it is not; the message begins with the name of the number.
     """
     if not (math.isfinite(value) and value > 0):
         raise ChoiceError(f"{name} must be a positive number{unit}, not {value:g}")
@@ -425,11 +388,7 @@ def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
 
 
 def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Check that a run until `t_end` [s] can end within its budget [s].
-
-    Args:
-        step: length of a step [s].
-        seconds_a_step: the least time of a step [s], on the quickest linkage.
+    """Check that a run until `t_end` [s] by steps [s] that take at least `seconds_a_step` [s] can end within its budget [s].
 
     Raises:
         ChoiceError: the steps take longer than the budget; the message states the least time that they need.

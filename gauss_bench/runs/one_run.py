@@ -1,7 +1,6 @@
 """Run an engine once: sample times -> build -> prepare -> run -> read -> check. Every command runs engines by this module.
 
-The part of a run in which the engine's code is called (`perform`) is separate from the checks of the samples that it returns
-(`receive`), because the two parts may run in different processes.
+The engine's code is called in `perform`, and the samples that it returns are checked in `receive`, possibly in another process.
 
 Samples lie at multiples of the step. If a sample is wanted at a time that is no multiple of the step, such as the end of the run,
 one shorter step ends there, and the note of the run reports the shorter step.
@@ -57,7 +56,7 @@ class Sampling:
 def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spacing: float = SAMPLING) -> Sampling:
     """Return sample times from 0 to t_end, about `spacing` [s] apart, and each time in `meet` that is a multiple of the step.
 
-    The end time `t_end` is always a sample time. If the end time is no multiple of the step, the last step is shorter.
+    The end time is always a sample time; if it is no multiple of the step, the last step is shorter.
     """
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
@@ -66,8 +65,8 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
 def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING) -> Sampling:
     """Return sample times about `spacing` [s] apart, and every time in `at`.
 
-    A time in `at` that is no multiple of the step is reached by a shorter step. The multiples of the step just before and after
-    such a time are sample times too, so that only the two steps between these multiples are shorter.
+    A time in `at` that is no multiple of the step is reached by a shorter step. The multiples of the step before and after it are
+    sample times too, so that only the two steps between them are shorter.
     """
     last = max(at)
     neighbours = []  # multiples of the step on both sides of a time that whole steps miss
@@ -78,10 +77,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Return exactly these sample times, the first of which is the start.
-
-    Where a time is no multiple of the step, a shorter step ends there.
-    """
+    """Return exactly these sample times, the first of which is the start; other times than multiples end shorter steps."""
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
@@ -121,7 +117,7 @@ Build = Callable[[Mechanism, Choice], Model]
 
 
 def nothing(model: Model) -> None:
-    """Do nothing with the model before its run: the default of the argument `ask`, which then returns no answer."""
+    """Do nothing with the model before its run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +126,8 @@ class Outcome:
 
     Attributes:
         status, message: OK and an empty text, or the kind of failure and a sentence.
-        returned: the samples that the engine returned, or its samples before a failure. The engine's samples are not checked yet,
-            so that this attribute may be an object of any type.
+        returned: the samples that the engine returned, or reached before a failure; an object of any type, which is not checked
+            yet.
         answer: the result of the function `ask`, which was called with the model before the run.
         build_time, seconds: processor time of building the model and of running it [s]; NaN if the outcome ended before.
     """
@@ -191,20 +187,11 @@ def one_run(
     return receive(perform(engine, mechanism, choice, wanted, ask, shortest, build), wanted, mechanism.n)
 
 
-@np.errstate(all="ignore")
+@np.errstate(all="ignore")  # a motion that diverges is reported by the later check of its samples
 def perform(
     engine: Engine, mechanism: Mechanism, choice: Choice, wanted: Sampling, ask: Asked, shortest: float, build: Build | None
 ) -> Outcome:
-    """Build a model, call `ask` with it, prepare and run it, and read its samples; a failure becomes an Outcome with the reason.
-
-    This is the part of `one_run` that runs in the engine's process; afterwards `receive` checks the result, possibly in another
-    process. Warnings of numpy are silenced, because a motion that diverges is reported by the later check of its samples.
-
-    Args:
-        wanted: the sample times; ask: is called with the model before the run.
-        shortest: a run that takes less time [s] is repeated, because the caches are cold in the first run.
-        build: builds the model, instead of the engine's own function.
-    """
+    """Carry out the part of `one_run` that calls the engine's code; a failure becomes an Outcome with the reason."""
     built = seconds = float("nan")
     answer: object = None
     running: Model | None = None  # the model during its run, whose samples are read if the run is broken off
@@ -224,7 +211,9 @@ def perform(
         running = None  # the run is complete: if `read` fails, it is not called again
         return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
-        status, message, reached = _failing(failure.status), in_a_sentence(failure), failure.reached
+        # a status that no failure can have becomes ERROR
+        status = next((x for x in Status if x == failure.status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
+        message, reached = in_a_sentence(failure), failure.reached
     except ImportError as error:
         return Outcome(Status.SKIP, f"{engine.name} is {not_installed(error)}", None, answer, built, seconds)
     except Exception as error:
@@ -232,11 +221,6 @@ def perform(
         status, reached = Status.ERROR, None
         message = f"{type(error).__name__}: {in_a_sentence(error)} ({Path(where.filename).name}:{where.lineno})"
     return Outcome(status, message, reached or _read(running), answer, built, seconds)
-
-
-def _failing(status: object) -> Status:
-    """Return the status of a failure; a status that no failure can have becomes ERROR."""
-    return next((x for x in Status if x == status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
 
 
 def _read(model: Model | None) -> object:
@@ -271,7 +255,7 @@ def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
 def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
     """Return the indices of at most JUDGED random samples.
 
-    The seed of the random numbers is computed from the samples, so that no engine can foresee which samples will be checked.
+    The seed is computed from the samples, so that no engine can foresee which samples will be checked.
     """
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(x).tobytes() for x in (trajectory.q, trajectory.v, trajectory.a)))
     random = np.random.default_rng(int.from_bytes(digest.digest()[:8], "big"))
@@ -279,7 +263,7 @@ def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the median relative error of a trajectory's accelerations, against those of Gauss's principle at some of its states.
+    """Return the median relative error of a trajectory's accelerations, against Gauss's principle at some of its states.
 
     The result is None if the accelerations are not determined, as with friction on redundant rows.
     """

@@ -1,7 +1,6 @@
 """Ask engines for the programs that they write (`program` in `engines/base.py`), in the engine's process, and check the programs.
 
-The process of an engine imports this file. This file imports no other package than numpy, because an engine's environment may
-contain only numpy.
+An engine's process imports this file and may have no package but numpy.
 """
 
 import subprocess
@@ -26,7 +25,7 @@ def writes_programs(engine: str) -> bool:
 
 
 def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Ask an engine for a Python program that computes the mechanism's motion; this function is called in the engine's process.
+    """Ask an engine, in its process, for a Python program that computes the mechanism's motion.
 
     Return {"text": program}, or {"refused": why there is none}.
     """
@@ -44,8 +43,7 @@ def program_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str
 def run_there(text: str, seconds: float) -> dict[str, Any]:
     """Run a program under this interpreter; return {"printed": its output} or {"failed": why it failed}.
 
-    The program sees the packages of the interpreter's environment alone, as in a user's process, and is stopped after `seconds`
-    [s].
+    The program sees the packages of the interpreter's environment alone, and is stopped after `seconds` [s].
     """
     with TemporaryDirectory() as folder:
         file = Path(folder, "linkage.py")

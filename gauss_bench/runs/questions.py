@@ -1,8 +1,6 @@
 """Functions that are called with an engine's model, in the engine's process, before the model runs (`Request.ask`).
 
-Such a function asks the model for something, such as accelerations at given states. The engine's process is sent only the
-function's name and imports this file. The environment of that process may contain no package except numpy, so that this file
-imports no other package.
+The engine's process gets only the function's name and imports this file; it may have no package but numpy.
 """
 
 import platform
@@ -37,8 +35,7 @@ def accelerations(t: Array, q: Array, v: Array, model: Model) -> Array:
 def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Model) -> Array:
     """Return the joint forces (k, joints, 3) that the engine's model itself reports at states t (k,), q, v (k, n).
 
-    The three numbers of a joint are the forces fx, fy [N] on its second link and the moment [N m] about its point; they are NaN if
-    the model reports none. `names` are the names of all joints.
+    They are the forces fx, fy [N] on the joint's second link and the moment [N m] about its point; NaN if the model reports none.
     """
     forces = np.full((len(t), len(names), 3), np.nan)
     for k, state in enumerate(zip(t, q, v, strict=True)):
@@ -54,9 +51,7 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
 class ForceQuestion:
     """Asks an engine for the joint forces that it computes at some states of a motion, and checks its answer.
 
-    Attributes:
-        mechanism: the linkage.
-        states: the states, with the accelerations of the suite's own equations.
+    The `states` have the accelerations of the suite's own equations.
     """
 
     mechanism: Mechanism
@@ -74,10 +69,7 @@ class ForceQuestion:
         return SIZE * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the joint forces that an engine has reported, and the largest correct joint force [N, N m].
-
-        The error and the largest force are NaN if the engine reports no joint forces.
-        """
+        """Return the largest error of the joint forces of an engine, and the largest correct one [N, N m]; NaN if it has none."""
         shape = (len(self.states.t), len(self.mechanism.joints), 3)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
@@ -87,7 +79,7 @@ class ForceQuestion:
 def ask_along(mechanism: Mechanism, reference: Reference) -> ForceQuestion:
     """Return the question that asks an engine for its joint forces at some states of a reference motion.
 
-    The states, at most FORCED, are evenly spread over those states of the reference whose accelerations are known.
+    The states, at most FORCED, are evenly spread over those whose accelerations are known.
     """
     known = np.flatnonzero(np.isfinite(reference.a).all(axis=1))
     return ForceQuestion(mechanism, reference.samples[known[spread_evenly(len(known), FORCED)]])

@@ -1,9 +1,8 @@
 """Checks of a run without a reference: a repeated run, the fastest vibration mode, and a second formulation.
 
-A repetition at half the step shows the error due to the step, in any engine. If the integrator chooses its steps, a repetition at a
-tighter tolerance shows the error. The eigenvalues of the linearised motion show whether the step resolves the fastest vibration
-mode. The difference between two formulations of the same accelerations shows how many digits are lost to rounding because the
-equations of the linkage are ill-conditioned.
+A repetition at half the step, or at a tighter tolerance if the integrator chooses its steps, shows the error due to the step. The
+eigenvalues of the linearised motion show whether the step resolves the fastest vibration mode. The difference between two
+formulations of the same accelerations shows how many digits are lost to rounding because the equations are ill-conditioned.
 """
 
 import re
@@ -43,9 +42,9 @@ FAILURES = (RunFailure, ArithmeticError, np.linalg.LinAlgError)
 def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     """Return the largest spacing of samples [s] at which a run's power and rates can still be integrated over time accurately.
 
-    A run has at least LEAST samples, and at least A_PERIOD samples in each period of the fastest sinusoidal force, of the fastest
-    rise and fall of a force given by a table, and of the fastest mode (of vibration or decay) at the start. A spacing below
-    SAMPLING is not made so small that the run has more than MOST samples.
+    A run has at least LEAST samples, and at least A_PERIOD in each period of the fastest sinusoidal force, of the fastest rise and
+    fall of a force given by a table, and of the fastest mode (of vibration or decay) at the start. A spacing below SAMPLING is not
+    made so small that the run has more than MOST samples.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
     rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
@@ -57,7 +56,7 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
 
 
 def reversal_times(mechanism: Mechanism) -> list[Array]:
-    """Return, for each force that is piecewise linear in time, the times (k,) [s] at which rising becomes falling or vice versa."""
+    """Return, for each force that is piecewise linear in time, the times (k,) [s] at which it turns between rising and falling."""
     times = []
     for factor in (factor_of(x) for x in mechanism.varying):
         if factor is not None and factor.kinks:
@@ -93,11 +92,9 @@ def at_samples(finer: Run, times: Array) -> Run:
 
 
 def finer_tolerance(offer: Offer, choice: Choice) -> float:
-    """Return a tighter relative tolerance for a repetition of a run: the tolerance of the run, divided by TIGHTER.
+    """Return the relative tolerance of a repetition of a run: that of the choice or of the engine's options, divided by TIGHTER.
 
-    If the divided tolerance is below SMALLEST_TOLERANCE, where rounding exceeds the error of integration, the tolerance is
-    multiplied by TIGHTER instead, so that the repetition has a looser tolerance. The tolerance may be given by the choice or by one
-    of the engine's options.
+    Below SMALLEST_TOLERANCE, rounding exceeds the error of integration: the repetition then has a looser tolerance instead.
     """
     tolerance = choice.tolerance
     if tolerance is None:
@@ -117,8 +114,7 @@ def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
     """Tell whether a run and its repetition have the same q and v, bit for bit as far as both go, and the linkage moves.
 
-    A repetition with another tolerance or step equals the run if the engine ignores the tolerance or the step. If the linkage does
-    not move, equal results do not show that the engine ignores anything.
+    Then the engine ignores the tolerance or the step; without motion, equal results do not show this.
     """
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
@@ -132,9 +128,9 @@ def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
-    """Return those first sample times (k,) [s] of a run that a repetition at half the step can be expected to reach.
+    """Return those first sample times (k,) [s] of a run that a repetition at half the step can reach in `longest` [s].
 
-    The repetition may take `longest` [s], and the run itself took `seconds`.
+    The run itself took `seconds`.
     """
     if not seconds > longest / 2:  # also true for NaN, the time of a failed run
         return times
@@ -173,16 +169,8 @@ def evidence_of(
 ) -> tuple[Evidence, str]:
     """Return the evidence by which a run is judged, and a sentence if the repetition covers only a part of the run.
 
-    A repetition at half the step, or with a tighter tolerance, is needed if there is no reference, or if the reference is not
-    accurate enough to decide.
-
-    Args:
-        truth: the reference motion, or None.
-        finer: the repetition of the run, or None.
-        acceleration_off: median relative error of the engine's accelerations at given states; if None, it is computed at states of
-            the run.
-        adaptive: whether the integrator chooses its own steps.
-        untried: the reason why there is no repetition, or an empty text.
+    `truth` and the repetition `finer` may be None; `untried` is the reason why there is no repetition. `acceleration_off` is the
+    median relative error of the engine's accelerations at given states; if None, it is computed at states of the run.
     """
     # evidence from the run alone
     off = acceleration_error(mechanism, trajectory) if acceleration_off is None else acceleration_off
@@ -221,9 +209,8 @@ def as_truth(trajectory: Trajectory) -> Reference:
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
     """Return the energy (k,) [J] that a run gains beyond the work done on it, as far as its samples can show this.
 
-    If samples are further apart than the time constant of the fastest damping, they do not show how much energy the damping
-    dissipates, and losses of energy between such samples are left out. The result is None if the run passes the judge's check of
-    energy, or if no motion of the linkage decays by damping.
+    Losses between samples further apart than the time constant of the fastest damping are left out. The result is None if the run
+    passes the judge's check of energy, or if no motion of the linkage decays by damping.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
@@ -239,11 +226,11 @@ def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
 
 
 def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np.complex128]]:
-    """Return the eigenvalues (2 dof,) [1/s] of small motions about each of some states; states at which this fails are left out.
+    """Return the eigenvalues (2 dof,) [1/s] of small motions about LOOKED_AT states; states at which this fails are left out.
 
     At a state q, v with null space N (n, dof) of the constraint rows, a small motion N x obeys x'' = N^T a_q N x + N^T a_v N x',
-    where a_q and a_v are the derivatives of the accelerations with respect to q and v. States are chosen evenly, LOOKED_AT of them.
-    There are no eigenvalues if the linkage has more than LARGEST degrees of freedom, because they would take too long.
+    where a_q and a_v are the derivatives of the accelerations with respect to q and v. Beyond LARGEST degrees of freedom there are
+    none, because they would take too long.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     modes = []
@@ -266,8 +253,7 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
 def disagreement(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
     """Return the median relative difference between the accelerations of two formulations at states of a run; None if one fails.
 
-    Gauss's formulation solves for independent accelerations, Lagrange's also for the multipliers of the constraints, so that their
-    rounding errors differ.
+    Gauss's formulation solves for independent accelerations, Lagrange's also for multipliers, so that their rounding errors differ.
     """
     chosen = spread_evenly(len(trajectory.t), JUDGED)
     states = [(float(trajectory.t[k]), trajectory.q[k], trajectory.v[k]) for k in chosen]

@@ -1,6 +1,6 @@
 """Time the first model and the first step of an engine in a new process.
 
-The environment of that process may contain no package except numpy, so that this file imports no other.
+That process imports this file and may have no package but numpy.
 """
 
 import os
@@ -22,19 +22,17 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Time an engine in this new process until it has taken its first step, and return {"seconds": processor time [s]}.
+    """Time an engine in this new process until its first step, with the import of its library, and with stored generated code.
 
-    If the engine fails, the result has the status and the message of the failure instead of the seconds. The measured time includes
-    the import of the engine's library. Generated code is used if an earlier start has stored it.
+    Return {"seconds": processor time [s]}, or the status and the message of a failure.
     """
     return time_with_compilers(lambda: first_step(get(engine), mechanism, choice))
 
 
 def cold_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Time an engine's first model and first step if no generated code is stored yet, and return {"seconds": processor time [s]}.
+    """Time an engine's first model and step without stored generated code and without the import of its library.
 
-    If the engine fails, the result has the status and the message of the failure instead of the seconds. The measured time does not
-    include the import of the engine's library.
+    Return {"seconds": processor time [s]}, or the status and the message of a failure.
     """
     adapter = get(engine)
     adapter.version()  # imports the engine's library, so that the import is not timed
@@ -78,11 +76,7 @@ def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
 def time_start(
     start: Callable[..., dict[str, Any]], engine: str, mechanism: Mechanism, choice: Choice, limit: float
 ) -> dict[str, Any]:
-    """Time the first model and the first step of an engine in a new process, which may take `limit` seconds.
-
-    `start` is the function that the new process calls: `start_there` or `cold_there` of this file. Return {"seconds": processor
-    time [s]}, or the columns of the failure for a row of a table: its status and message.
-    """
+    """Return what `start` (`start_there` or `cold_there`) returns in a new process, or the columns of the process's failure."""
     try:
         with Worker() as worker:
             timed: dict[str, Any] = worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit)

@@ -1,22 +1,16 @@
 """A worker process for code that may crash or hang: it calls functions and returns their results, or the reason for a failure.
 
-Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others. An answer of a worker is JSON,
-in which each array is replaced by its type and shape, followed by the bytes of the arrays. The arrays that the parent decodes from
-an answer never take more memory than the bytes of the answer.
+Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others: an answer is JSON, in which
+each array is replaced by its type and shape, followed by the bytes of the arrays. Each task has a random token, with which its
+answer must begin. The worker's standard output goes to its error stream, whose last line is quoted when it dies; the pipe of the
+answers has a high file descriptor, out of the way of libraries.
 
-The worker's standard output is redirected to its error stream, so that a library that prints cannot write into the answers. The
-error stream is a file, whose last line is quoted when the worker dies. The pipe of the answers has a high file descriptor, so that
-a library that uses or closes low descriptors does not hit it. Each task has a random token, with which the worker's answer must
-begin. The parent refuses an answer with another token, and an answer that is larger than the caller expects. The parent stops a
-task that exceeds its limit; if the parent is gone, the task is stopped by an alarm signal that no library can block. The time
-during which a task waits for a processor does not count towards the limit, so that engines do not fail because the machine is busy.
+The parent stops a task that exceeds its limit; if the parent is gone, an alarm signal that no library can block does. The time
+during which a task waits for a processor does not count, so that engines do not fail because the machine is busy.
 
-When a worker ends, all processes that its tasks have started are ended. The processes to be ended are found by a mark, an
-environment variable that they inherit from the worker. On Linux the processes are also found as descendants of the worker, which
-becomes the parent of orphaned processes. A process that has removed the mark from its environment survives if the worker crashes or
-is killed before it can look for its descendants. No process may use more memory than its `Interpreter` allows, by default MEMORY.
-
-A worker runs under the interpreter of this process, or under that of an engine's environment (`elsewhere.py`).
+When a worker ends, all processes that its tasks have started are ended. They are found by a mark, an environment variable that they
+inherit, and on Linux also as descendants of the worker, which becomes the parent of orphaned processes. A process that has removed
+the mark survives if the worker is killed before it can look for its descendants.
 """
 
 import atexit
@@ -74,12 +68,7 @@ class WorkerFailure(Failure):
 
 @dataclass(frozen=True)
 class Interpreter:
-    """The Python interpreter that runs a worker process.
-
-    Attributes:
-        python: path of the program.
-        memory: bytes that each process of such a worker may use.
-    """
+    """The Python interpreter that runs a worker process: its path, and the bytes that each process may use."""
 
     python: str = sys.executable
     memory: int = MEMORY
@@ -96,10 +85,6 @@ class Worker:
     """One worker process, which is started when it is first needed, and again after it has died."""
 
     def __init__(self) -> None:
-        """Create a worker that has not started a process yet.
-
-        Its random mark, an environment variable, will identify the processes that its tasks start.
-        """
         self.process: subprocess.Popen[bytes] | None = None
         self.interpreter = Interpreter()
         # the mark of a worker within a worker begins with that of the outer one, so that both end together
@@ -250,7 +235,7 @@ def _send(pipe: BinaryIO | Any, token: bytes, item: object) -> None:
 
 
 def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_Clock", largest: int) -> Any:
-    """Return the answer to the task that was sent with `token`; objects in the answer are as `unpack_answer` makes them.
+    """Return the answer to the task that was sent with `token`, as `unpack_answer` does.
 
     Raises:
         TimeoutError: the limit is exceeded.
@@ -288,7 +273,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 def read_waits(pid: int) -> dict[int, float]:
-    """Return thread of a process -> seconds for which the thread has waited for a processor; empty if the system does not say."""
+    """Return thread of a process -> seconds for which it has waited for a processor; empty if the system does not say."""
     waits = {}
     with contextlib.suppress(OSError):
         for thread in Path(f"/proc/{pid}/task").iterdir():
@@ -298,25 +283,15 @@ def read_waits(pid: int) -> dict[int, float]:
 
 
 class _Clock:
-    """The remaining time of a task; the task's time starts to run when this object is made.
+    """The remaining time of a task of process `pid`, which starts to run when this object is made.
 
     The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
     elapsed time counts towards `longest` [s].
     """
 
     def __init__(self, pid: int, limit: float, longest: float = math.inf):
-        """Start the clock of a task in the process with the ID `pid`."""
         self.pid, self.limit, self.longest = pid, limit, min(longest, BACKSTOP * limit)
         self.start, self.before = time.monotonic(), read_waits(pid)
-
-    def _waiting_time(self) -> float:
-        """Return the time [s] for which the process has waited for a processor since the task began.
-
-        The first thread of the process may sleep until another thread has finished, for example a thread that compiles code.
-        Therefore the longest wait of the other threads is added to the wait of the first thread.
-        """
-        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
-        return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
 
     def remaining(self) -> float:
         """Return the time [s] left to the task: before its time without waits exceeds `limit`, or its elapsed time `longest`."""
@@ -325,13 +300,19 @@ class _Clock:
         waited = min(max(0.0, self._waiting_time()), passed)
         return min(self.limit - (passed - waited), self.longest - passed)
 
+    def _waiting_time(self) -> float:
+        """Return the time [s] for which the process has waited for a processor since the task began.
+
+        The first thread may sleep until another one has finished, such as one that compiles: the longest wait of these is added.
+        """
+        waited = {thread: x - self.before.get(thread, 0.0) for thread, x in read_waits(self.pid).items()}
+        return waited.pop(self.pid, 0.0) + max(waited.values(), default=0.0)
+
 
 def _end_all(mark: str) -> None:
     """Kill every process that has inherited the mark of a worker, directly or through a worker that this worker has started.
 
-    A mark is the value of an environment variable, random for each worker, which child processes inherit. The mark of a worker
-    within a worker begins with the mark of the outer one. To kill the process group would not be enough, because processes in
-    sessions of their own do not belong to the group.
+    The process group would not be enough, because processes in sessions of their own do not belong to it.
     """
     sign = f"{MARK}={mark}".encode()
     _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
@@ -377,10 +358,9 @@ def _descendants(root: int) -> list[int]:
 
 
 def _has(pid: int, sign: bytes) -> bool:
-    """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" that identifies a worker.
+    """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" of a worker.
 
-    The mark of a worker that was started within the identified worker is accepted too: it is the identified worker's mark, followed
-    by a slash and more.
+    The mark of a worker that was started within it counts too: it is the worker's mark, followed by a slash and more.
     """
     try:
         with open(f"/proc/{pid}/environ", "rb") as file:
@@ -397,12 +377,6 @@ def _leave_with_parent() -> None:
     _end_descendants(os.getpid())
     _end_all(os.environ.get(MARK, ""))
     os.killpg(0, signal.SIGKILL)  # this process and those of its session
-
-
-def _adopt_orphans() -> None:
-    """Become the parent of orphaned descendants (Linux)."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
 
 
 def _limit_memory() -> None:
@@ -465,13 +439,15 @@ def unpack_answer(content: bytes) -> Any:
         nonlocal left
         if table.keys() != {ARRAY}:
             return table
-        dtype, shape = _read_type(table[ARRAY])
-        size = math.prod(shape) * dtype.itemsize
-        if size > len(left):
-            raise NoAnswer("it holds less than its arrays need")
-        array = np.frombuffer(left[:size], dtype).reshape(shape).copy()
-        left = left[size:]
-        return array
+        match table[ARRAY]:
+            case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST and all(map(_is_length, shape)):
+                size = math.prod(shape) * KINDS[kind].itemsize
+                if size > len(left):
+                    raise NoAnswer("it holds less than its arrays need")
+                array = np.frombuffer(left[:size], KINDS[kind]).reshape(shape).copy()
+                left = left[size:]
+                return array
+        raise NoAnswer("an array without type and shape")
 
     try:
         return json.loads(text.decode(), object_hook=restore)
@@ -479,18 +455,9 @@ def unpack_answer(content: bytes) -> Any:
         raise NoAnswer(str(error)) from error
 
 
-def _read_type(form: object) -> tuple[np.dtype[Any], list[int]]:
-    """Return type and shape of an array from their description in an answer, a list [kind, shape].
-
-    Raises:
-        NoAnswer: the description is not such a list.
-    """
-    match form:
-        case [str(kind), [*shape]] if kind in KINDS and len(shape) <= MOST:
-            lengths = [k for k in shape if type(k) is int and 0 <= k <= LONGEST]
-            if lengths == shape:
-                return KINDS[kind], lengths
-    raise NoAnswer("an array without type and shape")
+def _is_length(x: object) -> bool:
+    """Tell whether a value of an answer is an acceptable length of an array."""
+    return type(x) is int and 0 <= x <= LONGEST
 
 
 def main() -> None:
@@ -503,7 +470,8 @@ def main() -> None:
     os.dup2(nothing, 0)  # a library that reads finds nothing
     os.close(nothing)
     _limit_memory()
-    _adopt_orphans()
+    with contextlib.suppress(OSError, AttributeError):  # become the parent of orphaned descendants (Linux)
+        ctypes.CDLL(None).prctl(SUBREAPER, 1, 0, 0, 0)
     home = os.getcwd()
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     while header := tasks.read(HEADER.size):

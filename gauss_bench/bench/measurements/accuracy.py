@@ -28,10 +28,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
-    """Return the tasks that compute the references and those that run the cases.
-
-    The poses of the links are stored only for the cases in `posed`.
-    """
+    """Return the tasks that compute the references and those that run the cases; only cases in `posed` store poses."""
     listed = []
     for linkage, scenario, t_end in sorted({(c.linkage, c.scenario, c.t_end) for c in chosen}):
         arguments: tuple[Any, ...] = (linkage, scenario, t_end, context.store)
@@ -64,11 +61,7 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
 def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
     """Measure a case; return its row of results, and the rows of the report's curves and of the poses that the report plays.
 
-    Args:
-        store: the folder of the references.
-        alter: function that plants a fault in the mechanism that the engine is given, or changes nothing.
-        limit: [s] after which an engine that runs in a process of its own is stopped.
-        posed: whether poses are computed.
+    The arguments are those of `measure`.
     """
     key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism_of(case.linkage, case.scenario))
     measured = measure(case, store, alter, limit, posed)
@@ -90,8 +83,8 @@ def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
 def with_orders(rows: Rows) -> Rows:
     """Fill in `observed_order` of rows sorted by `in_order`, and return the rows.
 
-    Rows that differ only in their step form a group. The order follows from the error of the measured coordinate at the last
-    checkpoint (time at which tables quote the error) that any run of the group reached.
+    The order of rows that differ only in their step follows from the error of the measured coordinate at the last checkpoint that
+    any of them reached.
     """
     for group in group_by(rows, *(k for k in KEY if k != "step")).values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))

@@ -2,7 +2,7 @@
 
 The states are random, or close to positions at which a choice of independent coordinates fails: dead centres, where a link or slide
 reverses, and the change points of a parallelogram, where all bars lie in one line and the constraint rows lose rank. Near a change
-point every formulation loses digits, because the condition number grows like the inverse of the distance. The difference between
+point every formulation loses digits, because the condition number grows like the inverse of the distance; the difference between
 two formulations in numpy shows how many digits rounding leaves.
 """
 
@@ -36,15 +36,11 @@ SPEED = 10.0  # [rad/s] of the crank at these positions
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.agreement, "kernel_agreement", agreement)
 
 
 def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
-    """Compare a linkage's kernels (compiled formulations) with numpy; return one row for each kind of states and formulation.
-
-    A row has the largest relative difference between the kernel's accelerations and those of the formulation in numpy.
-    """
+    """Return one row for each kind of states and formulation: the largest relative difference of a kernel from numpy."""
     mechanism = load(linkage, scenario or None)
     rows = []
     for place, q, v in places(mechanism, part.states):
@@ -57,8 +53,8 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
 def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
     """Yield the name of each kind of states, and states q, v (k, n) of that kind, which obey the constraints.
 
-    The states of the first kind are `count` random states. The states of the other kinds are near singular positions: one kind for
-    each distance of the crank in OFFSETS, on both sides of every singular position, at the crank speed SPEED.
+    These are `count` random states, and for each distance of the crank in OFFSETS the states on both sides of every singular
+    position, at the crank speed SPEED.
     """
     states = random_states(mechanism, count)
     yield RANDOM, states.q, states.v
@@ -82,43 +78,29 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
 
 
 def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> Row:
-    """Return the columns `error`, `numpy_error` and `against`, which compare a kernel with formulations in numpy.
+    """Return the columns `error`, `numpy_error` and `against`, which compare a kernel with formulations in numpy at states (k, n).
 
-    `against` is the name of the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error
-    of the kernel's accelerations. The kernel is called once for each state and once for all states together, and the larger error
-    is reported. `numpy_error` is the largest relative error of a second formulation in numpy.
-
-    Args:
-        q, v: (k, n) states.
+    `against` is the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error of the
+    kernel, called for each state and for all states together; `numpy_error` is that of a second formulation in numpy.
 
     Raises:
         Missing, RunFailure: the kernel or a formulation has no accelerations.
     """
-    reference, second = reference_formulations(mechanism, formulation)
+    # only these two formulations accept redundant rows
+    second = "udwadia_kalaba" if mechanism.redundant else "lagrange" if formulation == "gauss" else "gauss"
+    against = "gauss" if mechanism.redundant else formulation
     try:
         kernel = compile_kernel(mechanism, formulation)
     except KernelError as error:
         raise Missing(Status.ERROR, str(error)) from error
-    true = _accelerations(mechanism, reference, q, v)
+    true = _accelerations(mechanism, against, q, v)
 
     def worst(a: Array) -> float:
-        """Return the largest relative error of accelerations (k, n)."""
         return float(metrics.relative_acceleration_error(a, true).max())
 
     single = np.array([kernel.acceleration(*x) for x in zip(q, v, strict=True)])
     errors = {"error": max(worst(single), worst(kernel.acceleration(q, v)))}
-    return errors | {"numpy_error": worst(_accelerations(mechanism, second, q, v)), "against": reference}
-
-
-def reference_formulations(mechanism: Mechanism, formulation: str) -> tuple[str, str]:
-    """Return two formulations in numpy: the one whose accelerations are taken as true for a kernel, and a second one.
-
-    The first is the formulation of the kernel itself, the second is the other one of "gauss" and "lagrange". If the linkage has
-    redundant constraint rows, the result is the two formulations that accept such rows, whatever the kernel's formulation is.
-    """
-    if mechanism.redundant:
-        return "gauss", "udwadia_kalaba"
-    return ("gauss", "lagrange") if formulation == "gauss" else ("lagrange", "gauss")
+    return errors | {"numpy_error": worst(_accelerations(mechanism, second, q, v)), "against": against}
 
 
 def _accelerations(mechanism: Mechanism, name: str, q: Array, v: Array) -> Array:

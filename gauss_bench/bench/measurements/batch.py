@@ -1,9 +1,9 @@
 """Time thousands of trajectories on one core: this package's kernel against another library's loop on one thread.
 
 The kernel computes several trajectories at once, each in one lane (element) of the processor's vectors. The trajectories start at
-random states on the constraints, with crank speeds up to 30 rad/s in either direction. The other library, the rival, takes fewer
-steps from the same states, which does not change the time of a step. Some trajectories are computed again, one at a time, to check
-that the trajectories in different lanes do not affect each other.
+random states on the constraints, with crank speeds up to 30 rad/s in either direction. The rival takes fewer steps from the same
+states, which does not change the time of a step. Some trajectories are computed again, one at a time, to check that lanes do not
+affect each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,16 +30,14 @@ CHECKED = 32  # trajectories that are run again one by one
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 
 def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Time our own batch of trajectories and a rival engine's in turn, in several processes, and return the linkage's row.
+    """Time our own batch of trajectories and a rival engine's in several processes, and return the linkage's row.
 
-    The times in the table row are those of one step of one trajectory. If an engine crashes or hangs in a process, the row has the
-    reason of this failure instead of times. `part` is the suite's section on batches, which names both engines. `race` is the
-    function that times the engines: `race_survivors`, or `race_here` in tests.
+    Times are those of one step of one trajectory. If an engine crashes or hangs in a process, the row has the reason. `race` is
+    `race_survivors`, or `race_here` in tests.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
@@ -52,15 +50,15 @@ def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any
 
 
 def list_keys(part: Batch) -> tuple[Key, Key]:
-    """Return the keys of the two timed quantities: that of our own engine (`part.own`), and that of the rival engine."""
+    """Return the keys of the two timed quantities: that of our own engine and that of the rival engine."""
     return Key(QUANTITY, part.own), Key(QUANTITY, part.rival, part.settings)
 
 
 def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield the key of our own engine and that of its rival, each with the function that makes its timing block.
 
-    Both engines start at the same states. The states are in a fixed random order: if they were sorted by the crank's angle,
-    adjacent lanes would hold nearly equal states.
+    Both start at the same states, in a fixed random order: sorted by the crank's angle, adjacent lanes would hold nearly equal
+    states.
     """
     mechanism = load(linkage, scenario or None)
     states = random_states(mechanism, part.states)
@@ -72,9 +70,7 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
 
-    One repetition of the block's work is one step of one trajectory. The block of our own engine (`part.own`) also has a function
-    `facts`: after the race it checks that the trajectories in the lanes of a vector do not affect each other, and returns further
-    columns of the row.
+    One repetition is one step of one trajectory. The block of our own engine has a function `facts` that checks its lanes.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
@@ -84,9 +80,8 @@ def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
     """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
 
-    `lanes` is the number of trajectories that are computed at once. `lanes_error` is the largest difference [m, rad] between the
-    last state of a trajectory in a lane and the last state of the same trajectory in a run by itself. `lost` is the number of
-    trajectories that failed in lanes. The model runs `steps` steps from the states q, v (k, n).
+    `lanes` is the number of trajectories that are computed at once, `lanes_error` the largest difference [m, rad] of a last state
+    in a lane from that of a single run, `lost` the number of trajectories that failed in lanes. States q, v are (k, n).
     """
     ends = ask(model, "batch")(q, v, steps)()
     lost = model.kernel.lost  # read before the single runs overwrite it

@@ -1,7 +1,4 @@
-"""Make and verify the certificates of all built-in scenarios in workers, and describe each in a row of a table.
-
-A certificate is a reference motion with guaranteed digits, stored in a file.
-"""
+"""Make and verify the certificates (reference motions with guaranteed digits) of all built-in scenarios; list them in a table."""
 
 import hashlib
 import sys
@@ -110,8 +107,8 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 def scenarios_to_certify() -> list[tuple[str, str]]:
     """Return linkage and scenario of every certificate of the suite.
 
-    The suite has a certificate for every scenario of the built-in linkages, and for every scenario with a closed-form solution of
-    the generated linkages in CLOSED_FORMS. Scenarios with dry friction are left out, because their motions cannot be certified.
+    These are all scenarios of the built-in linkages, and those of the linkages in CLOSED_FORMS that have a closed form, without
+    scenarios with dry friction, whose motions cannot be certified.
     """
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     # a generated linkage with a driver has no closed form
@@ -120,18 +117,18 @@ def scenarios_to_certify() -> list[tuple[str, str]]:
 
 
 def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
-    """Compute every certificate of the suite again and overwrite its file; return one table row for each certificate."""
+    """Compute every certificate of the suite again and overwrite its file; return one table row for each."""
     return _rows([_task(x, _certify_in_place, x) for x in scenarios_to_certify()], jobs)
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """Return the task function(*arguments), which returns the row of a certificate; `place` is the linkage and the scenario."""
+    """Return the task function(*arguments), which returns the row of a certificate of `place`, a linkage and scenario."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
 
 def _certify_in_place(name: str, scenario: str) -> Tables:
-    """Compute the certificate of a built-in linkage, and write it where the suite reads it; return the certificate's row."""
+    """Compute the certificate of a built-in linkage, and write it where the suite reads it; return its row."""
     path = certificate_path(load(name, scenario))
     return {TABLE: [certify_one(name, scenario, until=LONGER.get((name, scenario)), out=path)]}
 

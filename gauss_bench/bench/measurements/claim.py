@@ -1,18 +1,14 @@
 """Test the papers' claim that a step costs less if n - m unknowns are solved for instead of n + m, with all else equal.
 
 Here n is the number of coordinates and m the number of constraints. Gauss's formulation has n - m unknowns, Lagrange's has n + m.
-The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and are timed
-alternately in one process (a race). Three quantities are timed: a step of one trajectory, a step with projection, and a step in a
-batch of trajectories. Every race is repeated in several processes, because the memory addresses of code and data change the ratio
-by a few per cent and are fixed within a process. The reported ratio is the median of the ratios of all processes. The spread of the
-ratio is an interval that also contains, with a probability of 99 %, the ratio that a repeated race would give (`clock.foreseen`).
-The verdict is "open" if the spread covers 1.
+The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and race in several
+processes: a step of one trajectory, a step with projection, and a step in a batch of trajectories. The reported ratio is the median
+of the ratios of all processes, with the spread of `clock.foreseen`; the verdict is "open" if the spread covers 1.
 
 For one evaluation of the accelerations, including the checks of pivots, the table also has the number of operations, the number of
 divisions, and the number of operations in the longest dependent chain.
 """
 
-import math
 import statistics
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -41,11 +37,7 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, the keys under which the times of the two compared engines are stored.
-
-    The first key is that of the engine with n - m unknowns (n coordinates, m constraints), the second that of the engine with
-    n + m; `part.compiled` has the names of both engines.
-    """
+    """Return, for each of QUANTITIES, the keys of the engine with n - m unknowns and of that with n + m (`part.compiled`)."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()
@@ -88,14 +80,10 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Time the formulations with n - m and n + m unknowns on a linkage (n coordinates, m constraints) in one process.
+    """Time both formulations on a linkage in one process; return one row for each of QUANTITIES.
 
-    The result has one row for each of QUANTITIES: the times of both formulations, and the ratio of the time with n + m unknowns to
-    the time with n - m unknowns.
-
-    Args:
-        number: index of the process, which is written into the rows.
-        race: function that times the entries; `race_survivors` does so in a new process, `race_here` in this one (in tests).
+    A row has both times, and the ratio of the time with n + m unknowns to that with n - m. `number` is the index of the process.
+    `race` is `race_survivors`, or `race_here` in tests.
     """
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
     measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
@@ -103,17 +91,14 @@ def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Call
 
 
 def entries(linkage: str, scenario: str, part: Claim) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of each entry that `pairs` compares, and the function that makes its timing block.
-
-    `cost.entries` makes the entries of the race of all costs; those that `pairs` does not name are left out here.
-    """
+    """Yield the key of each entry that `pairs` compares, and the function that makes its timing block."""
     wanted = [key for pair in pairs(part).values() for key in pair]
     asked = Cost(linkages={}, engines=part.compiled, integrators=1, step=part.step, rounds=part.rounds, batch=part.compiled)
     return ((key, make) for key, make in cost.entries(linkage, scenario, asked) if key in wanted)
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Replace each row of the table `kernel_claim`, which has counts, by one that also has the ratios and verdicts of the races."""
+    """Add the ratios and verdicts of the races to the rows of the table `kernel_claim`, which have counts."""
     races = group_by(tables.get("claim_races", []), "mechanism", "scenario")
     rows = tables.get("kernel_claim", [])
     rows[:] = [claim_row(start, races.get((start["mechanism"], start["scenario"]), [])) for start in rows]
@@ -133,7 +118,7 @@ def claim_row(start: Row, races: Rows) -> Row:
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
             continue
-        low, high = foreseen(np.array(ended)) if len(ended) > 1 else (math.nan, math.nan)
+        low, high = foreseen(np.array(ended))
         columns |= {f"{prefix}ratio": statistics.median(ended), f"{prefix}ratio_low": low, f"{prefix}ratio_high": high}
         columns |= {f"{prefix}verdict": verdict(low, high)}
         if what == STEP:
@@ -142,10 +127,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide whether fewer unknowns are faster: "holds", "reversed", or "open" if the spread of the ratio contains 1.
-
-    `low` and `high` are the ends of the spread of the ratio: the time with n + m unknowns over the time with n - m.
-    """
+    """Decide by the ends of the spread of the ratio whether fewer unknowns are faster: "holds", "reversed", or "open"."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

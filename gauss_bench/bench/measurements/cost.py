@@ -10,12 +10,11 @@ These quantities of each engine are timed, in each combination of settings, inte
     empty call      the cost of a call alone, for the same engines
     batch step      a step of one of many trajectories that are computed at once, for some engines
 
-A suite may ask for two further entries of the race, the processor's latency and its rate (`processor.py`). Every other table of
-times on these linkages is computed from the same samples, so that a quantity has one value.
+A suite may ask for two further entries, the processor's latency and its rate (`processor.py`). Every other table of times on these
+linkages is computed from the same samples, so that a quantity has one value.
 
-Two further quantities are timed, each in a new process. A "cold build" is the time to build the first model and to take its first
-step while no generated code is stored. A "start" is the time to import the engine's library, to build the first model and to take
-its first step, with the generated code that an earlier start has stored.
+Two further quantities are timed, each in a new process: a "cold build", a first model and step while no generated code is stored,
+and a "start", which includes the import of the engine's library and uses the code that an earlier start has stored.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,10 +30,10 @@ from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, place_of, with_race_limit
 from gauss_bench.engines import environment_of, get, names
-from gauss_bench.engines.base import Choice, Engine, ask
+from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import Block, accelerating, block_elsewhere, lasting, stepping
+from gauss_bench.runs.blocks import Block, Work, accelerating, block_elsewhere, lasting, stepping
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
@@ -51,10 +50,10 @@ Make = Callable[[], Block]
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return the tasks that time all engines, one for each linkage and process, and those of the cold builds in new processes.
+    """Return the tasks that time all engines, one for each linkage and process, and those of the cold builds.
 
-    Engines that crashed or hung on a linkage are not timed there. The processes that time the same linkage do not run in
-    succession, so that a disturbance that lasts a minute affects few of them.
+    Engines that crashed or hung on a linkage are not timed there. The processes of one linkage do not follow each other directly,
+    so that a disturbance that lasts a minute affects few of them.
     """
     lost = {(r["mechanism"], r["engine"]) for r in tables.get("results", []) if r["status"] in LOST}
     tasks = []
@@ -80,15 +79,10 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
 
 
 def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
-    """Time all engines on a linkage in one process; return the tables `samples` (measured times) and `untimed` (reasons).
+    """Time all engines on a linkage in process `number`; return the tables `samples` and `untimed`.
 
-    `samples` has a row with the seconds of every entry (timed quantity of an engine) in every round. `untimed` has a row for each
-    entry that has no times, with the reason. If an engine crashes or hangs, `untimed` has a row for each of the engine's entries.
-
-    Args:
-        part: section of the suite that names the engines to be timed.
-        number: index of the process, which is written into the rows.
-        race: function that times the engines; `race_survivors` does so in a new process, `race_here` in this one (in tests).
+    `samples` has a row with the seconds of every entry in every round, `untimed` a row for each entry without times, with the
+    reason. `race` is `race_survivors`, or `race_here` in tests.
     """
     start = place_of(load(linkage, scenario or None))
     # the loops that measure the processor are entries of an engine named PROCESSOR
@@ -98,74 +92,57 @@ def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Ca
 
 
 def entries(linkage: str, scenario: str, part: Cost) -> Iterator[tuple[Key, Make]]:
-    """Yield the key of each entry (timed quantity of an engine with a setting), and the function that makes its timing block."""
+    """Yield the key of each entry, and the function that makes its timing block."""
     mechanism = load(linkage, scenario or None)
     for name in part.engines:
         offered = offer(name)
         for chosen in combinations(offered, part.integrators, plain=name in part.plain):  # `plain`: the defaults only
-            if chosen.integrator in offered.adaptive:
-                continue  # it has no equal steps
-            choice = Choice(*chosen, part.step)
-            if environment_of(name) is None:
-                timed = quantities(get(name), mechanism, choice, part)
-            else:
-                timed = quantities_elsewhere(name, mechanism, choice)
-            for quantity, make in timed:
-                yield Key(quantity, name, *chosen), make
+            if chosen.integrator not in offered.adaptive:  # others have no equal steps
+                for quantity, make in quantities(name, mechanism, Choice(*chosen, part.step), part):
+                    yield Key(quantity, name, *chosen), make
     if part.processor:  # two loops that measure the processor's speed
         yield from processor()
 
 
-def quantities(engine: Engine, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
+def quantities(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> Iterator[tuple[str, Make]]:
     """Yield the name of each timed quantity of an engine with a chosen setting, and the function that makes its timing block.
 
-    A timing block is the piece of work that is timed. Builds and accelerations do not depend on the integrator and are timed with
-    the first one only. BARE is the library's own call, and EMPTY a trivial call, which shows the cost of calling; engines in
-    `part.bare` have both.
+    Builds and accelerations do not depend on the integrator and are timed with the first one only. BARE is the library's own call,
+    and EMPTY a trivial call, which shows the cost of calling; engines in `part.bare` have both. Of an engine with an environment of
+    its own, only accelerations and steps are timed, in a process of this environment, to which the work is sent.
     """
+    offered, start, is_here = offer(name), (mechanism.q0, mechanism.v0), environment_of(name) is None
+    engine: Any = get(name) if is_here else None
     # the model is built when the first block needs it, and shared by all blocks
-    offered, model = offer(engine.name), cache(partial(build_model, engine, mechanism, choice))
-    start = mechanism.q0, mechanism.v0
+    model = cache(lambda: build_model(engine, mechanism, choice))
+
+    def make(work: Work) -> Block:
+        return work(model()) if is_here else block_elsewhere(name, mechanism, choice, work)
 
     def batch() -> Block:
-        """Return a timing block of steps of many trajectories, all of which begin at the start of the scenario."""
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
         return lasting(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
-        yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
-        yield ACCELERATION, lambda: accelerating(NO_KEY, *start, model())
-        if engine.name in part.bare:
+        if is_here:
+            yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
+        yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, *start))
+        if is_here and name in part.bare:
             yield BARE, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[0])
             yield EMPTY, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[1])
-        if engine.name in part.batch and choice.settings == next(iter(offered.settings)):
+        if is_here and name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
     if offered.python_loop:
-        yield STEP, lambda: stepping(NO_KEY, model(), part.step, native=False)
+        yield STEP, partial(make, partial(stepping, NO_KEY, step=part.step, native=False))
     if offered.native_loop:
-        yield NATIVE, lambda: stepping(NO_KEY, model(), part.step, native=True)
-
-
-def quantities_elsewhere(name: str, mechanism: Mechanism, choice: Choice) -> Iterator[tuple[str, Make]]:
-    """Yield the name of each timed quantity, and the function that makes its block, for an engine with its own environment.
-
-    Only accelerations and steps are timed. The work to be timed, a function of the model, is sent to a process of the engine's
-    environment. That process builds the model and does the work.
-    """
-    offered, make = offer(name), partial(block_elsewhere, name, mechanism, choice)
-    if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
-        yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, mechanism.q0, mechanism.v0))
-    if offered.python_loop:
-        yield STEP, partial(make, partial(stepping, NO_KEY, step=choice.step, native=False))
-    if offered.native_loop:
-        yield NATIVE, partial(make, partial(stepping, NO_KEY, step=choice.step, native=True))
+        yield NATIVE, partial(make, partial(stepping, NO_KEY, step=part.step, native=True))
 
 
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
     """Time a cold build or a start (a quantity of IN_NEW_PROCESS) of an engine with its default setting, in a new process.
 
-    The result is a row of the table `samples` with the processor time or, if the engine fails, a row of `untimed` with the reason.
-    `number` is the index of the process, if an engine is timed in several processes.
+    The result is a row of `samples` with the processor time or, if the engine fails, a row of `untimed` with the reason. `number`
+    is the index of the process.
     """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
     key = Key(quantity, engine, next(iter(offered.settings)), offered.integrators[0])
@@ -187,21 +164,17 @@ def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Fill in the cost columns of the table `results`.
-
-    The table `untimed` has a row for each quantity of an engine that could not be timed; of equal rows from several processes, one
-    is kept.
-    """
+    """Fill in the cost columns of the table `results`, and keep one of equal rows of `untimed` from several processes."""
     if "untimed" in tables:
         tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
     add_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
 def add_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
-    """Add columns to each row of the results: the times of its engine and setting, and their ratios to those of BASELINE.
+    """Add to each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
 
-    The step of a row may differ from the step that was timed, because the time of a step does not depend on its length. `races`
-    maps mechanism and scenario to the results of their races.
+    The time of a step does not depend on its length, so that the step of a row may differ from the timed one. `races` maps
+    mechanism and scenario to the results of their races.
     """
     columns = cache(partial(_columns, races))
     for row in rows:
@@ -209,10 +182,7 @@ def add_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
 
 
 def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
-    """Return the cost columns of an engine and setting on a mechanism, for all timed quantities.
-
-    `key` names engine and setting; its field `quantity` is not used.
-    """
+    """Return the cost columns of an engine and setting on a mechanism; the `quantity` of the key is not used."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):

@@ -1,8 +1,8 @@
 """Errors of the torque that drives a linkage through one turn by a prescribed law.
 
-The reference motion needs no integration: positions, velocities and accelerations follow from the prescribed motion law, and the
-torque follows from virtual work. The torque and the joint forces of an engine are computed here from its accelerations. Without
-losses, the mean torque over one turn of the crank is zero. If rows are redundant, the joint forces of least norm are compared.
+The reference motion needs no integration, and its torque follows from virtual work. The torque and the joint forces of an engine
+are computed here from its accelerations. Without losses, the mean torque over one turn of the crank is zero. If rows are redundant,
+the joint forces of least norm are compared.
 """
 
 from typing import Any
@@ -22,15 +22,11 @@ from gauss_bench.trajectory import Status
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.driving, "driving", driving)
 
 
 def driving(linkage: str, scenario: str, part: Driving) -> Tables:
-    """Run a driven linkage in each engine and setting of `part.ways`; compare driving torque and joint forces with the reference.
-
-    The result has one row for each engine and setting; if a run fails, its row has the reason.
-    """
+    """Return one row for each engine and setting of `part.ways`: errors of torque and joint forces, or why the run failed."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
     reference = build_reference(mechanism, mechanism.duration)

@@ -1,8 +1,8 @@
 """Further questions to every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
 
-Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations; if the engine
-reports joint forces itself, these are compared with the reference as well. A start is the first use of the engine in a new process:
-import, model and first step. An engine that is not installed has a row with the reason.
+Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations; those that the
+engine itself reports are compared with the reference as well. A start is the first use of the engine in a new process: import,
+model and first step. An engine that is not installed has a row with the reason.
 """
 
 from collections.abc import Sequence
@@ -47,8 +47,8 @@ def absent(part: SameQuestions) -> list[str]:
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks that run `compare_runs`: one for each linkage, engine and setting.
 
-    The engine's first integrator is used, without stabilisation. The engines in PLAIN differ from other engines only in how they
-    solve the same equations, and are run with their default setting only.
+    The engine's first integrator is used, without stabilisation. The engines in PLAIN, which differ only in how they solve the same
+    equations, are run with their default setting only.
     """
     tasks = []
     for part in suite.field:
@@ -64,10 +64,7 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str], step: float, until: float, store: str) -> Tables:
     """Return the row of an engine: whether two runs agree bit for bit, and the errors of the joint forces.
 
-    Args:
-        chosen: names of settings, integrator and stabilisation.
-        step, until: step and end of the runs [s].
-        store: folder of the references.
+    `chosen` has the names of settings, integrator and stabilisation; `step` and `until` are the step and the end of the runs [s].
     """
     mechanism, offered, names = load(linkage, scenario or None), offer(engine), Combination(*chosen)
     row: dict[str, Any] = place_of(mechanism) | {"engine": engine, "step": step} | names._asdict()
@@ -100,10 +97,9 @@ def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return the tasks that time the start-up of every usable engine in a new process: import, first model and first step.
+    """Return the tasks that time the start-up of every usable engine, on the first linkage of each section of the suite.
 
-    In each section of the suite, the first linkage that it lists is used. The repetitions of one engine do not follow each other
-    directly.
+    The repetitions of one engine do not follow each other directly.
     """
     tasks = []
     for part in suite.field:
@@ -117,7 +113,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Complete the table `field`.
 
     Each row gets the start-up time and the installed size of its engine, and the name of the linkage with redundant constraint rows
-    on which engines are tested too (`part.redundant`). Each engine that is not installed gets a row with the reason.
+    on which engines are tested too. Each engine that is not installed gets a row with the reason.
     """
     rows = tables.get("field", [])
     for part in suite.field:
@@ -140,9 +136,9 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def start_columns(samples: Rows, engine: str) -> dict[str, Any]:
-    """Return the table columns with an engine's start-up time and its spread, over all processes in which it started.
+    """Return the columns of an engine's start-up time over all processes, given the rows `samples` of all engines.
 
-    The result is empty if no start of the engine was timed. `samples` are the rows of timed quantities of all engines.
+    The result is empty if no start of the engine was timed.
     """
     seconds = [[r["seconds"]] for r in samples if r["quantity"] == START and r["engine"] == engine]
     return dict(spread("start", np.array(seconds))) if seconds else {}

@@ -1,7 +1,6 @@
 """Compare three independent methods of kinematics: link units, point coordinates, and the differentiated constraints of dynamics.
 
-The methods read the same linkage file but have no equation in common, so that their agreement confirms the velocities and
-accelerations at the start of runs.
+The methods have no equation in common, so that their agreement confirms the velocities and accelerations at the start of runs.
 """
 
 from itertools import combinations
@@ -30,15 +29,13 @@ Levels = tuple[Array, Array, Array]  # positions, velocities and accelerations (
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.geometry, "agreement", geometry)
 
 
 def geometry(linkage: str, scenario: str, part: Geometry) -> Tables:
     """Return the rows of three tables for a linkage: agreement of the methods, singular positions, and searches for the assembly.
 
-    The methods are compared in pairs, over one turn of the crank. The search for the assembly is only tried for the linkages that
-    `part.searched` names.
+    The methods are compared in pairs, over one turn of the crank. Searches are tried for the linkages in `part.searched`.
     """
     mechanism = load(linkage, scenario)
     times = np.linspace(0.0, 1.0, POSITIONS)
@@ -67,10 +64,10 @@ def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, ac
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Return rows that tell how often a search finds the assembly: its share of successful starts.
+    """Return the shares of random starts from which a search finds the assembly.
 
-    There is one row for each form of the equations, each search method (of `basins`), and each distance of the random starts from
-    the solution.
+    There is one row for each form of the equations, each search method (of `basins`), and each distance of the starts from the
+    solution.
     """
     rows = []
     for name, distances, make_equations in FORMS:
@@ -86,10 +83,7 @@ def differences(one: Levels, other: Levels) -> dict[str, float]:
 
 
 def singular(linkage: str) -> list[dict[str, Any]]:
-    """Return rows of a linkage's limit positions and dead centres, with crank angles [deg].
-
-    The result is empty if the linkage has a change point, where two branches of its positions cross.
-    """
+    """Return rows of a linkage's limit positions and dead centres, with crank angles [deg]; none if it has a change point."""
     mechanism = load(linkage)
     try:
         positions = singular_positions(mechanism)

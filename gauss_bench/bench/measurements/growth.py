@@ -1,21 +1,13 @@
 """How the time of one right-hand side grows with the number of loops: this package's kernels compared with engines.
 
-The linkage is the N-four-bar, a chain of N four-bars ("windows"); N is the size of the linkage. A right-hand side computes the
-accelerations of a state. A contender is a kernel or a call of a library that is timed here. All contenders compute the
-accelerations at the same state, half a second after the start, where the accelerations are known in closed form
-(reference/exact.py). Of a library, those calls are timed that an expert would make, without the conversion of coordinates around
-them. Some of these calls are defined by the suite's adapters (CONTENDERS). The others are offered by engines from outside, which
-are plug-ins and engines of other environments (`library_calls` in `engines/base.py`). A kernel of this package is timed in two
-ways: in its own loop, where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python
-for one state.
+The linkage is a chain of N four-bars. All contenders (kernels and calls of libraries) compute the accelerations at the same state,
+where they are known in closed form. Of a library, those calls are timed that an expert would make, without the conversion of
+coordinates around them: those in CONTENDERS, and the `library_calls` of engines from outside. A kernel is timed in its own loop,
+where a right-hand side is a quarter of a step of the fourth-order Runge-Kutta method, and called from Python for one state.
 
-All contenders for one size N are timed alternately in one process (a race), and the race is repeated in several processes. A
-reported time is the median over the processes. For each contender, the exponent p of time ~ size^p is fitted to the times at
-several sizes. The spread of the growth exponent p is computed from the exponents that the single processes give; the exponent of a
-repeated race is expected to lie in it.
+The exponent p of time ~ N^p is fitted to the medians over the processes; its spread follows from those of the single processes.
 """
 
-import math
 import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -96,7 +88,7 @@ def exact_state(size: int) -> ExactState:
 
 
 def list_calls() -> list[tuple[str, str]]:
-    """Return the name of the engine and the name of the call, for each library call that an engine from outside offers."""
+    """Return engine and name of each library call that an engine from outside offers."""
     return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
@@ -108,53 +100,34 @@ def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
 def race_growth(
     size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
 ) -> Tables:
-    """Time all contenders in one process on a chain of four-bars; return one row for each timed quantity of each contender.
+    """Time all contenders in process `number` on a chain of `size` four-bars; return one row for each timed quantity.
 
-    If a contender cannot be built, crashes or hangs, its rows have a status and the reason instead of times.
-
-    Args:
-        size: number of four-bars in the chain.
-        number: index of the process, which is written into the rows.
-        outside: (engine, call) pairs: the plug-ins and engines of other environments that are timed too, and their library calls.
-        race: function that times the contenders; `race_survivors` does so in a new process, `race_here` in this one (in tests).
+    If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` lists (engine, call) of
+    plug-ins and engines of other environments. `race` is `race_survivors`, or `race_here` in tests.
     """
     entered = contenders(outside)
     measured = gather_rounds(race(entries, (size, outside), rounds, [*entered]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
-
-    def summarise(key: Key) -> Row:
-        """Return the columns with the time of an entry of the race, and the further columns that its block returned (facts)."""
-        return spread("seconds", measured.of(key)) | measured.facts.get(key, {})
-
     keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
-    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, summarise, k) for k in keys]}
+    return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, measured.summary, k) for k in keys]}
 
 
 def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender, and the function that makes its block, the work to be timed.
+    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block.
 
-    Args:
-        size: number of four-bars in the chain.
-        outside: (engine, call) pairs: the plug-ins and engines of other environments that are timed too, and their library calls.
+    `outside` lists (engine, call) of plug-ins and engines of other environments.
     """
     state, entered = exact_state(size), contenders(outside)
 
     @cache  # all blocks of a contender are made at once, when the first of them is needed
     def make_blocks(contender: str) -> list[Block]:
-        """Return the timing blocks of a contender, one for each timed quantity.
-
-        Raises:
-            RunFailure: the linkage is too large for the contender.
-        """
         library = contender.partition(",")[0]  # the name of a contender may be "library, call"
         most, reason = SIZE_LIMITS.get(library, (size, ""))
         if size > most:
             raise RunFailure(Status.SKIP, reason)
-        _, make = entered[contender]
-        return make(state)
+        return entered[contender][1](state)
 
     def pick(contender: str, k: int) -> Block:
-        """Return the timing block of a contender for its timed quantity number k."""
         return make_blocks(contender)[k]
 
     for contender, (quantities, _) in entered.items():
@@ -163,7 +136,7 @@ def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[
 
 
 def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
-    """Compile a kernel, and return its two timing blocks: steps in the kernel's own loop, and single accelerations from Python.
+    """Compile a kernel, and return its two timing blocks: steps in its own loop, and accelerations from Python.
 
     Raises:
         RunFailure: the mechanism has no kernel.
@@ -181,10 +154,7 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
 
 
 def make_library_blocks(prepare: Callable[[Mechanism, Array, Array], LibraryCall], state: ExactState) -> list[Block]:
-    """Return a list of one timing block: a call of a library in this process.
-
-    `prepare`(mechanism, q, v) returns the call to be timed.
-    """
+    """Return one timing block, in a list: the call of a library in this process that `prepare`(mechanism, q, v) returns."""
     return [with_facts(prepare_call(prepare, state.mechanism, state.q, state.v), state)]
 
 
@@ -201,11 +171,7 @@ def make_offered_blocks(engine: str, call: str, state: ExactState) -> list[Block
 
 
 def with_facts(made: TimedCall, state: ExactState) -> Block:
-    """Return the timing block of a library call, with a function `facts` that returns further columns of the call's row.
-
-    The column `generate_seconds` has the time that the preparation of the call took [s], the column `error` the relative error of
-    the accelerations that the call returns.
-    """
+    """Return the timing block of a library call with its facts: the time of its preparation [s] and its relative error."""
     facts = {"generate_seconds": made.seconds, "compile_seconds": 0.0, "error": state.error(made.acceleration)}
     return replace(made.block, facts=lambda: facts)
 
@@ -240,11 +206,7 @@ def over_races(races: Rows) -> Rows:
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """Return a row for each engine and quantity with the exponent p of time ~ size^p, over sizes of at least `large`.
-
-    An engine has a row only if at least two of these sizes were timed. The exponent is fitted to the medians of the times over the
-    processes. The spread of the exponent follows from one exponent for each process, fitted to the times of this process alone.
-    """
+    """Return a row for each engine and quantity with the exponent p of time ~ size^p, of two or more sizes >= `large`."""
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []
     for (engine, quantity), rows in group_by(ended, "engine", "quantity").items():
@@ -253,8 +215,8 @@ def exponents(races: Rows, large: int) -> Rows:
             continue
         whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
         by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
-        # `foreseen` expects positive values and works on their logarithms: given exp(exponent), it works on the exponents
-        low, high = (np.log(foreseen(np.exp(by_process))).tolist()) if len(by_process) > 1 else (math.nan, math.nan)
+        # `foreseen` works on the logarithms of positive values: given exp(exponent), it works on the exponents
+        low, high = np.log(foreseen(np.exp(by_process))).tolist()
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(by_process)}
         of_medians = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": of_medians, "exponent_low": low, "exponent_high": high})

@@ -1,12 +1,9 @@
 """Lower bounds for the time of a step on this processor, for one trajectory and for many, and the ratio bound / time.
 
-For one trajectory, the bound is the number of cycles of the longest chain through a step, times the length of a cycle. For many
-trajectories, the bound is the number of operations of a step, divided by the peak rate of the processor.
-
-The chain is the longest sequence of dependent operations from one iteration of the compiled loop to the next, at the latencies that
-the code generator assumes. The length of a cycle and the peak rate are measured alternately with the engines, in the same race. No
-code reaches the peak rate: most operations cannot be fused, and a division, which counts as one operation here, takes the time of
-eight or more.
+For one trajectory, the bound is the length of a cycle times the cycles of the longest sequence of dependent operations from one
+iteration of the compiled loop to the next, at the latencies that the code generator assumes. For many trajectories, it is the
+number of operations of a step, divided by the peak rate of the processor. Both properties of the processor are measured in the race
+of the engines. No code reaches the peak rate: most operations cannot be fused, and a division takes the time of eight or more.
 
 Source: Hennessy and Patterson, Computer Architecture, sections 1.8 and 3.10 (bounds, limits of parallelism).
 """
@@ -16,14 +13,14 @@ from collections.abc import Hashable
 from gauss_bench.bench.clock import Key, Measured, Row, pad, row, spread
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE, gather_by_linkage
 from gauss_bench.bench.measurements.processor import CYCLES, LATENCY_KEY, RATE_KEY, name_machine, processor_rows
-from gauss_bench.bench.tasks import Context, Tables, Task
+from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.code import read_code
 from gauss_bench.compiler.machine.graph import find_dependents
 from gauss_bench.compiler.machine.schedule import period
-from gauss_bench.compiler.stepping.rollout import Body, bodies
+from gauss_bench.compiler.stepping.rollout import bodies
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.schema import Suite
@@ -36,11 +33,7 @@ QUANTITIES = {ONE: (NATIVE, LATENCY_KEY, "cycles"), MANY: (BATCH, RATE_KEY, "flo
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage on which a suite measures the processor's speed together with the engines' times.
-
-    The task counts the operations of a compiled step, and finds the longest chain of dependent operations in it. It measures no
-    times.
-    """
+    """Return one task, which measures no times, for each linkage on which a suite measures the processor's speed too."""
     if not suite.bounds:
         return []
     places = dict.fromkeys(x for part in suite.cost if part.processor for x in part.linkages.items())
@@ -50,27 +43,25 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 def count_operations(linkage: str, scenario: str) -> Tables:
     """Count the cycles of the longest chain of operations in a compiled step, and the floating-point operations of the step.
 
-    There is one row for each lower bound of the time of a step: for one trajectory, and for a batch of trajectories. `complete`
-    adds times and bounds later. The result has no rows if the linkage cannot be compiled.
+    There is one row for each bound, for one trajectory and for a batch, or none if the linkage cannot be compiled.
     """
     mechanism = load(linkage, scenario or None)
-    start: Row = {"mechanism": mechanism.name, "scenario": mechanism.scenario}
     shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
         # one reach is asked for, so that one loop body is returned
         (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
-    counts = {"cycles": period(body.step.graph, body.values, body.step.carried), "flops": flops(body)}
-    return {"kernel_bounds": [start | {"quantity": quantity} | counts for quantity in (ONE, MANY)]}
+    graph = body.step.graph
+    # values that do not depend on the state or the time are computed once, before the loop
+    varying = find_dependents(graph, [graph.leaf(name) for name in (*body.step.carried, "%t")])
+    flops = sum(FLOPS.get(graph.operation[x], 0) for x in body.values if x in varying)
+    counts = {"cycles": period(graph, body.values, body.step.carried), "flops": flops}
+    return {"kernel_bounds": [place_of(mechanism) | {"quantity": quantity} | counts for quantity in (ONE, MANY)]}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Complete the rows of `kernel_bounds` and add the table `kernel_machine`.
-
-    The rows of `kernel_bounds` get the measured times of steps, the lower bounds of these times, and the share bound / time. The
-    table `kernel_machine` has the processor's latency and rate, from the processes of all races.
-    """
+    """Complete the rows of `kernel_bounds` with times and bounds, and add the table `kernel_machine` of all races."""
     races = gather_by_linkage(tables)
     for part in suite.bounds:
         rows = tables.get("kernel_bounds", [])
@@ -89,10 +80,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 def compare_with_bound(start: Row, engine: str, measured: Measured) -> Row:
     """Return the columns of the measured time of an engine's step, its lower `bound`, and `share`, the ratio bound / time.
 
-    Args:
-        start: a row of `count_operations`: the kind of bound, and the counts of cycles and operations in a step.
-        engine: name of the engine.
-        measured: the results of the races on the linkage.
+    `start` is a row of `count_operations`.
 
     Raises:
         Failure: the time of a step, or the speed of the processor, was not measured.
@@ -103,11 +91,3 @@ def compare_with_bound(start: Row, engine: str, measured: Measured) -> Row:
     unit = measured.time(machine)
     bound = start[count] * unit / (CYCLES if count == "cycles" else 2 * native_code.best_lanes())
     return times | {"bound": bound, "share": bound / times["seconds"]}
-
-
-def flops(body: Body) -> int:
-    """Return the number of floating-point operations in one iteration of the loop over steps; a fused multiply-add counts twice."""
-    g = body.step.graph
-    # values that do not depend on the state or the time are computed once, before the loop
-    varying = find_dependents(g, [g.leaf(name) for name in (*body.step.carried, "%t")])
-    return sum(FLOPS.get(g.operation[x], 0) for x in body.values if x in varying)

@@ -1,7 +1,7 @@
 """Long runs with projection: loops must stay closed to rounding, and the error of the energy must fall with the integrator's order.
 
-The scenarios are conservative, so that the energy is constant. With Runge and Kutta's method its error grows with time; at half the
-step the error must be smaller by a factor of about 2^4 or more. The suite's metrics compute drift and energy from the samples.
+The scenarios are conservative. With Runge and Kutta's method the error of the energy grows with time; at half the step it must be
+smaller by a factor of about 2^4 or more.
 
 Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), section IX.8 (drift of the energy).
 """
@@ -27,7 +27,6 @@ WINDOWS = 10  # equal parts of a run, each with its largest error of the energy
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.long_runs, "kernel_long", long_run)
 
 
@@ -50,11 +49,10 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
     """Run a linkage once, and return columns: drift, and the largest energy errors [J] in the first window, in the last and in all.
 
-    `energy` is the largest kinetic energy [J], with which the errors can be compared. `energies` has the largest energy error in
-    each time window.
+    `energy` is the largest kinetic energy [J]; `energies` has the largest energy error in each time window.
 
     Raises:
-        Missing: the mechanism has no kernel, or the run ended too early; the table row of the run gets the reason.
+        Missing: the mechanism has no kernel, or the run ended too early.
     """
     engine = next(name for name, x in ENGINES.items() if x == formulation)
     wanted = sampling_at(step, np.arange(round(duration / SAMPLING) + 1) * SAMPLING)
@@ -77,13 +75,9 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
 
 
 def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
-    """Return the row of a run with the target for drift, and whether the run meets the targets for drift and convergence order.
+    """Return the row `fine` of a run with the target for drift, and whether it meets the targets for drift and convergence order.
 
-    The order is that of the energy error. It is computed only if the run at twice the step reached the end of its duration.
-
-    Args:
-        fine: the row of the run.
-        coarse: the row at twice the step, or an empty one.
+    The order is that of the energy error, computed from the row `coarse` at twice the step, if that run reached its end.
     """
     found = fine | {"target": part.drift, "met": False}
     if fine["status"] == Status.OK:

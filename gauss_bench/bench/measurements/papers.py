@@ -22,19 +22,13 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
 
 
 def example_motion(store: str) -> Tables:
-    """Return the table rows of the example motion of Yuan and Ge (2016).
-
-    The reference of the motion is stored in the folder `store`.
-    """
+    """Return the table rows of the example motion of Yuan and Ge (2016), whose reference is stored in the folder `store`."""
     mechanism = load("crank_slider", "paper")
     return paper_motion(mechanism, load_stored(mechanism, SPAN, Path(store)))
 
 
 def list_published() -> Tables:
-    """Return one row for each published value, compared with the value of the certified reference motion (with guaranteed digits).
-
-    The table has no rows if the file of the certified motion is missing.
-    """
+    """Return one row for each published value, compared with that of the certified motion; none if its file is missing."""
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
     reference = find_certified(mechanism, t)

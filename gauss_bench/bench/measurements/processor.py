@@ -1,9 +1,8 @@
 """Measure the speed of the processor by two small compiled loops, which are timed in turn with the engines (`cost.py`).
 
-The first loop is a chain of fused multiply-adds, each of which needs the result of the one before. The time of one multiply-add is
-therefore its latency. The latency is CYCLES cycles on every x86 processor since 2015, so that the length of a cycle is known too.
-The second loop has CHAINS such chains, which do not depend on each other, and each multiply-add works on a vector of numbers. The
-peak rate is the rate of this loop, in which a multiply-add counts as two operations for each number of the vector.
+The first loop is a chain of fused multiply-adds, each of which needs the result of the one before, so that it shows the latency of
+a multiply-add, which is CYCLES cycles on every x86 processor since 2015. The second loop has CHAINS independent chains of
+multiply-adds of vectors, and shows the peak rate, in which a multiply-add is two operations for each number of the vector.
 """
 
 from collections.abc import Callable, Iterator
@@ -35,8 +34,7 @@ FACTS = ("date", "commit", "dirty", "cpu", "cores", "python", "platform")  # of 
 def chain_text(chains: int, links: int, lanes: int) -> str:
     """Return the text of an LLVM module whose function `accelerate` repeats x = x / 2 + 1 for vectors x of `lanes` numbers.
 
-    There are `chains` vectors x, which do not depend on each other. Each iteration of the loop in `accelerate` does this operation
-    `links` times for each of these vectors.
+    Each iteration of its loop does this operation `links` times for each of `chains` independent vectors.
     """
     half, one = (f"<{', '.join([f'double {x}'] * lanes)}>" for x in (0.5, 1.0))
     numbers = {"chains": chains, "links": links, "lanes": lanes, "real": f"<{lanes} x double>", "half": half, "one": one}
@@ -51,14 +49,7 @@ def processor() -> Iterator[tuple[Key, Callable[[], Block]]]:
 
 
 def _loop(chains: int, lanes: int | None) -> Block:
-    """Return the timing block of a loop with chains of multiply-adds.
-
-    In a chain, each multiply-add needs the result of the one before; different chains of multiply-adds do not depend on each other.
-    A single chain shows the latency of a multiply-add, many chains show the peak rate.
-
-    Args:
-        chains: number of chains.
-        lanes: how many numbers a vector has; None for the widest vectors of the processor.
+    """Return the timing block of a loop with chains of multiply-adds; vectors have `lanes` numbers, None for the widest.
 
     Raises:
         RunFailure: there is no compiler.
@@ -71,7 +62,6 @@ def _loop(chains: int, lanes: int | None) -> Block:
     out = np.empty(width)
 
     def call() -> None:
-        """Run TURNS iterations of the loop."""
         code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
 
     return lasting(NO_KEY, call, chains * LINKS * TURNS)
@@ -89,7 +79,7 @@ def processor_rows(measured: Measured) -> Rows:
     lanes = native_code.best_lanes() if native_code.available() else 0
 
     def value(factor: float) -> Row:
-        """Return the columns of the latency [s] and its spread, multiplied by a factor (1 / CYCLES gives the length of a cycle)."""
+        """Return the columns of the latency [s] and its spread, multiplied by a factor."""
         return spread("value", np.asarray(measured.of(LATENCY_KEY) * factor))
 
     def rate() -> Row:

@@ -1,13 +1,12 @@
 """Ratios of times between this package's compiled formulations (kernels) and a rival engine, from the races of `cost.py`.
 
-All steps have the same length, and each engine takes them in its own loop over time steps. The times of steps include forces,
-springs, the checks of pivots, and the call from Python, which is a few per cent of the kernel's time.
+All steps have the same length, and each engine takes them in its own loop. The times include forces, springs, the checks of pivots,
+and the call from Python, which is a few per cent of the kernel's time.
 
-A right-hand side computes the accelerations of a state. For the rival engine, a call of its library at a prepared state is timed
-(the "bare call"), with and without the cost of a call from Python. The cost of a call is measured with a function of the same
-library that only subtracts two vectors. The measured cost is about 0.1 us too small, because the bare call has more arguments. For
-the kernel a right-hand side is either a quarter of a Runge-Kutta step in its own loop, or a call from Python. In the kernel's loop,
-terms that several Runge-Kutta stages have in common are computed once; this is a part of the gain from compiling the whole loop.
+A right-hand side computes the accelerations of a state. For the rival, a call of its library at a prepared state is timed (the
+"bare call"), with and without the cost of a call from Python; that of an empty call is about 0.1 us too small, because the bare
+call has more arguments. For the kernel it is either a quarter of a Runge-Kutta step in its own loop, where terms that several
+stages have in common are computed once, or a call from Python.
 """
 
 from itertools import product
@@ -26,10 +25,7 @@ LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival'
 
 
 def complete(suite: Suite, tables: Tables) -> None:
-    """Add rows to the tables `kernel_steps` and `kernel_rhs`, which compare our own engines with a rival engine.
-
-    There are rows for each linkage on which the rival was timed together with our own engines.
-    """
+    """Add rows to the tables `kernel_steps` and `kernel_rhs` for each linkage on which the rival was timed with our own engines."""
     step_of = {(r["mechanism"], r["scenario"]): r["step"] for r in tables.get("samples", [])}
     for place, measured in gather_by_linkage(tables).items():
         timed_engines = {k.engine for k in (*measured.samples, *measured.failed) if isinstance(k, Key)}
@@ -44,12 +40,8 @@ def complete(suite: Suite, tables: Tables) -> None:
 def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured: Measured) -> Rows:
     """Return one row for each formulation, stabilisation and setting of the rival engine.
 
-    The ratio of the first formulation must reach a target, if the suite states one for the linkage.
-
-    Args:
-        place: mechanism and scenario.
-        step: length of the timed steps [s].
-        measured: the results of the races there.
+    The ratio of the first formulation must reach a target, if the suite states one for the linkage. `place` is mechanism and
+    scenario, `step` the length of the timed steps [s].
     """
     rows = []
     for (formulation, engine), stabilization, settings in product(part.own.items(), part.stabilizations, part.settings):
@@ -65,12 +57,8 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
     """Return a row for each setting of the rival engine, each method of timing our kernel, and each method of timing the rival.
 
-    The kernel is timed in its own loop or called from Python. Of the rival's time, the cost of the call from Python is subtracted
-    or not. Only one pair has a target: the kernel in its own loop, and the rival without the cost of the call.
-
-    Args:
-        place: mechanism and scenario.
-        measured: the results of the races there.
+    The kernel is timed in its own loop or called from Python; of the rival's time, the cost of the call is subtracted or not. Only
+    the kernel in its own loop against the rival without the call has a target. `place` is mechanism and scenario.
     """
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):
@@ -85,11 +73,8 @@ def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) ->
 def compare_sides(measured: Measured, part: RightHandSide, settings: str, own: str, rival: str) -> Row:
     """Return the times of one right-hand side in our own engine and in the rival engine, and their ratio.
 
-    Args:
-        own: LOOP: the time of a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides; or
-            CALLED: the time of one call of the kernel's function from Python.
-        rival: AS_CALLED: the time of one call of the rival library's function from Python; or NET: this time less the time of an
-            empty call.
+    `own` is LOOP (a Runge-Kutta step in the kernel's own loop, divided by the number of its right-hand sides) or CALLED (a call
+    from Python); `rival` is AS_CALLED (a call of the library from Python) or NET (this time less that of an empty call).
 
     Raises:
         Failure: one of the timed quantities was not measured.

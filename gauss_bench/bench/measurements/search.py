@@ -1,23 +1,16 @@
 """Find the cheapest setting of every engine on a linkage, by the rules of `../search.py`: errors first, then a race.
 
-A variant is an engine with options, an integrator and a stabilisation. A size is a step, or a tolerance if the integrator chooses
-its steps. A setting (class `Way`) is a variant with a step size or tolerance. A trial is a run with its errors. In names of
-functions and tables, a "ladder" is the list of the trials of a variant, at finer and finer steps or tolerances.
+First, every variant runs alone in a worker process, at finer and finer sizes; the list of its trials is a "ladder". Errors are the
+largest ones of a position, of an angle and of a joint force during the run, at 50 sample times at equal distances (or fewer, if the
+reference has no samples there, or steps are so long that some are no ends of steps).
 
-In the first stage, every variant runs alone in a worker process, at sizes from coarse to fine. The errors of a run are the largest
-error of a position, of an angle and of a joint force during the run. The errors are taken at 50 sample times at equal distances (or
-fewer, if the reference has no samples there). If some of the sample times are no ends of steps, because the steps are long, the
-errors are taken at the others. Nothing is timed in this stage.
+Then settings race. The time of one step of each variant that met a requirement, times the number of steps, is the estimated cost of
+a setting; the cheap settings are timed over whole runs, in several processes. Of a run with equal steps that would take longer than
+`lead`, only the first part is timed. The processes of one linkage do not follow each other directly, so that a disturbance that
+lasts a minute affects few of them.
 
-In the second stage, settings are timed alternately with each other, in races. A first race times one step of each variant that met
-a requirement. The time of a step multiplied by the number of steps is the estimated cost of a setting. Then the cheap settings are
-timed over whole runs, in several processes. If a run has equal steps and would take longer than `lead`, a time that the suite
-gives, only its first part is timed. The processes that time the same linkage do not follow each other directly, so that a
-disturbance that lasts a minute affects few of them. The winners are determined from the times of all processes together.
-
-Settings that the authors of an engine sent in are further variants, with the same sizes, requirements and budget. In tables, the
-authors are called the owners of the variants that they sent in. The cheapest setting of the authors is always timed, even if it
-costs much more than the cheapest one of the suite, because a table compares both.
+Settings that the authors (owners) of an engine sent in are further variants. Their cheapest setting is always timed, because a
+table compares it with the suite's.
 """
 
 import hashlib
@@ -25,6 +18,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,8 +26,8 @@ import numpy as np
 from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quartiles, ratio, ratio_columns, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
 from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
-from gauss_bench.bench.survived import Entries, list_survivors, race_here
-from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of, with_race_limit
+from gauss_bench.bench.survived import list_survivors, race_here
+from gauss_bench.bench.tasks import Context, Rows, Tables, Task, gather, group_by, place_of, with_race_limit
 from gauss_bench.bench.ways import (
     BEATS,
     ROUGH_ROUNDS,
@@ -72,7 +66,6 @@ class Racer(NamedTuple):
     """A setting that takes part in a race.
 
     Attributes:
-        way: engine, variant and size (step or tolerance).
         steps: number of steps of a run with this setting; None if the engine does not count its steps.
         seconds: estimated time of the run [s]; 0 before any estimate.
     """
@@ -83,7 +76,7 @@ class Racer(NamedTuple):
 
 
 def requirements(part: Search) -> list[Requirement]:
-    """Return the accuracy requirements (kind of error and its limit) of a section of the suite, in the order of UNITS."""
+    """Return the accuracy requirements of a section of the suite, in the order of UNITS."""
     return [Requirement(kind, limit) for kind in UNITS for limit in getattr(part, kind)]
 
 
@@ -96,8 +89,8 @@ def engines_of(part: Search) -> list[Offer]:
 def space_of(engine: Offer, part: Search) -> list[Variant]:
     """Return the variants of an engine that a section of the suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine lists under `first`. If an engine lists no variants there, those with one of
-    its first BRIEF integrators and without stabilisation are tried or, if there are none, all of its variants.
+    A brief search tries the variants that the engine lists under `first` or, if it lists none, those with one of its first BRIEF
+    integrators and without stabilisation or, if there are none, all.
     """
     every = space(engine)
     if not part.brief:
@@ -113,16 +106,13 @@ def candidates(engine: Offer, part: Search) -> list[Variant]:
 
 
 def motion_of(linkage: str, scenario: str, part: Search) -> Run:
-    """Return the motion on which the settings of engines are compared to find the cheapest.
-
-    The motion ends at the time that the section of the suite gives or at the end of the scenario, whichever is earlier.
-    """
+    """Return the motion of a search, which ends as the section of the suite says or, if that is earlier, with the scenario."""
     mechanism = load(linkage, scenario or None)
     return Run(linkage, mechanism, min(part.until, mechanism.duration))
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return one task for each linkage, engine and variant; the task runs the variant at finer and finer steps or tolerances."""
+    """Return one task for each linkage, engine and variant; the task runs the variant at finer and finer sizes."""
     tasks = []
     for part, place in _races(suite):
         # the trials of one variant do not depend on these fields: they are emptied, so that the key of its task does not either
@@ -143,7 +133,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def second_timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return tasks that repeat every race in further processes, with the settings that were close to the fastest in the first.
 
-    The processes of a linkage are separated in time: process k runs on all linkages before process k + 1.
+    Process k runs on all linkages before process k + 1.
     """
     tasks = []
     for number in range(1, max((part.processes for part in suite.search), default=1)):
@@ -170,12 +160,9 @@ def _rows_at(tables: Tables, table: str, place: Place) -> Rows:
 
 
 def _task(context: Context, function: Callable[..., Tables], part: Search, place: Place, tables: Tables, number: int = 0) -> Task:
-    """Return the task of one process of a race; the key of the task includes the rows on which the race depends.
+    """Return the task of process `number` of a race; its key includes the rows on which the race depends.
 
-    Args:
-        function: `first_race` or `further_race`.
-        number: index of the process. The race in process 0 depends on the rows of `search_ladder`; a race in a further process also
-            depends on the rows of process 0.
+    These are the linkage's rows of `search_ladder` and, for a further process (`further_race`), those of process 0 (`first_race`).
     """
     this_section = part.model_copy(update={"linkages": dict([place])})
     key_rows: list[Any] = [_rows_at(tables, "search_ladder", place)]
@@ -187,11 +174,11 @@ def _task(context: Context, function: Callable[..., Tables], part: Search, place
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Add the tables of the search: cheapest settings and their times, variants that were searched, meaning of engines' options."""
+    found = []
     for part, place in _races(suite):
-        ladders, races = (_rows_at(tables, table, place) for table in ("search_ladder", "search_races"))
-        found = winners_and_times(*place, part, ladders, races) if races else {}
-        for table, rows in found.items():
-            tables.setdefault(table, []).extend(rows)
+        if races := _rows_at(tables, "search_races", place):
+            found.append(winners_and_times(*place, part, _rows_at(tables, "search_ladder", place), races))
+    tables |= gather(found)
     variants: dict[str, Rows] = {}  # engine -> rows of its variants, each once although parts may share engines
     knobs: Rows = []
     for part in suite.search:
@@ -201,7 +188,7 @@ def complete(suite: Suite, tables: Tables) -> None:
             own = variants.setdefault(engine.name, [])
             own += [r for r in (space_row(engine, x) for x in candidates(engine, part)) if r not in own]
     if variants:
-        tables["search_space"], tables["search_knobs"] = [r for own in variants.values() for r in own], knobs
+        tables |= {"search_space": [r for own in variants.values() for r in own], "search_knobs": knobs}
 
 
 def name_variant(engine: str, variant: Variant) -> dict[str, str]:
@@ -217,20 +204,12 @@ def space_row(engine: Offer, variant: Variant) -> Row:
     return name_variant(engine.name, variant) | {"size": size, "options": options, "owner": variant.owner}
 
 
-# First stage: the steps and tolerances with which a variant meets a requirement; no timing affects them
-
-
 def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Search, store: str) -> Tables:
-    """Run a variant at finer and finer steps or tolerances; return a row for each run.
+    """Run a variant at finer and finer sizes; return a row for each run, the last of which says why no finer one was tried.
 
-    The last row also has the reason why no finer step or tolerance was tried.
-
-    Args:
-        part: the section of the suite that gives requirements, end of the run and budget.
-        store: the folder where references are stored.
+    `store` is the folder where references are stored.
     """
-    run = motion_of(linkage, scenario, part)
-    names = name_variant(engine, variant)
+    run, names = motion_of(linkage, scenario, part), name_variant(engine, variant)
     way = Way(**names, size=0.0)
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
@@ -243,13 +222,11 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     most_steps = part.steps_of.get(engine, part.most_steps)
     sizes = tolerances() if adaptive else equal_steps(run.until, sample_count, most_steps)
     evaluator = Evaluator(run.mechanism)
-    limit = 0 if adaptive else most_steps  # largest number of steps of a run; 0 stands for no limit
 
     def evaluate(size: float) -> Trial:
-        """Run the variant with a step or tolerance `size`, and return the trial: the errors of the run, or why it failed."""
         return evaluate_run(run, evaluator, reference, way._replace(size=size), adaptive, sample_count)
 
-    trials, ended = explore(evaluate, sizes, requirements(part), part.budget, limit)
+    trials, ended = explore(evaluate, sizes, requirements(part), part.budget, 0 if adaptive else most_steps)
     rows = []
     for trial in trials:
         errors = {f"{kind}_error": x for kind, x in trial.errors.items()}
@@ -260,73 +237,54 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
 
 
 def read_ladders(rows: Rows) -> Ladders:
-    """Return the trials (runs and their errors) of each variant, given the rows of the table `search_ladder` of one linkage."""
+    """Return the trials of each variant, given the rows of the table `search_ladder` of one linkage."""
     groups = group_by(rows, *Way._fields[:-1])  # all but the size
     return {Way._make((*names, 0.0)): [trial_of(r) for r in same] for names, same in groups.items()}
 
 
 def owners_of(rows: Rows) -> Owners:
-    """Return variant -> its owner, who sent it in, given rows of the table `search_ladder`; the suite's variants are left out."""
+    """Return variant -> the authors who sent it in, given rows of `search_ladder`; the suite's variants are left out."""
     return {variant_of(r): r["owner"] for r in rows if r.get("owner")}
 
 
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
-    """Return the settings of an engine that meet a requirement, each with its trial.
-
-    For each variant that meets the requirement at all, the coarsest step or tolerance that meets it is used.
-    """
-    ways: dict[Way, Trial] = {}
-    for variant, trials in ladders.items():
-        if variant.engine == engine and (trial := coarsest(trials, wanted)):
-            ways[variant._replace(size=trial.size)] = trial
-    return ways
+    """Return, of each variant of an engine that meets a requirement, the coarsest setting that does, with its trial."""
+    found = {way: coarsest(trials, wanted) for way, trials in ladders.items() if way.engine == engine}
+    return {way._replace(size=trial.size): trial for way, trial in found.items() if trial}
 
 
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
-    """Return a list of groups of settings, each a dict setting -> trial; the cheapest setting of each group is searched for.
+    """Return groups of settings, each a dict setting -> trial; the cheapest setting of each group is searched for.
 
-    All settings of a group meet the same requirement, and have the same engine, the same owner (the authors who sent them in, if
-    any) and the same kind of time loop (option `loop`).
-
-    Args:
-        rows: the rows of the table `search_ladder` that belong to the linkage.
+    All settings of a group meet the same requirement, and have the same engine, the same owner and the same kind of time loop
+    (option `loop`). `rows` are those of the table `search_ladder` that belong to the linkage.
     """
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
-    for wanted in requirements(part):
-        for engine in engines_of(part):
-            by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}  # time loop and owner -> settings
-            for way, trial in passing_ways(ladders, wanted, engine.name).items():
-                by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
-            groups += by_loop_and_owner.values()
+    for wanted, engine in product(requirements(part), engines_of(part)):
+        by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}
+        for way, trial in passing_ways(ladders, wanted, engine.name).items():
+            by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+        groups += by_loop_and_owner.values()
     return groups
-
-
-# Second stage, the race: the cheapest of the settings that meet a requirement
 
 
 def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """Estimate, in one process, the cost of each setting that meets a requirement, and time the cheap settings in another.
 
-    The estimated cost of a setting is the time of one step of its variant times the number of steps. The cheap settings are chosen
-    separately in each group of `rivals`: for each requirement, engine, owner and kind of time loop.
-
-    Args:
-        rows: the rows of the table `search_ladder` that belong to the linkage.
+    The estimated cost is the time of one step of the variant times the number of steps. The cheap settings are chosen separately in
+    each group of `rivals`, from the rows of `search_ladder` that belong to the linkage.
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
-    # one step of each variant is timed, at the finest size that meets a requirement. A `Way` of size 0 stands for its variant; the
-    # finest size is kept, because later entries of a dict replace earlier ones
+    # one step of each variant is timed, at the finest size that meets a requirement: later entries of a dict replace earlier ones
     finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
-    step_times, lost = race_apart(rough_entries, run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
-    seconds = {variant: time_of(x) for variant, x in gather_rounds(step_times, entry_of).samples.items()}  # of one step
+    step_times, lost = race_apart(run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
+    measured = gather_rounds(step_times, entry_of)
+    seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
     costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
-    chosen: dict[Way, None] = {}
-    for ways in groups:
-        chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
-    racers = [Racer(x, steps[x], costs[x]) for x in chosen]
-    timed, more_lost = race_apart(race_entries, run, part, racers, part.rounds, lost, part.lead)
+    chosen = dict.fromkeys(x for ways in groups for x in finalists({way: costs[way] for way in ways if way in costs}))
+    timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, timed, lost | more_lost)}
 
 
@@ -342,54 +300,37 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
     # of each group of settings (setting -> trial), only those that may still be the fastest take part again: setting -> steps
     near = {way: ways[way].steps for ways in rivals(rows, part) for way in near_ways(ways, measured)}
     racers = [Racer(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
-    timed, lost = race_apart(race_entries, run, part, racers, part.rounds, list_lost(first), part.lead)
+    timed, lost = race_apart(run, part, racers, part.rounds, list_lost(first), part.lead)
     return {"search_races": race_rows(run, number, timed, lost)}
 
 
 def race_apart(
-    entries: Entries, run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), *more: float
+    run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), lead: float | None = None
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Measure the times of several settings alternately, in a new process; engines that crash or hang are left out.
+    """Race settings in a new process: whole runs of at most `lead` [s] or, without a lead, single steps.
 
-    Args:
-        entries: the function `rough_entries` or `race_entries`. A call entries(linkage, scenario, until, racers, *more) yields each
-            key and the function that makes its timing block, the work to be timed.
-        racers: the settings to be timed.
-        rounds: number of rounds of the race.
-        lost: engines that crashed or hung in an earlier race; their settings are left out.
-        more: further arguments of `entries`.
-
-    Returns:
-        The rows of `race_here`, and engine -> failure, for each engine that crashed or hung in this race.
+    Engines in `lost`, which crashed or hung in an earlier race, are left out. Return the rows of `race_here`, and engine ->
+    failure for each engine that crashed or hung in this race.
     """
     engines = [x.name for x in engines_of(part) if x.name not in lost]
-    arguments = (run.linkage, run.mechanism.scenario, run.until, [x for x in racers if x.way.engine not in lost], *more)
-    timed, more_lost = list_survivors(race_here, (entries, arguments, rounds), engines)
+    arguments = (run.linkage, run.mechanism.scenario, run.until, [x for x in racers if x.way.engine not in lost], lead)
+    timed, more_lost = list_survivors(race_here, (race_entries, arguments, rounds), engines)
     return timed, more_lost
 
 
-def rough_entries(linkage: str, scenario: str, until: float, racers: Sequence[Racer]) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield the variant of each setting to be timed, and the function that makes a block of work to be timed: one step.
-
-    A variant is given as a `Way` whose size is 0. The time of one step is used to estimate the cost of a run.
-    """
-    run = Run(linkage, load(linkage, scenario or None), until)
-    for x in racers:
-        variant = x.way._replace(size=0.0)
-        yield variant, partial(one_step, run, x.way, x.steps, Models())
-
-
 def race_entries(
-    linkage: str, scenario: str, until: float, racers: Sequence[Racer], lead: float
+    linkage: str, scenario: str, until: float, racers: Sequence[Racer], lead: float | None
 ) -> Iterator[tuple[Way, Callable[[], Block]]]:
-    """Yield each setting to be timed, and the function that makes its timing block, the work to be timed.
+    """Yield each setting to be timed, and the function that makes its timing block: a run, or a step if `lead` is None.
 
-    The block is a whole run or, if a whole run takes longer than `lead` [s], only its first part, which takes about `lead` [s].
-    Settings that differ only in step or tolerance may share a model.
+    Of a run that takes longer than `lead` [s], only the first part is timed. Settings that differ only in size may share a model.
     """
     run, models = Run(linkage, load(linkage, scenario or None), until), Models()
     for x in racers:
-        yield x.way, partial(whole_run, run, x.way, x.steps, x.seconds, lead, models)
+        if lead is None:
+            yield x.way, partial(one_step, run, x.way, x.steps, models)
+        else:
+            yield x.way, partial(whole_run, run, x.way, x.steps, x.seconds, lead, models)
 
 
 def owner_of(way: Way, owners: Owners) -> str:
@@ -403,11 +344,7 @@ def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
 
 
 def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
-    """Return the rows of one process of a race, and one row for each engine that crashed or hung in this process.
-
-    `number` is the index of the process. `timed` are the rows of `race_here`: the seconds of a setting in a round, or the status
-    and the message of a setting that failed. `lost` maps an engine that crashed or hung to its failure.
-    """
+    """Return the rows of process `number` of a race, made of those of `race_here`, and one for each engine lost in it."""
     start: Row = place_of(run.mechanism) | {"process": number}
     rows = []
     for r in timed:
@@ -419,10 +356,9 @@ def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailu
 def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Rows, races: Rows) -> Tables:
     """Return up to three tables of results for a linkage, table -> rows.
 
-    The table `search_winners` has the cheapest setting of each engine for each requirement. If an engine crashed or hung in one of
-    the processes, its row has the reason instead of a setting. The table `search_times` has the time of each setting that was
-    timed. The table `search_owned` compares the settings that an engine's authors sent in with those of the suite; it is missing
-    if no authors sent in settings. If nothing was timed at all, the result is `search_winners` with the reasons alone.
+    `search_winners` has the cheapest setting of each engine for each requirement, or the reason why it has none. `search_times` has
+    the time of each setting that was timed. `search_owned` compares the settings of an engine's authors with those of the suite; it
+    is missing if no authors sent in settings. If nothing was timed, there is only `search_winners` with the reasons.
 
     Args:
         ladder_rows: the rows of the table `search_ladder` that belong to the linkage.
@@ -454,9 +390,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
 
 
 def _time_over_processes(measured: Measured, way: Way) -> Row:
-    """Return the columns of the measured time of a setting, and of the two ends of its spread.
-
-    The ends are NaN if only one process timed this setting.
+    """Return the columns of the time of a setting and of its spread, which is NaN if only one process timed it.
 
     Raises:
         Failure: the setting was not timed.
@@ -480,17 +414,17 @@ def gather_measured(races: Rows) -> Measured:
 
 
 def entry_of(r: Mapping[str, Any]) -> Way:
-    """Return the `Way` (engine, settings, integrator, stabilisation, size) that a row of `race_here` names in its columns."""
+    """Return the setting that a row of `race_here` names in its columns."""
     return Way(*(r[x] for x in Way._fields))
 
 
 def way_of(r: Mapping[str, Any]) -> Way:
-    """Return the engine's setting that a table row names; either its column `step` or its column `tolerance` is empty."""
+    """Return the setting that a table row names; either its column `step` or its column `tolerance` is empty."""
     return variant_of(r)._replace(size=r["step"] or r["tolerance"])
 
 
 def variant_of(r: Mapping[str, Any]) -> Way:
-    """Return the variant that a row of a table names, as a `Way` whose size (step or tolerance) is left at 0."""
+    """Return the variant that a row of a table names, as a `Way` of size 0."""
     return Way(r["engine"], r["settings"], r["integrator"], r["stabilization"], 0.0)
 
 
@@ -504,12 +438,8 @@ def name_way(way: Way) -> Row:
 def winner_row(start: Row, wanted: Requirement, engine: str, ladders: Ladders, measured: Measured, part: Search) -> Row:
     """Return an engine's row for a requirement: its winner, the cheapest setting that meets the requirement.
 
-    If no timed setting meets the requirement, the row has the reason, and the error of the engine's most accurate setting.
-
-    Args:
-        start: the first columns of the row, which name linkage and requirement.
-        ladders: the trials of each variant at finer and finer steps or tolerances.
-        measured: the times of the settings that were timed.
+    If no timed setting meets the requirement, the row has the reason, and the error of the engine's most accurate setting. `start`
+    has the first columns of the row, which name linkage and requirement.
     """
     searched = {way: trials for way, trials in ladders.items() if way.engine == engine}
     passing = passing_ways(searched, wanted, engine)
@@ -531,14 +461,8 @@ def row_of_authors(
 ) -> Row:
     """Return the row that compares the cheapest setting of an engine's authors with the cheapest setting of the suite.
 
-    Both settings meet the same requirement. The names of the columns that describe the suite's setting begin with `our_`. The ratio
-    is the time of the authors' setting divided by the time of the suite's; the row has it only if both were timed.
-
-    Args:
-        start: the first columns of the row, which name linkage and requirement.
-        ladders: the trials of each variant at finer and finer steps or tolerances.
-        measured: the times of the settings that were timed.
-        owners: variant -> the authors who sent it in.
+    Both meet the same requirement. Columns of the suite's setting begin with `our_`. The row has the ratio of the authors' time to
+    the suite's if both were timed. `start` has the first columns, which name linkage and requirement.
     """
     theirs = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way in owners}, measured, part)
     ours = winner_row(start, wanted, engine, {way: x for way, x in ladders.items() if way not in owners}, measured, part)
@@ -554,33 +478,25 @@ def row_of_authors(
 def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Failure]) -> Row:
     """Return the columns of an engine without a timed setting for a requirement: the reason, and its most accurate setting.
 
-    Args:
-        trials: the trials of each variant of the engine.
-        failed: the failures of the engine's settings in the race.
+    `failed` are the failures of the engine's settings in the race.
     """
     answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status: Status | Kind = Status.SKIP if answer.kind in SKIPPED else answer.kind
     if answer.holds and failed:  # a setting is accurate enough, but failed when it was timed
         status = failed[0].status
     columns: Row = {"status": str(status), "message": answer.words}
-    every = [(way, trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
-    if not every:
+    best = [(way._replace(size=trial.size), trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
+    if not best:
         return columns
-    way, trial = min(every, key=lambda x: x[1].errors[wanted.kind])
-    return columns | name_way(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
+    way, trial = min(best, key=lambda x: x[1].errors[wanted.kind])
+    return columns | name_way(way) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     """Return the rows of all engines for a requirement, with the ratio of each winner's time to that of our own fastest winner.
 
-    A winner is the cheapest setting of an engine that meets the requirement. Our own engines are those in `part.own`. The spread of
-    a ratio covers all settings that tie with either of the two winners, because a repeated race may name any of these settings. The
-    column "own" marks the fastest winner of our own engines, the column "ours" all rows of our own engines. If the suite has an aim
-    for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is met.
-
-    Args:
-        rows: one row for each engine: its winner, or the reason why it has none.
-        measured: the times of all settings that were timed.
+    Our own engines are those in `part.own`: the column "ours" marks all their rows, "own" their fastest winner. If the suite has an
+    aim for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is met.
     """
     ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}
     tied_own = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []  # own winners that tie
@@ -597,16 +513,10 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
 
 
 def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Row:
-    """Return the table columns with the time of an engine's fastest accepted setting, divided by that of our own fastest one.
+    """Return the columns of the time of the winner in a row, divided by that of our own fastest winner `own`.
 
-    For each setting x that ties with the engine's winner and each y that ties with `own`, the ratio of x to y has a spread. The
-    spread returned here reaches from the lowest to the highest end of all these spreads.
-
-    Args:
-        r: the row of the engine's winner; its key `ties` has the settings that tie with the winner.
-        own: the fastest winner of our own engines.
-        fastest: the settings that tie with `own`.
-        measured: the times of all settings that were timed.
+    The spread covers the spreads of all ratios of a setting that ties with the winner (the row's `ties`) to one that ties with
+    `own` (`fastest`), because a repeated race may name any of these settings.
     """
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}

@@ -1,8 +1,7 @@
 """Measure the time of compiled kinematics: positions, velocities and accelerations of all links over whole turns of the crank.
 
-Errors are differences from the motion that Newton's method finds at every sample, relative to the largest position, velocity and
-acceleration. For comparison, a method in numpy is timed too. It solves the linkage part by part, one group of links ("link unit")
-after the other.
+Errors are differences from the motion that Newton's method finds at every sample. For comparison, a method in numpy is timed too,
+which solves the linkage one group of links ("link unit") after the other.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import NO_KEY, Key, Measured, Row, at_least, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Measured, Row, at_least, row
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
 from gauss_bench.bench.survived import race_processes, race_survivors
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
@@ -29,15 +28,14 @@ LEVELS = ("position_error", "velocity_error", "acceleration_error")
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
-    """Return one task for each linkage."""
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
 def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
     """Return a row for each of METHODS, the compiled method and the one in numpy: the time per position in a turn of the crank.
 
-    The methods are timed in several processes. If a method crashes or hangs in one of these processes, its row has the reason
-    instead of times. `race` is the function that times the methods: `race_survivors`, or `race_here` in tests.
+    If a method crashes or hangs in one of the processes, its row has the reason. `race` is `race_survivors`, or `race_here` in
+    tests.
     """
     measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     place = place_of(load(linkage, scenario))
@@ -47,12 +45,10 @@ def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any
 def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
     """Return the table row of a method that computes positions in a turn: time per position, positions per second, and errors.
 
-    The compiled method (NATIVE) has a target for the positions per second, which it meets only if its errors are small too. The
-    method in numpy is slow and computes only the first PLAIN_SAMPLES positions of a turn.
+    The compiled method (NATIVE) has a target for the positions per second, which it meets only if its errors are small too.
     """
-    key = Key("turn", method)
     start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
-    found = row(start, lambda: rate(spread("seconds", measured.of(key))) | measured.facts.get(key, {}))
+    found = row(start, lambda: rate(measured.summary(Key("turn", method))))
     if method != NATIVE or found["mechanism"] not in part.targets:
         return found
     found = at_least(found, "rate", part.targets[found["mechanism"]])
@@ -65,29 +61,21 @@ def rate(times: Row) -> Row:
 
 
 def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of each of METHODS, and the function that makes its timing block, the work that is timed repeatedly."""
+    """Yield the key of each of METHODS, and the function that makes its timing block."""
     mechanism, samples = load(linkage, scenario), part.samples
 
     def native() -> Block:
-        """Return a timing block of compiled code that computes whole turns of the crank; its `facts` are the columns of errors."""
         closure = compile_closure(mechanism)
         block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
-    def plain() -> Block:
-        """Return a timing block that computes the first PLAIN_SAMPLES positions of a turn in numpy, by link units."""
-        times = np.arange(PLAIN_SAMPLES) / samples
-        return lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
-
+    times = np.arange(PLAIN_SAMPLES) / samples
     yield Key("turn", NATIVE), native
-    yield Key("turn", LINK_UNITS), plain
+    yield Key("turn", LINK_UNITS), lambda: lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:
-    """Return the columns of the largest errors of positions, velocities and accelerations during one turn of the crank.
-
-    The crank turns at the constant speed 1 rad/s, which is also the default of `exact_motion`, with which the turn is compared.
-    """
+    """Return the columns of the largest errors of positions, velocities and accelerations in one turn of the crank at 1 rad/s."""
     motion = MinimalCoordinate(mechanism)
     off = differences((turn.q, turn.v, turn.a), exact_motion(motion, turn.q[:, motion.crank]))
     return {f"{level}_error": x for level, x in off.items()}
