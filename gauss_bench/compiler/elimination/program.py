@@ -8,9 +8,8 @@ The search tries independent coordinates and orders of pivots, and keeps those t
 rule for pivots many candidates are equally good. The choice among these pivots decides how many terms cancel later, and how long
 the longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the
 other half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so
-that a linkage always gives the same program. The independent coordinates and the rule for pivots that the search has found are
-stored on disk, so that a later process needs only one elimination. A small number in the environment variable GAUSS_BENCH_ATTEMPTS
-shortens the search, but the generated code may then need more time per step.
+that a linkage always gives the same program. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search,
+but the generated code may then need more time per step.
 """
 
 import json
@@ -62,13 +61,7 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """One attempt to eliminate the equations of motion, which found usable pivots.
-
-    Attributes:
-        work: the equations that were eliminated.
-        search: the settings by which pivots were chosen.
-        costs: operation counts and cycles of the resulting acceleration.
-    """
+    """One attempt to eliminate the equations of motion, which found usable pivots."""
 
     work: Workspace
     search: Search
@@ -109,8 +102,7 @@ def pick(attempts: Sequence[Best]) -> Best:
 def best_of(work: Workspace, count: int) -> Best:
     """Make `count` attempts to eliminate the equations, and return the cheapest one.
 
-    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The other half repeat
-    the best of these settings with other seeds of the random numbers; settings without random numbers are not repeated.
+    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone).
     """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
@@ -131,11 +123,8 @@ def cheapest(
     One plain attempt for each combination of formulation and coordinates decides which combinations are searched longer.
 
     Args:
-        known: ranks, redundant rows and null spaces of the mechanism.
-        open_parameters: names of the mechanism's numbers that are inputs of the program.
         formulation: "gauss", "lagrange", or "auto" for both.
         independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
-        drop: index in `Study.drops` of the redundant rows to leave out.
 
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
@@ -173,11 +162,7 @@ def _sources() -> str:
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination whose settings an earlier search has stored; return None if there is none, or if it no longer works.
-
-    Args:
-        name: file name of the search's result in the user's cache; None if the result is not stored.
-    """
+    """Repeat the elimination whose settings an earlier search has stored as `name`; return None if there is none that works."""
     stored = user_cache.load(name) if name else None
     if stored is None:
         return None
@@ -190,13 +175,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 
 
 def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the combinations of formulation and independent coordinates to try.
-
-    Args:
-        formulation: "gauss" or "lagrange" for this formulation only, "auto" for both.
-        independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
-        drop: index in `Study.drops` of the redundant rows to leave out.
-    """
+    """List the combinations of formulation and independent coordinates to try."""
     # in Lagrange's formulation the independent coordinates only select the free motions
     plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
@@ -220,8 +199,6 @@ class Program:
     that computes accelerations alone does not have the functions that are listed after `acceleration`.
 
     Attributes:
-        name: name of the mechanism.
-        formulation: "gauss" or "lagrange".
         n, m: numbers of coordinates, and of constraint rows without the redundant rows that are left out.
         independent: the independent coordinates; in Lagrange's formulation they only parametrise the free motions.
         parameters: names of the parameters p: first those that the caller has named, such as "links.crank.mass" or
@@ -229,15 +206,12 @@ class Program:
         values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
-        thresholds: thresholds of the guards of `acceleration`.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
             the residual at q, and guards that it needs besides those of the acceleration.
         nearest_velocity: function (t, q, v, p) -> the velocities (n,) nearest to v that the constraints allow, and the same
             additional guards.
-        correcting_thresholds: thresholds of the additional guards of both corrections.
         directions: function (t, q, v, p) -> for each independent coordinate a motion (n,) that the constraints allow and that moves
             no other independent coordinate; last, guards that it needs besides those of the acceleration.
-        direction_thresholds: thresholds of the additional guards of `directions`.
         multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all constraint rows in the file's order. If a
             redundant row was added to kept rows k with factors f_k before it was left out, its multiplier is sum_k f_k lambda_k,
             otherwise 0.
@@ -284,13 +258,7 @@ def generate(
 ) -> Program:
     """Generate and check the program of a mechanism: straight-line functions for its accelerations, corrections and energy.
 
-    The generation finds ranks and redundant rows, searches for the cheapest elimination or loads the result of an earlier search,
-    writes the functions, and checks their results.
-
     Args:
-        formulation: "gauss", "lagrange", or "auto" for the one that costs less.
-        open_parameters: names of the mechanism's numbers that are inputs of the program.
-        independent: the independent coordinates in Gauss's formulation; with None the search chooses them.
         baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
         drop: index in `Study.drops` of the choice of redundant rows to leave out.
         remembered: whether the result of the search is read from and written to the user's cache.
@@ -330,12 +298,7 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """Repeat the elimination of the attempt `best`, and return the program that it gives.
-
-    Args:
-        known: ranks, redundant rows and null spaces of the mechanism.
-        baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
-    """
+    """Repeat the elimination of the attempt `best`, and return the program that it gives."""
     work, elimination = best.work, best.work.eliminate(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n

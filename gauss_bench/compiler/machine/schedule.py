@@ -16,10 +16,7 @@ ROUNDS = 6
 
 
 def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
-    """Return the time [cycles] at which each value is ready, on a processor with unlimited execution units.
-
-    `arrival` has the times at which leaves (values without operands) are there, by their names; other leaves are there at 0.
-    """
+    """Return the time [cycles] at which each value is ready, on a processor with unlimited execution units."""
     times: dict[int, float] = {}
     for x in values:
         if g.operation[x] == "leaf":
@@ -32,8 +29,8 @@ def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the steady number of cycles per iteration of a loop, on a processor with unlimited execution units.
 
-    An iteration need not wait for the end of the previous one, only for the variables that it uses. The times at which these are
-    ready are therefore followed through ROUNDS iterations, until the increment per iteration is steady.
+    The times at which these are ready are therefore followed through ROUNDS iterations, until the increment per iteration is
+    steady.
 
     `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
@@ -55,8 +52,6 @@ def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: boo
 
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period
-
-    `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
     values = live(g, roots)
     if plain:

@@ -4,9 +4,8 @@ A sample is closed if positions are found at which the constraints hold for the 
 many parts as there are lanes (elements of a vector register). A single lane first finds the positions at which the parts of the
 motion begin, in steps of at most STRIDE; then all parts are computed side by side, each in its lane.
 
-If a lane cannot close a sample, the step to that sample is divided into smaller steps. If the small steps fail too,
-`kinematics.loop_closure` tries to close the linkage at that sample. If `loop_closure` finds a limit of motion or a singular
-position, the motion ends, and no later sample is closed.
+If the small steps fail too, `kinematics.loop_closure` tries to close the linkage at that sample. If `loop_closure` finds a limit of
+motion or a singular position, the motion ends, and no later sample is closed.
 """
 
 from collections.abc import Mapping
@@ -48,10 +47,8 @@ class Loss:
     """The place and the cause of a motion's end.
 
     Attributes:
-        sample: index of the first sample that could not be closed.
         kind: "limit of motion" or "singular position".
         inputs: name of an input -> its last value that was reached [rad, m].
-        text: the reason in one sentence.
     """
 
     sample: int
@@ -63,15 +60,8 @@ class Loss:
 class Tracker:
     """Computes the motion of a linkage for samples of its inputs, beginning at its start.
 
-    A sample is closed if the position satisfies the constraints. Arrays `levels` (k, 3, K) are values, first and second time
-    derivatives of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a of each sample, R = 3n.
-
     Attributes:
         q, u: position (n,) with closed loops, and inputs (K,), at the start.
-        least: (G,) lower bounds of the guards, with the signs of the guards at the start; guards are pivots that must not become
-            small.
-        per_stride: (K,) number of steps of the size STRIDE per unit change [rad, m] of each input; it is larger for a linkage with
-            many angles.
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
@@ -102,8 +92,6 @@ class Tracker:
         """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
-            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
             status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
         """
@@ -124,15 +112,7 @@ class Tracker:
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed.
-
-        All parts have the same number of samples, and the last part ends with the last sample, so that the last parts may overlap.
-
-        Args:
-            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest change of an input between successive samples, as a multiple of STRIDE.
-            rows: (k, R) receives q, v and a of every sample.
-        """
+        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed."""
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
@@ -155,9 +135,7 @@ class Tracker:
     def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
         """Compute the samples from index `at` on, the first sample at which a lane could not close the linkage in one step.
 
-        Each sample that fails is tried in smaller steps, then by the library `kinematics`; after a success in small steps the
-        samples behind it follow in one lane. Return where and why the motion ends before the last sample, or None if it does not.
-        Other arguments are those of `track`.
+        Return where and why the motion ends before the last sample, or None if it does not.
         """
         while at < len(rows):
             q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (self.q, self.u)
@@ -174,8 +152,6 @@ class Tracker:
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
         """Compute samples in one lane, with the step to the first sample divided into 8 or 64 smaller steps (SUBDIVISIONS).
-
-        Return the number of samples that were closed before the first failure.
 
         Args:
             q, u: position (n,) with closed loops and inputs (K,) from which the step begins.
@@ -195,11 +171,7 @@ class Tracker:
         return 0
 
     def _close_by_library(self, q: Array, levels: Array) -> Array | Loss:
-        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed.
-
-        Args:
-            levels: (3, K) value, first and second time derivative of the inputs.
-        """
+        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed."""
         # every driver gets a law with the same value and derivatives at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
@@ -219,8 +191,7 @@ def _fractions(count: int) -> Array:
 def _at_rest(u: Array) -> Array:
     """Return inputs u (k, K) with zero time derivatives, in the layout (1, k + 1, 3, K) that the routine `follow` reads.
 
-    The first index of the result is the lane; there is only one lane. The last sample is repeated, because the routine reads the
-    inputs of one sample beyond the last one that it closes.
+    The last sample is repeated, because the routine reads the inputs of one sample beyond the last one that it closes.
     """
     levels = np.zeros((1, len(u) + 1, 3, u.shape[1]))
     levels[0, :-1, 0], levels[0, -1, 0] = u, u[-1]
