@@ -463,7 +463,7 @@ class Workspace:
         """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.
 
         `self.links` cannot be used here: it gives both links of a slide the same angle up to a constant, which is true only where
-        the constraints are satisfied. The links used here have angles of their own.
+        the constraints are satisfied.
         """
         links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)

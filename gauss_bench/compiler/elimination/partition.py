@@ -253,7 +253,8 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
     """Return a few choices of independent coordinates, each of which is usable at every sample (its condition is above USABLE).
 
     Well conditioned choices have a least condition above NEAR times that of the best choice. A well conditioned choice with the
-    crank's angle comes first, then a usable choice of angles only.
+    crank's angle comes first, then a usable choice of angles only. If drivers prescribe the whole motion, the only choice is the
+    empty tuple: no coordinate is independent.
     """
     if study.free == 0:
         return [()]

@@ -131,7 +131,8 @@ class _Steps:
 def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     """Build the loop over time steps that uses the body with the index `level`.
 
-    The int variables below are values of the graph, except `level`.
+    The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the
+    masks `alive` and `far`.
     """
     body = bodies[level]
     g, is_first, is_last = body.graph, level == 0, level == len(bodies) - 1
@@ -233,8 +234,8 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
     DOP853 chooses its steps by the tolerances. A step ends at each of `count` sample times, where the state is stored. `times` has
     count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
-    advance. The first step is h0, and no step is longer than `longest`. If `plain`, operations are neither regrouped nor put in
-    another order.
+    advance. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted steps and attempted steps,
+    and the time reached. If `plain`, operations are neither regrouped nor put in another order.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)

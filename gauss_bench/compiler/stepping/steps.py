@@ -50,7 +50,8 @@ Coefficients = Sequence[float]
 class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
-    A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step. A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
+    A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step.
+    A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
 
     Attributes:
         c: (s,) nodes.
