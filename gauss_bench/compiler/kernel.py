@@ -88,7 +88,7 @@ def compile_kernel(
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, "straight line", start)
+    return Kernel(mechanism, options, start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -143,9 +143,9 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
+    def __init__(self, mechanism: Mechanism, options: Options, start: float):
         """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
-        self.mechanism, self.options, self.form = mechanism, options, form
+        self.mechanism, self.options, self.form = mechanism, options, "straight line"
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program

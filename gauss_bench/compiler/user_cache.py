@@ -60,20 +60,15 @@ def store(name: str, content: bytes) -> bool:
     path = trusted_folder()
     if path is None:
         return False
-    _remove_abandoned(path)
+    for file in path.glob(f"*{PART}"):  # unfinished files of processes that were killed
+        with suppress(OSError):
+            if abs(time.time() - file.stat().st_mtime) > ABANDONED:  # absolute, as a clock may have been set back
+                file.unlink()
     try:
         write_bytes(path / name, MAGIC + _digest(name, content) + content)
     except OSError:
         return False
     return True
-
-
-def _remove_abandoned(path: Path) -> None:
-    """Remove the unfinished files in a folder that are older than ABANDONED: processes that were killed have left them."""
-    for file in path.glob(f"*{PART}"):
-        with suppress(OSError):
-            if abs(time.time() - file.stat().st_mtime) > ABANDONED:  # absolute, as a clock may have been set back
-                file.unlink()
 
 
 def _digest(name: str, content: bytes) -> bytes:

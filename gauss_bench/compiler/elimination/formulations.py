@@ -49,7 +49,6 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
 from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
-from gauss_bench.mechanism.model import Mechanism
 
 Guard = tuple[Node, float]  # a pivot, and its threshold: where its absolute value is smaller, the program must not be used
 
@@ -374,19 +373,6 @@ def guarded(factors: Factors) -> list[Guard]:
 # Factor on the thresholds of pivots if the kept rows are nearly dependent at some sample: digits are lost long before pivots become
 # small, and programs that drop other rows are used there.
 CAUTION = 100.0
-FORMULATIONS = ("auto", "gauss", "lagrange")
-
-
-def refuse(mechanism: Mechanism, formulation: str) -> None:
-    """Refuse a linkage for which no program can be generated.
-
-    Raises:
-        KernelError: an unknown formulation, or dry friction.
-    """
-    if formulation not in FORMULATIONS:
-        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
-    if mechanism.has_friction:
-        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
 
 
 @dataclass(frozen=True)

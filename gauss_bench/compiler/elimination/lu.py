@@ -173,11 +173,6 @@ class Search:
     patience: float = 0.0
     crossing: float = 0.0
 
-    @property
-    def by_chance(self) -> bool:
-        """True if another seed can make another choice."""
-        return self.noise > 0.0 or 0.0 < self.crossing < 1.0
-
 
 class _Entry:
     """A matrix entry during elimination: a sum, kept as a list of nodes that are not added yet.
@@ -279,7 +274,9 @@ class _Markowitz:
             if r in self.rows and c in self.columns and not node.zero:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
-        self.scale = {c: self._largest_in(c) for c in self.columns}
+        self.scale = {}
+        for c, entries in self.columns.items():  # 1 if all entries of the column are zero
+            self.scale[c] = max((float(self._sizes_of(self.rows[r][c]).max()) for r in entries), default=1.0) or 1.0
         self.sizes: dict[int, _Sizes] = {}
         self.pivots: list[Pivot] = []
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
@@ -289,18 +286,17 @@ class _Markowitz:
         """Return the absolute values (samples,) of one entry of the matrix at all samples."""
         return np.abs(e.values[: self.graph.samples])
 
-    def _largest_in(self, c: int) -> float:
-        """Return the absolute value of the largest entry of a column at any sample; 1 if all entries of the column are zero."""
-        return max((float(self._sizes_of(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
-
     def factors(self, squares: bool) -> Factors:
         """Eliminate all rows."""
         rest = None
         while self.rows and rest is None:
             if squares and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
-            else:
-                self._eliminate(*self._choose())
+                continue
+            # if no pivot is usable at all samples, one is taken that is usable at as many as possible; a threshold excludes others
+            while (chosen := self._find_pivot()) is None:
+                self._trust_fewer()
+            self._eliminate(*chosen)
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
     def _normal_equations(self) -> NormalEquations:
@@ -314,18 +310,6 @@ class _Markowitz:
             if not entry.zero:
                 normal[c, d] = normal[d, c] = entry
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
-
-    def _choose(self) -> tuple[int, int, Array]:
-        """Return row and column of a pivot, and the absolute value (trusted samples,) of the largest entry in its row.
-
-        If no pivot is usable at all samples, the pivot is one that is usable at as many samples as possible; at run time a
-        threshold excludes the states at which this pivot is too small.
-        """
-        chosen = self._find_pivot()
-        while chosen is None:
-            self._trust_fewer()
-            chosen = self._find_pivot()
-        return chosen
 
     def _trust_fewer(self) -> None:
         """Restrict `trusted` to the samples at which one entry is large enough for a pivot, the entry with the most such samples.

@@ -132,20 +132,16 @@ class Study:
 
     def dropped(self, choice: int) -> tuple[str, ...]:
         """Return the names of the constraint rows that are left out by drops[choice]."""
-        names = row_names(self.mechanism)
+        # in the order of the rows of J: joints, couplings, drivers, knife edges
+        parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in self.mechanism.joints]
+        names = [f"{name}.{part}" for name, both in parts for part in both]
+        names += [x.name for x in self.mechanism.couplings for _ in x.held]
+        names += [d.name for d in self.mechanism.drivers] + [e.name for e in self.mechanism.knife_edges]
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
         """Return for each sample how far the rows kept by drops[choice] are from linear dependence (k,); 0 means dependent."""
         return _soundness(self.left, self.drops[choice])
-
-
-def row_names(mechanism: Mechanism) -> list[str]:
-    """Return a name for every row of the constraint Jacobian: joints, couplings, drivers, knife edges, each in the file's order."""
-    parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in mechanism.joints]
-    names = [f"{name}.{part}" for name, both in parts for part in both]
-    names += [x.name for x in mechanism.couplings for _ in x.held]
-    return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
 @lru_cache(maxsize=32)  # a mechanism is compiled under several formulations, and needs its study again for further programs

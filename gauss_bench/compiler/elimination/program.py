@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
-from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, refuse, vector, workspace
+from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, vector, workspace
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
@@ -41,20 +41,15 @@ SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of atte
 THOROUGH = 144  # number of attempts if the environment does not give it
 
 
-def _read_attempts() -> int:
-    """Return the largest number of attempts of a search: from the environment, or THOROUGH if it gives no positive whole number."""
-    text = os.environ.get(SHORTER, "")
-    attempts = int(text) if text.isdecimal() else 0
-    return attempts if attempts > 0 else THOROUGH
-
-
-ATTEMPTS = _read_attempts()
+_asked = os.environ.get(SHORTER, "")
+ATTEMPTS = int(_asked) if _asked.isdecimal() and int(_asked) > 0 else THOROUGH  # largest number of attempts of a search
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
 CLOSE = 1.01  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
 SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
+FORMULATIONS = ("auto", "gauss", "lagrange")
 PLAIN = Search()  # Markowitz's count alone, without random numbers; an attempt with it is a plain attempt
 SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code on which a search depends
 
@@ -111,7 +106,7 @@ def best_of(work: Workspace, count: int) -> Best:
     leaders = attempts[:REPEATED]
     retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     # settings without random numbers would give the same program again; seeds from 100 on are not used in `various`
-    again = [replace(search, seed=100 + k) for k, search in retries if search.by_chance]
+    again = [replace(search, seed=100 + k) for k, search in retries if search.noise > 0.0 or 0.0 < search.crossing < 1.0]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
@@ -129,8 +124,13 @@ def cheapest(
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
     """
+    # in Lagrange's formulation the independent coordinates only select the free motions
+    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
+    if formulation != "lagrange":
+        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
+        plans += [Plan("gauss", x, drop) for x in choices]
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
-    for plan in _plans(known, formulation, independent, drop):
+    for plan in plans:
         try:
             plain += attempt(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
@@ -172,16 +172,6 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
         return attempt(work, [Search(**search)])[0]
     except KernelError:
         return None
-
-
-def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the combinations of formulation and independent coordinates to try."""
-    # in Lagrange's formulation the independent coordinates only select the free motions
-    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
-    if formulation != "lagrange":
-        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
-        plans += [Plan("gauss", x, drop) for x in choices]
-    return plans
 
 
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
@@ -266,7 +256,10 @@ def generate(
     Raises:
         KernelError: dry friction, an unknown parameter, no usable independent coordinates, or a program that fails its own check.
     """
-    refuse(mechanism, formulation)
+    if formulation not in FORMULATIONS:
+        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    if mechanism.has_friction:
+        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")

@@ -8,7 +8,7 @@ velocity that it has.
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,14 +83,9 @@ class RankDecision:
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """Return q, v (n,) after one step of size h [s], projected onto the constraints."""
-
-        def acceleration(t: float, q: Array, v: Array) -> Array:
-            """Return the acceleration with Baumgarte's terms, if there are any."""
-            return self.acceleration(t, q, v, damped=True)
-
         # stages at the end of the step are evaluated just before it, so that a force that jumps there still has its old value
         last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
-        return self.project(t + h, *STEPS[integrator](held_back(acceleration, last), t, q, v, h))
+        return self.project(t + h, *STEPS[integrator](held_back(partial(self.acceleration, damped=True), last), t, q, v, h))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the nearest q, v (n,) that satisfy the constraints."""

@@ -129,14 +129,6 @@ class Parameters:
         """Values (n_p,) of the parameters in the file."""
         return np.array([self.all[name] for name in self.names])
 
-    def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """Return the linkage's number called `name` as a node: an entry of the input p if it is a parameter, else a constant."""
-        value = self.all[name]
-        if name not in self.names:
-            return graph.constant(value)
-        # the last argument is the typical size of the input, by which the graph varies the value at its random points
-        return graph.input("p", self.names.index(name), np.full(graph.samples, value), abs(value) or 1.0)
-
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
     """Return the numbers of a mechanism; those whose names are in `names` are parameters of the program, all others are constants.
@@ -248,7 +240,11 @@ class Links(Given):
 
     def number(self, name: str) -> Node:
         """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
-        return self.parameters.node(self.graph, name)
+        value, names = self.parameters.all[name], self.parameters.names
+        if name not in names:
+            return self.graph.constant(value)
+        # the last argument is the typical size of the input, by which the graph varies the value at its random points
+        return self.graph.input("p", names.index(name), np.full(self.graph.samples, value), abs(value) or 1.0)
 
     def held(self, joint: str, index: int, value: float) -> Node:
         """Return the constant value at which a joint holds coordinate `index`; a slide's offset (index 0) may be a parameter."""

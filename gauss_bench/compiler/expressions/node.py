@@ -77,15 +77,12 @@ class Node:
             missing = [x for x in node.args if x._at is None]
             waiting += missing
             if not missing:
-                node._at = node._value()
+                if node.number is not None:
+                    node._at = np.full(node.graph.samples + GENERIC, node.number)
+                else:
+                    node._at = VALUE[node.op](*(x._at for x in node.args))
                 waiting.pop()
         return self._at  # type: ignore[return-value]
-
-    def _value(self) -> Array:
-        """Compute the node's values (samples + GENERIC,) at samples and random points from the values `_at` of its operands."""
-        if self.number is not None:
-            return np.full(self.graph.samples + GENERIC, self.number)
-        return VALUE[self.op](*(x._at for x in self.args))
 
     def __add__(self, other: "Node | float") -> "Node":
         return self.graph.add(self, self.graph.node(other))

@@ -73,21 +73,15 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
     """Write the module of a routine that computes `lanes` trajectories at once."""
     text, packed = Writer(routine, lanes).text(), ""
     if lanes == 1:
+        # it takes the address of a block of arguments, because ctypes converts a single argument faster than many
         packed = f"{routine.name}_packed"
-        text += "\n" + _write_packed(packed, routine)
+        lines, arguments = [f"define void @{packed}(ptr %block) {{"], []
+        for k, letter in enumerate(routine.signature):
+            lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
+            arguments.append(f"{TYPES[letter]} %x{k}")
+        lines += [f"  call void @{routine.name}({', '.join(arguments)})", "  ret void", "}"]
+        text = "\n".join([text, *lines])
     return Listing(text, routine.name, routine.signature, routine.operations, packed)
-
-
-def _write_packed(name: str, routine: Routine) -> str:
-    """Write the function `name`, which takes the address of a block of arguments and calls the routine with them.
-
-    Python calls this function to compute a single trajectory, because ctypes converts a single argument faster than many.
-    """
-    lines, arguments = [f"define void @{name}(ptr %block) {{"], []
-    for k, letter in enumerate(routine.signature):
-        lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
-        arguments.append(f"{TYPES[letter]} %x{k}")
-    return "\n".join([*lines, f"  call void @{routine.name}({', '.join(arguments)})", "  ret void", "}"])
 
 
 class Writer(Emitter):

@@ -24,7 +24,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
+from gauss_bench.compiler.machine.source import in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -254,11 +254,6 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     if width < 1 or (chosen == "llvm" and width.bit_count() != 1):
         raise KernelError(f"{width} lanes are no power of 2")
     return Target(chosen, width, cache)
-
-
-def in_plain_c(*routines: Routine) -> str:
-    """Return routines as one C source file, each for a single trajectory."""
-    return C_HEADER + "\n".join(map(in_c, routines))
 
 
 class Loaded:

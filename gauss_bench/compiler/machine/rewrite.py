@@ -80,7 +80,12 @@ class _Rewriter:
         if operation == "mul":
             return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
-            return self._ratio(*operands)
+            numerator, denominator = map(self.get, operands)
+            # a (1 / b) if several values are divided by b, or if 1 / b is there before a, so that only a multiplication follows
+            early = self.new.ready[numerator] > self.new.ready[denominator] + EARLIER
+            if self.new.number(numerator) != 1 and (operands[1] in self.shared or early):
+                return self.new.mul(numerator, self.new.div(self.new.const(1.0), denominator))
+            return self.new.div(numerator, denominator)
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
@@ -154,17 +159,6 @@ class _Rewriter:
             total = g.sub(value, late.value) if opposite else g.add(value, late.value)
         total, minus = (g.operands[total][0], True) if g.operation[total] == "neg" else (total, False)
         return Summand(early.negative ^ minus, total, None)
-
-    def _ratio(self, a: int, b: int) -> int:
-        """Return the value of the new graph for the ratio a / b of two values of the old graph.
-
-        The ratio is computed as the product of a and 1 / b in two cases: if several values are divided by b, so that 1 / b is
-        shared, or if 1 / b can be computed before a is ready, so that only the time of a multiplication passes after that.
-        """
-        g, numerator, denominator = self.new, self.get(a), self.get(b)
-        if g.number(numerator) != 1 and (b in self.shared or g.ready[numerator] > g.ready[denominator] + EARLIER):
-            return g.mul(numerator, g.div(g.const(1.0), denominator))
-        return g.div(numerator, denominator)
 
 
 def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, in_plain_c, out_of_lanes, share
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, out_of_lanes, share
 from gauss_bench.compiler.machine.routine import Routine
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
@@ -221,10 +222,6 @@ class Programs:
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
         self.native = self._routine(0, "none", partial(acceleration, plain=self.plain))
 
-    def __len__(self) -> int:
-        """Return the number of programs generated so far."""
-        return len(self.codes)
-
     def generate_next(self) -> bool:
         """Generate one more program, as the last of `codes`; return False if there are no more."""
         code = next(self._more, None)
@@ -235,10 +232,8 @@ class Programs:
 
     def runner(self, k: int, integrator: str) -> Stepper:
         """Return the stepper of program k with an integrator; it is made, and its code compiled, on first use."""
-        return self.runners.get((k, integrator)) or self._make(k, integrator)
-
-    def _make(self, k: int, integrator: str) -> Stepper:
-        """Make the stepper of program k, and store it in `runners`."""
+        if (k, integrator) in self.runners:
+            return self.runners[k, integrator]
         code = self.codes[k]
         all_reaches = reaches(code, integrator)  # largest rotations per step for which there is code, the smallest first
 
@@ -324,7 +319,7 @@ class Programs:
         first = self.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
         # "none": the acceleration without Baumgarte's terms
-        return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
+        return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""

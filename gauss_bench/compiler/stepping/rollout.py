@@ -30,7 +30,6 @@ method contains the code of the acceleration only once, in a loop over the stage
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from gauss_bench.compiler.machine.code import Code
@@ -106,29 +105,15 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
-        steps = _step_in_loop(bodies, level, many)
-        further = [If(first.graph.make("any", steps.too_far), statements, {})] if statements else []
-        statements, complete = [*steps.statements, *further], steps.complete
+        steps, done, too_far = _step_in_loop(bodies, level, many)
+        further = [If(first.graph.make("any", too_far), statements, {})] if statements else []
+        statements, complete = [*steps, *further], done
     arrays = {"y": Array(first.rows), **first.arrays, "samples": Array(first.rows, "slots"), "report": Array(3)}
     counts, operations = ("n", "every", "slots"), max(body.operations for body in bodies)
     return Routine("rollout", first.graph, arrays, ("h", "t0"), counts, [*first.entry, *statements], complete, operations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """A loop over time steps, all computed by the same body.
-
-    Attributes:
-        complete: mask of the trajectories of which all steps are done.
-        too_far: mask of the trajectories that stopped only because a link turned in a step by more than the body's reach.
-    """
-
-    statements: list[Statement]
-    complete: int
-    too_far: int
-
-
-def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
+def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
     """Build the loop over time steps that uses the body with the index `level`.
 
     The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the
@@ -178,7 +163,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
     loop = Loop(carried, [*body.statements, sample, *settling.statements], again)
-    return _Steps([loop, body.store_end(complete), report], complete, too_far)
+    return [loop, body.store_end(complete), report], complete, too_far
 
 
 class _Settling(NamedTuple):
@@ -258,7 +243,10 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
     mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
-    planned = _plan_step(g, g.make("sub", following, t_new), best)
+    # the next step: the time `left` to the next sample if left <= best, half of it if left < 2 best, so that no tiny step remains
+    left = g.make("sub", following, t_new)
+    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), g.mul(g.const(0.5), left), best)
+    planned = g.make("select", g.make("le", left, best), left, shorter)
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
     settling = _settle_regularly(body, g.make("sum", tried, one))  # after SETTLED attempts, unless the last of them is refused
     # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
@@ -304,16 +292,6 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
     # that was chosen before it was cut
     best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
     return g.minimum(best, g.leaf("%longest"))
-
-
-def _plan_step(g: Graph, left: int, best: int) -> int:
-    """Return the value of the next step size, so that a step ends at the next sample and no tiny step remains before it.
-
-    The step size is `left`, the time to the next sample, if left <= best; left / 2 if left < 2 best; and else `best`.
-    """
-    half = g.mul(g.const(0.5), left)
-    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
-    return g.make("select", g.make("le", left, best), left, shorter)
 
 
 def plain_body(code: Code, integrator: str) -> Body:
