@@ -182,7 +182,8 @@ def _soundness(left: Array, drop: Drop) -> Array:
     """Return for each sample how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
 
     The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations of
-    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space.
+    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space:
+    the result is the smallest singular value of D L, divided by the norm of the largest row of L.
     """
     if not drop.rows:
         return np.ones(len(left))

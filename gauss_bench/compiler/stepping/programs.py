@@ -184,7 +184,7 @@ def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array
 
     Return an array (size + 1,): the `size` results of the routine, and one number that tells whether they are valid. The last
     number is 1 if all guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to
-    its threshold instead.
+    its threshold instead. The next call overwrites the array.
     """
     # this thread's buffers for the arguments, which are allocated in its first call
     one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, size + 1)

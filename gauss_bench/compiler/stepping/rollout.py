@@ -219,8 +219,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
     DOP853 chooses its steps by the tolerances. A step ends at each of `count` sample times, where the state is stored. `times` has
     count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
-    advance. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted steps and attempted steps,
-    and the time reached. If `plain`, operations are neither regrouped nor put in another order.
+    advance. The integration stops when a step becomes shorter than `least`, or after `limit` steps. Afterwards y has the state
+    reached, and `report` has the numbers of stored samples, accepted steps and attempted steps, and the time reached. If `plain`,
+    operations are neither regrouped nor put in another order.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)

@@ -4,17 +4,21 @@ Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the
 form). The results are the same but for rounding, and the position of a stage does not wait for its velocity. From q, v, the step
 computes q', v' by
 
+    q2 = q + h/2 v,         q3 = q2 + h^2/4 a1,   B = q + h v,   q4 = B + h^2/2 a2
     v2 = v + h/2 a1,        v3 = v + h/2 a2,      v4 = v + h a3
     q' = B + h^2/6 (a1 + a2 + a3),                v' = v + h/6 (a1 + 2 a2 + 2 a3 + a4)
 
 Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. From stage to stage,
 sines and cosines are updated by a rotation by h/2 v or h v (at most `Reach.step`), and by a further small rotation of the order h^2
 (at most `Reach.bend`). One rotation after the other would accumulate rounding errors. Sine and cosine at q are therefore also
-computed from the angle itself, while the processor waits for other results. The rotations for the fourth stage and the end of the
-step start from these values.
+computed from the angle itself; the rotations for the fourth stage and the end of the step start from these values. In a step of
+order 8, sines and cosines of all later stages are rotated from those at the position q + h/2 v.
 
-If constraint rows are redundant and the steps do not project the state, the loop over the steps projects it after every
-`rollout.SETTLED` steps (`Builder.settle`).
+Projection. At the end of a step, q gets Newton corrections, all with the Jacobian of the last stage, which is already factorised.
+At the beginning of a step, v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage
+is evaluated before the correction of v. The correction of v is of the order h^5, like the local error, and so does not change the
+order of the method. Samples have corrected states, and the velocities of all stages but the first start from the corrected
+velocity.
 
 Gauss's collocation (`gauss_legendre`) is implicit: positions and velocities at the stages follow from the accelerations at all
 stages, which a fixed number of iterations computes. A guard checks that the accelerations of the stages have converged.
@@ -622,12 +626,15 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
 def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of Gauss's collocation with three stages, order 6, implicit, for springs and dampers that are stiff.
 
+    A motion can be stiff only along the free motions N (n, f), because constraints and not forces determine all other directions.
+    The unknowns of a stage are its independent accelerations z (f,): the accelerations of the independent coordinates. Let a (n,)
+    be the acceleration that is evaluated at the stage, and a_f (f,) its independent components. Then a + N (z - a_f) satisfies the
+    constraint rows and has the independent components z. Each iteration of Newton's method solves
+
         (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a_f - z
 
-    for the corrections dz of z at all stages. A is the method's matrix of weights.
-
-    A linkage whose inputs are all driven has no free motions. In each iteration, the accelerations of the stages are then replaced
-    by the accelerations evaluated at the states of the stages.
+    for the corrections dz of z at all stages, with A, K and D as in `Builder.newton`. A linkage whose inputs are all driven has no
+    free motions: each iteration then replaces the accelerations of the stages by those evaluated at their states.
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()

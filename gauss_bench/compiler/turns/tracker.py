@@ -4,8 +4,8 @@ A sample is closed if positions are found at which the constraints hold for the 
 many parts as there are lanes (elements of a vector register). A single lane first finds the positions at which the parts of the
 motion begin, in steps of at most STRIDE; then all parts are computed side by side, each in its lane.
 
-If the small steps fail too, `kinematics.loop_closure` tries to close the linkage at that sample. If `loop_closure` finds a limit of
-motion or a singular position, the motion ends, and no later sample is closed.
+If a lane cannot close a sample, the step to that sample is divided into smaller steps. If these fail too, `kinematics.loop_closure`
+tries to close it; if that finds a limit of motion or a singular position, the motion ends.
 """
 
 from collections.abc import Mapping
