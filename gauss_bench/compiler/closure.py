@@ -79,7 +79,7 @@ class Closure:
         LoopEquations(mechanism)  # not kept: it raises ValueError if the drivers do not fit the degrees of freedom
         self._tracker = Tracker(closing_program(mechanism), target)
         self.inputs = tuple(driver.name for driver in mechanism.drivers)
-        self._tracker.follower.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
+        self._tracker.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
 
     def turn(self, samples: int) -> Sweep:
         """Compute one full turn of the input in equal steps from its start, without the end point.

@@ -22,6 +22,7 @@ from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
+from gauss_bench.integrate import BAUMGARTE_RATE, STABILIZATIONS
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
 from gauss_bench.mechanism.lines import list_lines, with_lines
@@ -30,8 +31,7 @@ from gauss_bench.terms import Array
 
 __all__ = ["Kernel", "KernelError", "compile_kernel"]
 
-STABILIZATIONS = ("none", "baumgarte", "projection")
-BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
+BAUMGARTE = (BAUMGARTE_RATE, BAUMGARTE_RATE)  # [1/s] alpha, beta
 
 
 @dataclass(frozen=True)

@@ -100,17 +100,14 @@ class Family:
                 return f"{path} may be part of a welded body"
         return ""
 
-    def document_of(self, values: Sequence[float]) -> Document:
-        """Return the document with the values (d,) of the varied numbers in one sample."""
-        return change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
-
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
         """Read and assemble the linkage with the values (d,) of the varied numbers in one sample.
 
         Raises:
             LinkageError: the linkage with these numbers is not valid, or it cannot be assembled.
         """
-        return load_document(self.document_of(values), self.scenario, self.source)
+        changed = change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
+        return load_document(changed, self.scenario, self.source)
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
@@ -268,7 +265,15 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+                # still: the last corrections of all samples that have not failed are rounding
+                q = project(
+                    q,
+                    constraints_at(part),
+                    _solve,
+                    NEWTON,
+                    still=lambda _, size: not (size[np.isfinite(size)] > 1e-14).any(),
+                    longest=LONGEST,
+                )
             phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
@@ -282,11 +287,6 @@ class Family:
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
     """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
-
-
-def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether the last Newton corrections of all samples that have not failed are as small as rounding errors."""
-    return not (size[np.isfinite(size)] > 1e-14).any()
 
 
 def _solve(J: Array, right: Array) -> Array:

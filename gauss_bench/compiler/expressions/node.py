@@ -11,6 +11,7 @@ Source: Schwartz, Fast probabilistic algorithms for verification of polynomial i
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partialmethod
 from heapq import heapify, heappop, heappush
 from typing import Any
 
@@ -244,15 +245,6 @@ class ExpressionGraph:
         own, base = factor_out(a)
         return self.scale_by(1.0 / own, self._make("INV", base))
 
-    def sqrt(self, a: Node) -> Node:
-        return self._unary("SQRT", a)
-
-    def sin(self, a: Node) -> Node:
-        return self._unary("SIN", a)
-
-    def cos(self, a: Node) -> Node:
-        return self._unary("COS", a)
-
     def _unary(self, op: str, a: Node) -> Node:
         """Return the node of an operation with the single operand `a`: its square root, sine or cosine."""
         # `a.at` has samples and random points, and numpy gets them in one call: in two calls, the last digits of numpy's results
@@ -262,6 +254,8 @@ class ExpressionGraph:
             return old
         at = VALUE[op](a.at)
         return self._make(op, a, at=at)
+
+    sqrt, sin, cos = partialmethod(_unary, "SQRT"), partialmethod(_unary, "SIN"), partialmethod(_unary, "COS")
 
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
         """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node."""

@@ -15,17 +15,6 @@ from gauss_bench.compiler.machine.graph import LATENCY, Graph, live
 ROUNDS = 6
 
 
-def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
-    """Return the time [cycles] at which each value is ready, on a processor with unlimited execution units."""
-    times: dict[int, float] = {}
-    for x in values:
-        if g.operation[x] == "leaf":
-            times[x] = arrival.get(str(g.payload[x]), 0.0)
-        else:
-            times[x] = max((times[k] for k in g.operands[x]), default=0.0) + LATENCY[g.operation[x]]
-    return times
-
-
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the steady number of cycles per iteration of a loop, on a processor with unlimited execution units.
 
@@ -38,7 +27,12 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     arrival = dict.fromkeys(carried, 0.0)
     cycles = 0.0
     for _ in range(ROUNDS):
-        times = ready_times(g, values, arrival)
+        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are there at 0
+        for x in values:
+            if g.operation[x] == "leaf":
+                times[x] = arrival.get(str(g.payload[x]), 0.0)
+            else:
+                times[x] = max((times[k] for k in g.operands[x]), default=0.0) + LATENCY[g.operation[x]]
         cycles = max((times[x] for x in carried.values()), default=0.0)
         arrival = {name: times[x] - cycles for name, x in carried.items()}
     return cycles

@@ -30,7 +30,6 @@ method contains the code of the acceleration only once, in a loop over the stage
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, count_operations
@@ -135,10 +134,10 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
-    settling = _settle_regularly(body, following)
-    carried: Carried = dict(settling.counter)
+    branch, chosen, counter = _settle_regularly(body, following)
+    carried: Carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
-        new = settling.chosen.get(x, next_value)
+        new = chosen.get(x, next_value)
         # a lane that has stopped keeps its state by selection while the others go on
         carried[x] = initial, g.make("select", going, new, x) if many else new
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
@@ -162,32 +161,18 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    loop = Loop(carried, [*body.statements, sample, *settling.statements], again)
+    loop = Loop(carried, [*body.statements, sample, *branch], again)
     return [loop, body.store_end(complete), report], complete, too_far
 
 
-class _Settling(NamedTuple):
-    """The part of a loop over time steps that projects the state onto the constraints after every SETTLED steps.
-
-    Attributes:
-        chosen: variable of the state (a leaf) -> another variable, which has the value at the next step: projected if the branch is
-            executed, else not projected.
-        counter: a variable of the loop with its first and next value: the number of the step before which the state is next
-            projected.
-    """
-
-    statements: list[Statement]
-    chosen: dict[int, int]
-    counter: Carried
-
-
-def _settle_regularly(body: Body, following: int) -> _Settling:
+def _settle_regularly(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
     """Build the projection of the state after every SETTLED steps, if the body has one; `following`: number of the next step.
 
-    The loop counts in `due` the step before which the state is projected; the branch adds SETTLED to it.
+    Return a branch that is executed after every SETTLED steps; for each variable of the state a variable with its next value,
+    projected if the branch is executed; and the loop's counter of the step before which the state is next projected.
     """
     if not body.settled:
-        return _Settling([], {}, {})
+        return [], {}, {}
     g = body.graph
     # due, due_later: number of the step before which the state is next projected, now and at the next step
     due, due_later = g.count("%settle"), g.count("%settle_later")
@@ -195,7 +180,7 @@ def _settle_regularly(body: Body, following: int) -> _Settling:
     # leaf -> its value if the branch is taken, and if not
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
-    return _Settling([If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)})
+    return [If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)}
 
 
 def _either(g: Graph, a: int, b: int) -> int:
@@ -249,11 +234,12 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), g.mul(g.const(0.5), left), best)
     planned = g.make("select", g.make("le", left, best), left, shorter)
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
-    settling = _settle_regularly(body, g.make("sum", tried, one))  # after SETTLED attempts, unless the last of them is refused
+    # after SETTLED attempts, unless the last of them is refused
+    branch, chosen, counter = _settle_regularly(body, g.make("sum", tried, one))
     # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
-    carried = dict(settling.counter)
+    carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
-        carried[x] = initial, g.make("select", good, settling.chosen.get(x, next_value), x)
+        carried[x] = initial, g.make("select", good, chosen.get(x, next_value), x)
     carried |= {t: (start, t_new), goal: (end, following), h: (g.leaf("%h0"), planned), g.leaf("%wanted"): (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
     carried |= {i: (zero, later), due: (one, due_later), g.make("mask", payload="%refused"): (g.all(False), g.make("not", good))}
@@ -263,7 +249,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     first_times, next_time = Load("times", {start: 0, end: 1}), Load("times", {following: 0}, g.make("sum", later, due_later))
-    loop = Loop(carried, [*body.statements, store, mark_due, *settling.statements, next_time], again)
+    loop = Loop(carried, [*body.statements, store, mark_due, *branch, next_time], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
     statements: list[Statement] = [*body.entry, first_times, loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}

@@ -22,19 +22,13 @@ computed by series of two terms, which are exact up to rounding errors if |z| is
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.graph import Graph, Pair, count_operations, inline, live
-from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes
 from gauss_bench.compiler.machine.rewrite import rewrite
 from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Routine, Scatter, Statement, Store
 from gauss_bench.compiler.machine.schedule import order
-from gauss_bench.terms import Array as Floats
 
 # Norms are taken over all angles of which sines are needed.
 REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
@@ -171,34 +165,3 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     arrays["report"] = Array(1 + program.guards)
     counts = ("samples", "shift", "block", "last")
     return Routine("follow", g, arrays, (), counts, statements, good, count_operations(g, values))
-
-
-class Follower:
-    """Runs the routine `follow` on a target."""
-
-    def __init__(self, program: ClosingProgram, target: Target):
-        """Prepare the routine for a target; the routine is compiled when it is first run."""
-        self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
-
-    def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
-        """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
-
-        Args:
-            q: (lanes, n) guesses at the first samples.
-            inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
-                the last sample; only its values matter.
-            rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
-                of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
-                of all lanes, the last lanes share some rows, and must have the same inputs at the samples in shared rows. For
-                example, with 5 rows and two lanes of 3 samples each, the first lane has rows 0 to 2, the second rows 2 to 4.
-        """
-        lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
-        guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
-        report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
-        block = samples * self.program.width  # numbers of one lane
-        last = out.size - block  # where the numbers of the last lane begin
-        given = self.loaded.given([guesses, bounds, levels, out, report])
-        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
-        # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
-        found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
-        return found[:, 0].astype(int), found[:, 1:]

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.equations.sampling import typical_length
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.turns.follow import TURN, Follower
+from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes
+from gauss_bench.compiler.turns.follow import TURN, follow
 from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.mechanism.coordinates import value
@@ -71,7 +72,11 @@ class Tracker:
             KernelError: the loops cannot be closed at the start, or the start is at a singular position.
         """
         self.program, self.driven = program, program.driven
-        self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
+        self.loaded, self.lanes, self.n = (
+            Loaded(lambda many: follow(program, target.backend == "numpy"), target),
+            target.lanes,
+            program.driven.n,
+        )
         sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(self.driven) for d in self.driven.drivers]
         # `follow` limits the norm over all angles of steps and corrections, which grows with the root of the number of angles:
         # linkages with more than MANY angles get shorter steps
@@ -79,10 +84,33 @@ class Tracker:
         self.per_stride = shorter / STRIDE / np.array(sizes)
         q0, rows = self.driven.q0, np.empty((1, program.width))
         self.u = np.array([float(value(d.coordinate, q0)) for d in self.driven.drivers])
-        closed, guards = self.follower.run(q0[None], np.zeros((1, program.guards)), _at_rest(self.u[None]), rows)
+        closed, guards = self.follow(q0[None], np.zeros((1, program.guards)), _at_rest(self.u[None]), rows)
         if not closed[0]:
             raise KernelError(f"{self.driven.name}: the start is not closed, or at a singular position")
         self.q, self.least = rows[0, : self.n], LEAST * guards[0]
+
+    def follow(self, q: Array, least: Array, inputs: Array, rows: Array) -> tuple[NDArray[np.integer[Any]], Array]:
+        """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
+
+        Args:
+            q: (lanes, n) guesses at the first samples.
+            inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
+                the last sample; only its values matter.
+            rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
+                of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
+                of all lanes, the last lanes share some rows, and must have the same inputs at the samples in shared rows. For
+                example, with 5 rows and two lanes of 3 samples each, the first lane has rows 0 to 2, the second rows 2 to 4.
+        """
+        lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
+        guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
+        report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
+        block = samples * self.program.width  # numbers of one lane
+        last = out.size - block  # where the numbers of the last lane begin
+        given = self.loaded.given([guesses, bounds, levels, out, report])
+        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
+        # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
+        found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
+        return found[:, 0].astype(int), found[:, 1:]
 
     def strides(self, u: Array) -> float:
         """Return the largest change of an input between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
@@ -107,7 +135,7 @@ class Tracker:
         lead = max(1, ceil(float(np.abs(step * self.per_stride).max())))  # samples from the start to u[0]
         rows = np.empty((lead + len(u), self.program.width))
         levels = _at_rest(np.concatenate([self.u + _fractions(lead) * step, u]))
-        closed, _ = self.follower.run(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
+        closed, _ = self.follow(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
         rows[closed[0] :] = np.nan
         return rows[lead:, : self.n]
 
@@ -124,7 +152,7 @@ class Tracker:
         q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n) positions at the beginnings
         # then all lanes together compute their parts; each reads the inputs of one sample more, for which it makes its last guess
         ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)  # (parts, count + 1, 3, K)
-        closed, _ = self.follower.run(q, self.least[None].repeat(parts, axis=0), ahead, rows)
+        closed, _ = self.follow(q, self.least[None].repeat(parts, axis=0), ahead, rows)
         # a part whose first sample is far from the sample before is in another assembly mode, or a whole turn off, and is not used
         gaps = (rows[begins[1:]] - rows[begins[1:] - 1])[:, self.program.angles]
         joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)
@@ -164,7 +192,7 @@ class Tracker:
             # computed, with the last one repeated, because the routine reads the inputs of one sample more than it closes
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
             found = np.empty((parts + len(rows), self.program.width))
-            closed = int(self.follower.run(q[None], self.least[None], ahead, found)[0][0]) - parts
+            closed = int(self.follow(q[None], self.least[None], ahead, found)[0][0]) - parts
             if closed > 0:
                 rows[:closed] = found[parts : parts + closed]
                 return closed
