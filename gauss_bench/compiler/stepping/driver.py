@@ -8,10 +8,10 @@ state of the step.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop, integrate
 from gauss_bench.integrate.legs import legs
 from gauss_bench.terms import Array
@@ -21,6 +21,18 @@ Numbers = Callable[[float], Array]
 
 STRIDE = 1e-4  # size of a step by dense linear algebra under step size control, relative to the duration
 INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
+
+
+class ByRank(Protocol):
+    """Steps by dense linear algebra, which determines the rank of the constraint rows, with the parameters of the linkage file."""
+
+    def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
+        """Return q, v (n,) after one step of h [s] from the time t."""
+        ...
+
+    def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return q, v (n,) projected onto the constraints at the time t."""
+        ...
 
 
 @dataclass
@@ -44,7 +56,7 @@ class Driver:
             first the open parameters, then functions of time, which `by_rank` evaluates by itself.
     """
 
-    def __init__(self, programs: Programs, by_rank: RankDecision, projected: bool, given: int):
+    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
         """Prepare to compute trajectories with the programs of a mechanism; the class explains the other arguments."""
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
