@@ -14,9 +14,9 @@ from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.mechanism.coordinates import motion_of_links

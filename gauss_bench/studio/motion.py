@@ -9,10 +9,9 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.api.driven import free_at_start, load_with_drivers
 from gauss_bench.api.history import transmission
-from gauss_bench.kinematics.advantage import advantages
-from gauss_bench.kinematics.centres import centres
-from gauss_bench.kinematics.errors import MotionError
+from gauss_bench.kinematics.centres import advantages, centres
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import MotionError
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.references import items
 from gauss_bench.mechanism.coordinates import acceleration, motion_of_links, position, velocity
