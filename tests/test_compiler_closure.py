@@ -196,33 +196,6 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
         assert compiled.sweep(np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_lane_does_not_leap(backend: str) -> None:
-    """A parallelogram's rocker is predicted exactly however far the crank goes; what came between is then not known."""
-    tracker = compile_closure(two_crank_parallelogram(), backend=backend)._tracker
-    for way, closed in ((0.2, 2), (1.0, 1)):
-        inputs = np.zeros((1, 3, 3, 1))
-        inputs[0, :, 0, 0] = tracker.u + np.array([0.0, way, way])
-        rows = np.empty((2, tracker.program.width))
-        assert tracker.follower.run(tracker.q[None], tracker.least[None], inputs, rows)[0].tolist() == [closed]
-
-
-def test_parts_that_do_not_join_are_followed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A start that is a whole turn off closes as well as the right one, and on the same sides."""
-    compiled = compile_closure(mechanism("four_bar"))
-    truth, found = compiled.turn(400), compiled._tracker._walk
-
-    def shifted(*given: Any) -> Array:
-        starts = found(*given)
-        starts[-1, 2::3] += 2 * np.pi
-        return starts
-
-    monkeypatch.setattr(compiled._tracker, "_walk", shifted)
-    sweep = compiled.turn(400)
-    assert (sweep.status == Status.CLOSED).all()
-    assert_same(sweep, truth.q, truth.v, truth.a)
-
-
 def test_a_start_at_a_dead_centre_is_refused() -> None:
     """A slider cannot push its crank out of line."""
     m = load("crank_slider", "driven")

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from gauss_bench import cli, metrics
-from gauss_bench.compiler.equations.links import parameter_values
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import document_of, load, load_document, reduce_to_scenario
@@ -138,40 +137,6 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone_and_half_the_step_hal
     assert changes[0] / changes[1] == pytest.approx(2.0, rel=0.05)
 
 
-@pytest.mark.long
-def test_a_sweep_that_asks_for_no_step_ends_where_smaller_ones_do(tmp_path: Path) -> None:
-    """The kernel's DOP853 is compared over half a second with the reference formulation, whose steps keep to a tolerance."""
-    how = replace(SHORT, until=0.5)
-    sweep("crank_slider", VARIED, tmp_path / "native", samples=1, how=how)
-    sweep("crank_slider", VARIED, tmp_path / "exact", ["gauss"], 1, how=replace(how, integrator="dop853", stabilization=None))
-    (native,), (exact,) = rows(tmp_path / "native"), rows(tmp_path / "exact")
-    assert (native["status"], exact["status"]) == ("ok", "ok")
-    assert native["measured"] == pytest.approx(exact["measured"], rel=0, abs=1e-7)
-
-
-def test_numbers_of_a_table_are_the_same_however_many_samples_share_it() -> None:
-    """A batch reads each content of a table once; a sample alone reads its own table."""
-    paths = [
-        "links.rod.length",
-        "links.rod.mass",
-        "gravity.x",
-        "gravity.y",
-        "forces.motor.value",
-        "scenarios.paper.start.crank_deg",
-    ]
-    family = Family(DOCUMENT, "paper", paths, "crank_slider")
-    values = np.array([[0.5, 0.7, 0.1, -9.0, -0.4, 3.0]] * 4)
-    values[1, [1, 4]], values[2, [0, 2, 5]], values[3, 1] = (0.8, -0.6), (0.55, 0.0, 0.0), -1.0
-    together = family.starts(values)
-    assert list(together.reasons) == [3]
-    assert "mass" in together.reasons[3]
-    for k, row in enumerate(values[:3]):
-        alone = parameter_values(family.mechanism_of(row))
-        assert {name: x[k] for name, x in together.columns.items()} == {name: alone[name] for name in together.columns}
-    assert {"gravity.x", "gravity.y", "links.rod.mass", "points.rod.B.x", "forces.motor.value"} <= together.columns.keys()
-    assert Family(DOCUMENT, "paper", ["gravity.y"], "crank_slider").open_numbers == ("gravity.y",)
-
-
 @pytest.mark.parametrize(
     ("linkage", "scenario"),
     [
@@ -199,16 +164,6 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     np.testing.assert_allclose(evidence.energy, gain, rtol=0, atol=1e-3 * bar + 1e-12)
     assert evidence.energy_scale == pytest.approx(metrics.energy_scale(evaluator, x), rel=1e-9)
     assert found["loops"][0] == pytest.approx(metrics.drift(evaluator, x).position.max(), rel=1e-6)
-
-
-def test_a_loop_is_open_whichever_way_a_link_is_off() -> None:
-    mechanism = load("four_bar", "conservative")
-    no_forces = np.zeros((3, 1, 2 * len(mechanism.joints)))
-    for by in ((0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)):
-        q = np.tile(mechanism.q0, (3, 1))
-        q[1, :2] += by
-        found, _ = figures(mechanism, {}, np.arange(3.0), q[:, None], np.zeros_like(q)[:, None], no_forces)
-        assert found["loops"][0] == pytest.approx(0.01, rel=1e-6)
 
 
 def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None:
@@ -312,13 +267,6 @@ def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(monkeypatch: pytest.M
         assert (found["samples"], found["worst"]) == (checked, None)
 
 
-def test_a_sweep_without_angles_among_its_figures_reports_no_change_of_angles(monkeypatch: pytest.MonkeyPatch) -> None:
-    lengths = {name: unit for name, unit in units(load("crank_slider", "paper")).items() if unit == "m"}
-    monkeypatch.setattr(halving, "units", lambda mechanism: lengths)
-    found = repeated(monkeypatch, 20, {0: 1e-4})
-    assert (found["m"], found["rad"], found["ok"]) == (pytest.approx(1e-4), 0.0, True)
-
-
 @pytest.mark.parametrize("unit", ["m", "rad"])
 def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     limit = 0.025 * (load("crank_slider", "paper").size if unit == "m" else 1.0)
@@ -328,15 +276,6 @@ def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit: str
         assert (found[unit], found["rad" if unit == "m" else "m"]) == (pytest.approx(share * limit), 0.0)
     found = repeated(monkeypatch, 20, {0: 1e-6, 19: 1.0}, unit, lost=19)
     assert (found["ok"], found["worst"], found["lost"], found[unit]) == (False, 0, 1, pytest.approx(1e-6))
-
-
-def test_a_repetition_in_words() -> None:
-    for case in CASES["repeated"]:
-        check = {"how": "half the step", "samples": 3, "m": 0.012, "rad": 0.5, "worst": None, "lost": 0, "ok": True}
-        check |= case.get("result", {})
-        changes = f"{check['how']} of 3 samples changes 0.012 m and 0.5 rad at most"
-        assert halving.text(check) == case["said"].format(changes=changes)
-    assert halving.text(None) == "nothing was repeated: no sample is ok"
 
 
 def test_the_default_integrator_and_step_of_an_engine() -> None:

@@ -1,8 +1,7 @@
 """The kinematics of a linkage as native code: positions, velocities and accelerations at thousands of samples of its inputs.
 
-closure = compile_closure(mechanism)
-turn = closure.turn(3600)             # derivatives by the crank angle
-sweep = closure.sweep(angles, speeds, accelerations)
+closure = compile_closure(mechanism) turn = closure.turn(3600)             # derivatives by the crank angle sweep =
+closure.sweep(angles, speeds, accelerations)
 """
 
 from dataclasses import dataclass, replace
@@ -80,7 +79,7 @@ class Closure:
         LoopEquations(mechanism)  # not kept: it raises ValueError if the drivers do not fit the degrees of freedom
         self._tracker = Tracker(closing_program(mechanism), target)
         self.inputs = tuple(driver.name for driver in mechanism.drivers)
-        self._tracker.follower.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
+        self._tracker.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
 
     def turn(self, samples: int) -> Sweep:
         """Compute one full turn of the input in equal steps from its start, without the end point.
@@ -120,11 +119,7 @@ class Closure:
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K).
-
-        First derivatives that are None become 1 for a single input, so that results are derivatives with respect to it, and 0 for
-        several inputs.
-        """
+        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K)."""
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")

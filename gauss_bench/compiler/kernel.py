@@ -22,6 +22,7 @@ from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
+from gauss_bench.integrate import BAUMGARTE_RATE, STABILIZATIONS
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
 from gauss_bench.mechanism.lines import list_lines, with_lines
@@ -30,8 +31,7 @@ from gauss_bench.terms import Array
 
 __all__ = ["Kernel", "KernelError", "compile_kernel"]
 
-STABILIZATIONS = ("none", "baumgarte", "projection")
-BAUMGARTE = (20.0, 20.0)  # [1/s] alpha = beta, as elsewhere in the suite
+BAUMGARTE = (BAUMGARTE_RATE, BAUMGARTE_RATE)  # [1/s] alpha, beta
 
 
 @dataclass(frozen=True)
@@ -88,15 +88,11 @@ def compile_kernel(
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, "straight line", start)
+    return Kernel(mechanism, options, start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
-    """Yield the requested program, then alternative programs for states at which a pivot of the requested program is too small.
-
-    The programs differ in the formulation, in the independent coordinates, and in the redundant constraint rows that they leave
-    out.
-    """
+    """Yield the requested program, then alternative programs for states at which a pivot of the requested program is too small."""
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
         """Return a program; `drop` is the index in `Study.drops` of the set of redundant constraint rows that it leaves out."""
@@ -123,8 +119,6 @@ class Integrated:
 
     Attributes:
         q, v: (k, n_q) states at the requested times, NaN where the trajectory is lost.
-        steps: number of accepted steps.
-        evaluations: number of evaluations of the acceleration.
     """
 
     q: Array
@@ -149,9 +143,9 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
+    def __init__(self, mechanism: Mechanism, options: Options, start: float):
         """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
-        self.mechanism, self.options, self.form = mechanism, options, form
+        self.mechanism, self.options, self.form = mechanism, options, "straight line"
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
@@ -273,10 +267,7 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """Return the n steps of a rollout as legs: runs of equal steps during which no force has a kink or a jump in time.
-
-        A step in which a force has a kink or a jump is divided there.
-        """
+        """Return the n steps of a rollout as legs: runs of equal steps during which no force has a kink or a jump in time."""
         # max(1, n): the only sample is after the last step
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
@@ -304,10 +295,7 @@ class Kernel:
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
-
-        If True, exported C source, which contains only the first program, is valid for these n steps.
-        """
+        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0."""
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
@@ -325,10 +313,7 @@ class Kernel:
         return self._programs.codes[0].program.acceleration(t[:, None], q, v, numbers)[1]
 
     def _roll_one(self, q: Array, v: Array, p: Array, t0: float, dt: float, n: int, integrator: str) -> Array:
-        """Return the last state (2 n_q,) of a single trajectory after n steps of dt, with the least overhead.
-
-        p (n_p,) has the number arguments of the code (`_numbers`).
-        """
+        """Return the last state (2 n_q,) of a single trajectory after n steps of dt, with the least overhead."""
         end = self._programs.runner(0, integrator).run_one(q, v, p, t0, dt, n)  # 0 is the index of the first program
         if not isinstance(end, Stop):
             return end
@@ -341,8 +326,7 @@ class Kernel:
         """Return the number arguments (count, n_p) of the code for `count` states: the numbers that are not constants in the code.
 
         The first columns are the open parameters, with the values `parameters`, or with those of the linkage file if `parameters`
-        is None. The remaining columns are the coefficients of time-dependent forces at the time t, which is one number for all
-        states or has the shape (count,).
+        is None.
         """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
@@ -402,13 +386,6 @@ class Kernel:
         At a state where a pivot of the first program is too small, another program, with other pivots, is evaluated. At a state
         where no program is usable, `by_rank` is evaluated. `by_rank` needs the parameter values of the linkage file; with other
         values the result is NaN.
-
-        Args:
-            evaluate: function of the index of a program and the four arrays of `_rows`. It returns values (k, ...) and flags (k,):
-                True for each state at which all pivots were large enough.
-            by_rank: function of t, q, v of a single state, which returns the quantity by dense linear algebra with a decision on
-                the rank of the constraint rows.
-            q, v, t, parameters: as for `acceleration`.
         """
         at, single = self._rows(q, v, t, parameters)
         values, sound = evaluate(0, *at)
@@ -426,8 +403,5 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty.
-
-    No force has a kink inside a leg, so that the code's number arguments at the middle of the leg are valid for all of its steps.
-    """
+    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty."""
     return parts[0].middle if parts else float(t)

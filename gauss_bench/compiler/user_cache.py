@@ -56,27 +56,19 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted.
-
-    The folder is trusted if it belongs to the user and nobody else may enter it.
-    """
+    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted."""
     path = trusted_folder()
     if path is None:
         return False
-    _remove_abandoned(path)
+    for file in path.glob(f"*{PART}"):  # unfinished files of processes that were killed
+        with suppress(OSError):
+            if abs(time.time() - file.stat().st_mtime) > ABANDONED:  # absolute, as a clock may have been set back
+                file.unlink()
     try:
         write_bytes(path / name, MAGIC + _digest(name, content) + content)
     except OSError:
         return False
     return True
-
-
-def _remove_abandoned(path: Path) -> None:
-    """Remove the unfinished files in a folder that are older than ABANDONED: processes that were killed have left them."""
-    for file in path.glob(f"*{PART}"):
-        with suppress(OSError):
-            if abs(time.time() - file.stat().st_mtime) > ABANDONED:  # absolute, as a clock may have been set back
-                file.unlink()
 
 
 def _digest(name: str, content: bytes) -> bytes:

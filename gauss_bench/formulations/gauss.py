@@ -50,12 +50,7 @@ def gauss(terms: Terms) -> Solution:
         raise np.linalg.LinAlgError("the mass matrix is not positive definite")
 
     def least_constraint(load: Array, rhs: Array) -> Array:
-        """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|.
-
-        The factors come from the QR factorisation J^T[:, order] = Y R with orthonormal columns of Y, from the orthonormal basis N
-        of the null space of J, and from the Cholesky factorisation M = L L^T. The part Y y of a satisfies the constraints. Adding N
-        h does not change J a; h makes the norm least.
-        """
+        """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|."""
         a: Array = Y @ least_squares(R.T, rhs[order])
         if N.shape[1]:
             a = a + N @ least_squares(L.T @ N, dtrtrs(L, load, lower=True)[0] - L.T @ a)

@@ -4,10 +4,10 @@
     [ J   0  ] [ lambda ] = [ gamma ]
 
 The system is solved by LU with partial pivoting. Redundant constraint rows make the KKT matrix singular, so that its reciprocal
-condition number is at most SINGULAR. Masses that differ by a factor of 1e8 or more can also make the reciprocal condition number at
-most SINGULAR, although no row is redundant. In both cases, rows and columns of the matrix are scaled so that first the masses and
-then the rows of J are about 1. If the reciprocal condition number of the scaled matrix is also at most SINGULAR, constraint rows
-are redundant. The scaling factors are powers of two, which cause no rounding.
+condition number is at most SINGULAR. Masses that differ by a factor of 1e8 can have the same effect. In both cases, rows and
+columns of the matrix are scaled so that first the masses and then the rows of J are about 1. If the reciprocal condition number of
+the scaled matrix is also at most SINGULAR, constraint rows are redundant. The scaling factors are powers of two, which cause no
+rounding.
 Sources: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), eq. (6.3.18); Golub and Van Loan, Matrix
 Computations (4th ed.), section 3.5.2 (scaling).
 """

@@ -16,12 +16,7 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint.
-
-    The formula projects the acceleration M^-1 Q of the system without constraints, but ignores the masses in this projection; its
-    results therefore violate the equations of motion. The formula is kept on purpose, as an example of an error that tests of the
-    constraints cannot detect.
-    """
+    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint."""
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)
     a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)

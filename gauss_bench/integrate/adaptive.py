@@ -28,7 +28,6 @@ def dop853(
 
     Args:
         times: (k,) times of the rows [s].
-        rtol, atol: relative and absolute tolerance of a step.
         kinks: times [s] at which an acceleration has a kink or jumps; the integration restarts there.
 
     Raises:

@@ -87,8 +87,7 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds the accelerations of all stages at once. Its derivatives of the acceleration are computed once per step,
-    by finite differences at the beginning of the step.
+    Newton's method finds the accelerations of all stages at once.
 
     Raises:
         LinAlgError: Newton's method does not converge.
@@ -162,8 +161,6 @@ class Equal(NamedTuple):
 
     Attributes:
         row: index of the sample before the first sample of this group.
-        steps: number of steps between two samples.
-        size: size of a step [s].
         samples: number of samples of this group.
     """
 
@@ -174,10 +171,7 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps.
-
-    Every interval is divided into equal steps, none longer than `step` [s].
-    """
+    """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps."""
     groups: list[Equal] = []
     row = 0
     # sizes are rounded to 1e-15 s, so that those of equally long intervals are equal
@@ -193,8 +187,6 @@ class Stretch(NamedTuple):
 
     Attributes:
         begin: start time of the first step [s].
-        steps: number of steps.
-        size: size of a step [s].
         last: latest time [s] at which a force may be evaluated during the steps. If a force jumps at the end of the last step,
             `last` is just before the jump, so that the force still has its value from before the jump.
         row: index of the sample at the end of the last step; None if the steps end at a kink between samples.
@@ -210,8 +202,7 @@ class Stretch(NamedTuple):
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
     """Yield stretches, which are runs of equal steps, from the first to the last of the sample times `times` (k,) [s].
 
-    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s]. A sample time or a kink
-    ends a stretch.
+    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s].
     """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))  # [s] a kink this near to a sample counts as being at the sample

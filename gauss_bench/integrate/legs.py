@@ -16,15 +16,7 @@ from gauss_bench.integrate.fixed_step import ROUNDING
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a run: consecutive equal steps, inside which no acceleration has a kink or jumps.
-
-    Attributes:
-        t: start time [s].
-        h: step size [s].
-        n: number of steps.
-        every: number of steps from sample to sample.
-        slots: number of samples of the run up to the start of this part, and up to its end.
-    """
+    """A part of a run: consecutive equal steps, inside which no acceleration has a kink or jumps."""
 
     t: float
     h: float
@@ -34,10 +26,7 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """The time [s] in the middle of this part of the run.
-
-        Arguments of the compiled code that depend on time are evaluated at this middle, and used in all steps of the part.
-        """
+        """The time [s] in the middle of this part of the run."""
         return self.t + self.h * self.n / 2
 
 
@@ -75,11 +64,7 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
-    """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs.
-
-    The three legs have the steps up to the first stored sample, the steps from there to the last stored sample, and the steps after
-    it. A run has n steps and begins at t0 [s]; one sample is stored after every `every` steps, and one at the end of the run.
-    """
+    """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs."""
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample
     for a, b in ((begin, first), (first, last), (last, end)):
@@ -89,8 +74,5 @@ def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: i
 
 
 def _slots(step: int, every: int, n: int) -> int:
-    """Return the number of samples that a run of n steps has stored after its first `step` steps.
-
-    One sample is stored after every `every` steps, and one after the last step.
-    """
+    """Return the number of samples that a run of n steps has stored after its first `step` steps."""
     return step // every + (step == n and n % every > 0)

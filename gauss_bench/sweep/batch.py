@@ -1,8 +1,4 @@
-"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other.
-
-Every sample gives a row. If the numbers of a sample make no valid linkage, the start cannot be assembled, or the engine fails, the
-row's message has the reason.
-"""
+"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other."""
 
 import json
 import threading
@@ -48,10 +44,7 @@ class SweepCase:
 
     Attributes:
         text: the linkage document with one scenario, as JSON; scenario: name of the scenario.
-        source: path of the linkage file.
         paths: paths in the linkage file of the d numbers that vary, such as `links.rod.mass`.
-        until: end of each motion [s].
-        choices: name and setting of every engine.
         limit: longest time of one sample in a worker [s].
         jobs: number of threads of a call of the kernel, on which no row depends.
     """
@@ -72,12 +65,7 @@ class SweepCase:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The steps of a motion.
-
-    Attributes:
-        h: length of a step [s]; count: number of steps; every: number of steps between two samples.
-        t: (k,) times of the samples [s].
-    """
+    """The steps of a motion."""
 
     h: float
     count: int
@@ -113,12 +101,7 @@ def family(case: SweepCase) -> Family:
 
 @lru_cache(maxsize=4)
 def kernel(case: SweepCase, engine: str) -> Kernel:
-    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine.
-
-    Raises:
-        MissingExtra: there is no compiler.
-        SweepError: a varied number cannot be an input of a kernel, or there is no kernel for the linkage.
-    """
+    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine."""
     require("llvmlite")
     linkages, choice = family(case), case.choice(engine)
     if reason := linkages.not_open:
@@ -139,7 +122,6 @@ def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts
     Args:
         numbers: (k,) indices of the k samples among all samples of the sweep.
         values: (k, d) values of the d varied numbers in the k samples.
-        parts: number of equal parts into which each step of the engine's setting is divided.
     """
     run = _run_batch if in_batches(engine) else _run_one_by_one
     varied = {path: values[:, j] for j, path in enumerate(case.paths)}
@@ -153,12 +135,7 @@ def _empty_rows(case: SweepCase, count: int) -> Rows:
 
 
 def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of k samples, which are simulated in one call of the compiled kernel.
-
-    Args:
-        values: (k, d) values of the d varied numbers in the samples.
-        parts: number of equal parts into which each step of the engine's setting is divided.
-    """
+    """Return status, message and figures of k samples, which are simulated in one call of the compiled kernel."""
     code, linkages, choice = kernel(case, engine), family(case), case.choice(engine)
     steps = grid(choice.step, case.until).refine(parts)
     starts, rows = linkages.starts(values), _empty_rows(case, len(values))
@@ -199,14 +176,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Return status and message of a motion.
-
-    Args:
-        evidence: the residuals, energies and other numbers of the motion from which the judge decides.
-        mechanism: function that loads the mechanism. The function takes long, and is called only if the energy lost to damping
-            between two sample times may decide the verdict.
-        motion: sample times and states of the motion.
-    """
+    """Return status and message of a motion."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         # the sample times may be too far apart to resolve the energy that damping takes between them. First ask cheaply whether
@@ -234,10 +204,7 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of k samples, which are simulated one after the other.
-
-    The arguments, values (k, d) of the varied numbers and `parts` of a step, are those of `_run_batch`.
-    """
+    """Return status, message and figures of k samples, which are simulated one after the other."""
     rows = _empty_rows(case, len(values))
     for k, sample in enumerate(values):
         rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, sample, parts)
@@ -248,8 +215,6 @@ def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
     """Simulate one sample; return its status, its message, and name of a figure (a number of a row) -> array (1,) with its value.
-
-    There are no figures if the sample has no motion.
 
     Args:
         values: (d,) values of the d varied numbers in the sample.

@@ -4,9 +4,6 @@ A kernel is a compiled program for one linkage. Most numbers of the linkage are 
 its inputs. A sample is one choice of values for the varied numbers, the numbers of the file that the sweep varies. The varied
 numbers determine the values of the kernel's inputs.
 
-Many linkages are evaluated at once: in one mechanism each input of the kernel becomes an array (batch,) (`with_parameters`), and
-the formulas of `mechanism/coordinates.py` evaluate all linkages at states (..., batch, n).
-
 The start of a sample is its initial state q, v. It is found by continuation from the assembled initial state of the linkage in the
 file. The kernel's inputs, and the coordinates that the scenario's start and drivers prescribe at t = 0, change in small steps from
 their values in the file to those of the sample, and Newton's method closes the joints after each step. A sample whose joints do not
@@ -50,7 +47,6 @@ class Starts:
 
     Attributes:
         columns: name of an input of the kernel -> its values (k,).
-        q, v: (k, n) initial states; NaN for a sample that cannot be assembled.
         reasons: index of a sample that cannot be assembled -> the reason.
     """
 
@@ -64,9 +60,7 @@ class Family:
     """One linkage in one scenario, some of whose numbers vary.
 
     Attributes:
-        document: document with this scenario alone, its overrides merged; scenario: name of the scenario.
         paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
-        nominal: the mechanism with the numbers of the file.
         heads: keys of a table that contains varied numbers, such as ("links", "rod") or ("gravity",) -> indices in `paths` of the
             varied numbers in this table. Such a table is read anew for each sample.
     """
@@ -87,11 +81,7 @@ class Family:
 
     @cached_property
     def not_open(self) -> str:
-        """The reason why a varied number cannot be an input of a kernel; empty if all varied numbers can.
-
-        The path of a number in a linkage file has the form links.NAME.KEY..., joints.NAME.KEY, forces.NAME.KEY,
-        scenarios.NAME.KEY..., ground.KEY..., or gravity.AXIS.
-        """
+        """The reason why a varied number cannot be an input of a kernel; empty if all varied numbers can."""
         numbers = {f.name: force_numbers(f).keys() for f in self.nominal.forces}  # force -> keys that can be inputs
         for path in self.paths:
             head, *rest = path.split(".")
@@ -110,17 +100,14 @@ class Family:
                 return f"{path} may be part of a welded body"
         return ""
 
-    def document_of(self, values: Sequence[float]) -> Document:
-        """Return the document with the values (d,) of the varied numbers in one sample."""
-        return change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
-
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
         """Read and assemble the linkage with the values (d,) of the varied numbers in one sample.
 
         Raises:
             LinkageError: the linkage with these numbers is not valid, or it cannot be assembled.
         """
-        return load_document(self.document_of(values), self.scenario, self.source)
+        changed = change(self.document, dict(zip(self.paths, map(float, values), strict=True)))
+        return load_document(changed, self.scenario, self.source)
 
     @cached_property
     def _forms(self) -> dict[str, TypeAdapter[Any]]:
@@ -142,8 +129,6 @@ class Family:
         """The names of the kernel's inputs: all numbers of the mechanism that depend on at least one of the varied numbers.
 
         These numbers are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3.
-        There are two trials for each varied number because a single changed value may be invalid, or leave a dependent number equal
-        by chance.
         """
         changed = set[str]()
         for head, places in self.heads.items():
@@ -158,12 +143,6 @@ class Family:
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
         """Return name in kernels -> value, for all numbers that follow from one table of a document.
-
-        A vector counts as two numbers, whose names end in ".x" and ".y".
-
-        Args:
-            head: keys of the table, such as ("links", "rod").
-            document: document of the linkage.
 
         Raises:
             ValidationError, BuildError: the table is not valid in a linkage.
@@ -190,11 +169,7 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return the values of the kernel's inputs and the initial states of k samples.
-
-        `values` (k, d) has the values of the d varied numbers. The joints of all samples are closed together. A sample whose joints
-        do not close in this way is read and assembled individually.
-        """
+        """Return the values of the kernel's inputs and the initial states of k samples."""
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
         q[is_faulty] = v[is_faulty] = np.nan
@@ -213,8 +188,7 @@ class Family:
         """Return the numbers of k samples: columns of kernel inputs, goals (k, 2, h), and a mask (k,) of the faulty samples.
 
         The columns are a dictionary, name of an input of the kernel -> its values (k,). The goals are, for each sample, the values
-        and the rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`). A sample is faulty if the values (k, d)
-        of its varied numbers make no valid linkage; the columns then have the numbers of the file for this sample.
+        and the rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`).
         """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
@@ -246,9 +220,6 @@ class Family:
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
         """Return states q, v (k, n) that satisfy the constraints and have the prescribed values and rates of coordinates.
 
-        The states are found by continuation from the numbers of the file to the numbers of each sample, in a number of strides.
-        Samples for which Newton's method fails get NaN.
-
         Args:
             columns: name of an input of the kernel -> its values (k,).
             goals: (k, 2, h) values and rates of the h coordinates that the samples' initial states must have.
@@ -269,8 +240,7 @@ class Family:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
             The kernel's inputs and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
-            samples (`part` = 1). For `part` = 1 the values of the samples are taken themselves, because the interpolation would
-            round.
+            samples (`part` = 1).
             """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)
@@ -295,7 +265,15 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+                # still: the last corrections of all samples that have not failed are rounding
+                q = project(
+                    q,
+                    constraints_at(part),
+                    _solve,
+                    NEWTON,
+                    still=lambda _, size: not (size[np.isfinite(size)] > 1e-14).any(),
+                    longest=LONGEST,
+                )
             phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
@@ -309,14 +287,6 @@ class Family:
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
     """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
-
-
-def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether the last Newton corrections of all samples that have not failed are as small as rounding errors.
-
-    `size` (k,) has the size of the correction of each sample; it is not finite for a sample that has failed.
-    """
-    return not (size[np.isfinite(size)] > 1e-14).any()
 
 
 def _solve(J: Array, right: Array) -> Array:

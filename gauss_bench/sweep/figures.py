@@ -1,8 +1,4 @@
-"""Compute the numbers in the columns of a sweep's table, called figures, from states of motions, for many linkages at once.
-
-The formulas of coordinates, forces and energies are those of `mechanism/coordinates.py`, with arrays (batch,) for numbers that
-differ from linkage to linkage.
-"""
+"""Compute the numbers in the columns of a sweep's table, called figures, from states of motions, for many linkages at once."""
 
 from itertools import product
 
@@ -58,10 +54,7 @@ def figures(
 
 
 def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
-    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined.
-
-    `multipliers` (k, batch, rows) are those at k times.
-    """
+    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined."""
     if mechanism.redundant:
         return {}
     largest, row = dict[str, Array](), 0  # row: first multiplier of the joint
@@ -85,9 +78,8 @@ def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
 def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
     """Return three arrays on the energy [J] of each motion: the gain (k, batch), its error bar (batch,), and a scale (batch,).
 
-    The gain is the energy gained beyond the work of drivers and forces at k times. The error bar is that of the computed work. Gain
-    and scale are defined as in `metrics.energy_error` and `metrics.energy_scale`. `x` is the state of a batch of motions at k times
-    t (k,); `multipliers` (k, batch, rows) are those of joints, then drivers.
+    The gain is the energy gained beyond the work of drivers and forces at k times. Gain and scale are defined as in
+    `metrics.energy_error` and `metrics.energy_scale`.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)

@@ -4,8 +4,7 @@
     samples/part-00000.parquet, ...:   the rows of each batch and engine, in the order of the sweep's plan
     summary.json, summary.svg:         the summary and its picture, written at the end
 
-A part is written under another name, synced, and renamed, so that it is either complete or absent. If the part file of a batch
-cannot be read, the batch is run again. A sweep writes no other files.
+A part is written under another name, synced, and renamed, so that it is either complete or absent.
 """
 
 import fcntl
@@ -33,7 +32,6 @@ class Folder:
     """A sweep's folder, which is locked within its context.
 
     Attributes:
-        path: path of the folder.
         stamp: plain data that determines all rows of the sweep's table.
         schema: columns of a part file: index of the sample, columns of texts, and columns of numbers with their units.
     """

@@ -25,13 +25,7 @@ HALF = "half the step"
 def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | None:
     """Repeat some samples of the status ok, and return how much their figures change; None if no sample is ok.
 
-    The samples that are repeated are spaced evenly over those of the status ok. The keys of the result are explained at `Halved`.
     The limits for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
-
-    Args:
-        case, engine: the sweep, and one of its engines.
-        rows: rows of the sweep's table for this engine, as a pandas DataFrame.
-        values: (N, d) values of the d varied numbers in all N samples of the sweep.
     """
     choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")

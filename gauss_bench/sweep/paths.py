@@ -74,9 +74,6 @@ def change(document: Document, values: Mapping[str, float]) -> Document:
     """Return a document with other numbers at some paths; tables that do not change are shared with `document`.
 
     Changes of lengths are made last, because they move points whose coordinates other paths may have changed.
-
-    Args:
-        values: path -> new number at this path.
     """
     changed = dict(document)
     for head, *rest in {tuple(path.split(".")[:2]) for path in values}:
@@ -121,12 +118,7 @@ def _key(item: Any, key: str) -> Any:
 
 @dataclass(frozen=True)
 class Bar:
-    """The first bar of a link.
-
-    Attributes:
-        link: table of the link; points: name -> position (2,) of the link's points [m].
-        ends: names of the points at the bar's ends; length: length of the bar [m].
-    """
+    """The first bar of a link."""
 
     link: dict[str, Any]
     points: dict[str, Any]
@@ -152,10 +144,7 @@ def _bar(document: Document, path: str) -> Bar:
 
 
 def _stretch(document: Document, path: str, length: float) -> None:
-    """Give the first bar of a link another length [m], as described at the top of this file.
-
-    All points of the link and its centre of mass move along the bar in proportion; the bar's first point stays.
-    """
+    """Give the first bar of a link another length [m], as described at the top of this file."""
     bar = _bar(document, path)
     origin, end = (bar.points[x] for x in bar.ends)
     along = (end - origin) / bar.length

@@ -36,7 +36,6 @@ class Dimension:
     """A number of the linkage file that a sweep varies.
 
     Attributes:
-        path: path of the number in the file.
         kind: "grid", "uniform" or "normal".
         a, b: first and last value of a grid, bounds of a uniform distribution, or mean and deviation of a normal one.
         count: number of values of a grid, else 0.
@@ -63,10 +62,9 @@ class Plan:
     """A sweep's samples.
 
     Attributes:
-        dimensions: the d numbers that vary.
         values: (N, d) values of these numbers in each of the N samples.
-        base: number n of points in each sequence of Saltelli's design, whose samples are A, then B, then A with each column of B;
-            0 for plans that are no Sobol plans.
+        base: number n of points in each sequence of Saltelli's design, whose samples are A, then B, then A with each column of B; 0
+            for plans that are no Sobol plans.
     """
 
     dimensions: tuple[Dimension, ...]
@@ -121,12 +119,6 @@ def _number(text: str, value: str) -> float:
 
 def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:
     """Plan the samples of a sweep.
-
-    Args:
-        texts: the --vary options.
-        samples: number of samples; may be None if there are only grids.
-        sampling: "random" or "sobol".
-        seed: seed of random values.
 
     Raises:
         SweepError: the options do not make a plan.

@@ -18,11 +18,6 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
     """Return an SVG with a row of panels for each figure (number of a row): its histogram, and its values over each varied number.
 
     Each engine has a colour. The figures `loops` and `energy_bar` (open loops, error bar of the energy) are not drawn.
-
-    Args:
-        rows: all rows, as a pandas table.
-        plan: plan of the sweep.
-        figures: names of the columns of figures.
     """
     from gauss_bench.report.palette import engine_colours
     from gauss_bench.report.plotting import give_title, panels, svg

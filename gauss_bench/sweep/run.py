@@ -49,7 +49,6 @@ class Backend:
     Attributes:
         backend: "local" for threads or processes of this machine, or "dask".
         scheduler: address of Dask's scheduler; if it is None, a scheduler is started on this machine.
-        jobs: number of threads or processes.
     """
 
     backend: str = "local"
@@ -110,12 +109,9 @@ def sweep(
     """Simulate a linkage with many values of some of its numbers, store rows and summary in a folder, and return the summary.
 
     Args:
-        linkage: name of a built-in linkage, or a path.
         vary: varied numbers, each as PATH=VALUES (`plan.py`).
         out: path of the folder. If it holds a part of the same sweep, only the missing batches are run.
-        engines: names of engines.
         samples, sampling, seed: arguments of `plan`.
-        how: setting of each sample; where: processes that run batches.
         tell: called with each sentence of progress.
 
     Raises:
@@ -166,13 +162,6 @@ def sweep(
 def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, jobs: int) -> SweepCase:
     """Return the data that all samples of a sweep share.
 
-    Args:
-        linkage: name of a built-in linkage, or a path.
-        samples: the plan, whose paths name the varied numbers.
-        engines: names of engines.
-        how: setting with which each sample is simulated.
-        jobs: number of threads of a call of a kernel.
-
     Raises:
         SweepError, ChoiceError: an engine, a path or a number cannot be used.
     """
@@ -199,11 +188,6 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
 
 def _choice(engine: str, how: Options, until: float) -> Choice:
     """Return the setting of an engine, with the defaults that `Options` describes.
-
-    Args:
-        engine: name of the engine.
-        how: the setting as far as the user gives it.
-        until: end of each motion [s]; a default step is not longer than this.
 
     Raises:
         SweepError, ChoiceError: the engine cannot be used, or does not offer the setting.
@@ -293,10 +277,7 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
 
 
 def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
-    """Simulate a batch of samples, and return the batch and its rows of the sweep's table; joblib calls this in a worker.
-
-    `values` (k, d) has the values of the d varied numbers in the k samples.
-    """
+    """Simulate a batch of samples, and return the batch and its rows of the sweep's table; joblib calls this in a worker."""
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 

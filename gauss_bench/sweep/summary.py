@@ -90,13 +90,7 @@ class EngineSummary(TypedDict):
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """Return name of an engine -> summary of its samples: an `EngineSummary`, in which `half_the_step` is still missing.
-
-    Args:
-        rows: all rows, as a pandas table.
-        plan: the plan of the samples.
-        figures: names of the columns with figures, the numbers computed from each motion.
-    """
+    """Return name of an engine -> summary of its samples: an `EngineSummary`, in which `half_the_step` is still missing."""
     return {engine: _summarise(part.sort_values("sample"), plan, figures) for engine, part in rows.groupby("engine", sort=False)}
 
 

@@ -45,15 +45,7 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class ClosingProgram:
-    """The functions that close one linkage at given inputs; the symbols are those of the module's docstring.
-
-    Attributes:
-        driven: the linkage, with its inputs as drivers.
-        correction: function (q, u) -> Newton's correction z (n) of positions q for inputs u.
-        motion: function (q, u, w, b, g) of a position q with closed loops, and of each input's value, first and second time
-            derivative, and change to the next sample. The three results of the function are the guards, which must not change
-            their signs; the step (n) from q to the guess at the next sample; and positions, velocities, accelerations q, v, a (3n).
-    """
+    """The functions that close one linkage at given inputs; the symbols are those of the module's docstring."""
 
     driven: Mechanism
     correction: Function
@@ -81,12 +73,7 @@ class ClosingProgram:
 
 
 class Driven(Links):
-    """Positions and velocities of the links as expressions, in which the values of drivers are inputs instead of functions of time.
-
-    Attributes:
-        levels: value, first and second time derivative of each driver; the name of a driver's law is its index in `levels`.
-        rates: rates (n,) of all coordinates if they are known already; with None they are inputs of the graph.
-    """
+    """Positions and velocities of the links as expressions, with the values of drivers as inputs instead of functions of time."""
 
     levels: Sequence[Motion]
     rates: Sequence[Node] | None = None
@@ -117,25 +104,10 @@ def closing_program(mechanism: Mechanism) -> ClosingProgram:
 
 
 class _Equations:
-    """The constraint rows of a driven linkage as expressions, before elimination.
-
-    The expressions have values at sampled positions of the assembly mode in which the linkage starts.
-
-    Attributes:
-        kept: indices of the constraint rows that are eliminated: rows of joints, then one row for each driver.
-        drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
-        u, w, b, g: one node per input, for its value, first and second time derivative, and change to the next sample.
-        zeros: the constant 0, once per input.
-        rows: the kept rows for inputs with the values u and zero time derivatives.
-    """
+    """The constraint rows of a driven linkage as expressions, before elimination."""
 
     def __init__(self, driven: Mechanism, known: Study):
-        """Write the constraint rows of a linkage as expressions, with values at sampled positions.
-
-        Args:
-            driven: the linkage, with its inputs as drivers.
-            known: the analysis of the linkage, with sampled positions and the redundant rows to leave out.
-        """
+        """Write the constraint rows of a linkage as expressions, with values at sampled positions."""
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
@@ -180,10 +152,7 @@ class _Equations:
         return same
 
     def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
-        """Return the kinematics of the links for inputs with the values u and given first and second time derivatives.
-
-        `v` are the rates (n,) of all coordinates, if they are known already.
-        """
+        """Return the kinematics of the links for inputs with the values u and given first and second time derivatives."""
         links = Driven(self.graph, self.driven, self.parameters, self.state)
         links.levels, links.rates = list(zip(self.u, rates, seconds, strict=True)), v
         return links
@@ -193,10 +162,7 @@ class _Equations:
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
-        """Solve the equations by elimination; return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`.
-
-        Each result is a list of nodes: [z], and [guards, step to the next guess, (q, v, a)].
-        """
+        """Solve the equations by elimination; return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
         factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)

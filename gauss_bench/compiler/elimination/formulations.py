@@ -49,7 +49,6 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
 from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.lines import line_names, line_values
-from gauss_bench.mechanism.model import Mechanism
 
 Guard = tuple[Node, float]  # a pivot, and its threshold: where its absolute value is smaller, the program must not be used
 
@@ -61,9 +60,6 @@ class Terms:
     """The equations of motion as expressions, the terms M, J, Q and gamma of the module's docstring.
 
     Attributes:
-        mass: (n,) diagonal of M.
-        rows: the constraint rows that are eliminated.
-        Q: generalised force, as a dict from the index of a coordinate to a node of the expression graph.
         mixed: whether some of the rows are sums of several constraint rows, because redundant rows were added to them and left out.
     """
 
@@ -96,7 +92,6 @@ class Motions:
     Attributes:
         N: the columns of the basis, each as a dict coordinate -> node; column k moves the independent coordinate independent[k],
             and no other independent coordinate.
-        lengths: the factorisation of N^T N.
     """
 
     graph: ExpressionGraph
@@ -125,10 +120,6 @@ class Motions:
         """Return the velocities nearest to v (n,) that satisfy the constraint rows: v' = vp + N (y + (N^T N)^-1 N^T w).
 
         vp, y and w are defined in the module's docstring.
-
-        Args:
-            v: velocities that need not satisfy the rows.
-            driven: any velocities vp that satisfy the rows with the drivers' rates, as a dict from coordinate to node.
         """
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # off = v - vp
         # y: motion k alone moves independent coordinate u, so that vp + N y equals v in it
@@ -147,12 +138,7 @@ class Gauss:
     """Elimination of the equations of Gauss's principle, with n - m unknowns.
 
     Attributes:
-        factors: the factorisation of Jd, the columns of J for the dependent coordinates.
-        N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
-        reduced: the factorisation of N^T M N, the mass matrix of the free motions.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
-        correcting: guards that corrections need besides those of the acceleration; there are none.
-        directions: the free motions, and the guards that their evaluation needs besides those of the acceleration; there are none.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
@@ -239,10 +225,6 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) ->
     For a link on a ground pin, for example, whose centre of mass has the distance r from the pin, the products for the coordinates
     x and y are r^2 sin^2 and r^2 cos^2 of the link's angle. The weight of both products is the link's mass, and the sum of the
     products is the constant r^2.
-
-    Args:
-        weights: (n,) weight of each coordinate.
-        products: index of a coordinate -> node of the product that is weighted.
     """
     of_weight: dict[int, list[Node]] = {}  # index of the weight's node -> products with this weight
     for j, x in sorted(products.items()):
@@ -273,23 +255,13 @@ def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
 class Lagrange:
     """Elimination of Lagrange's equations, with n + m unknowns.
 
-    The first n unknowns are the accelerations; unknown n + r is the multiplier of constraint row r.
-
     Attributes:
-        factors: the factorisation of the matrix [M J^T; J 0] (two rows of blocks, separated by the semicolon).
         single: whether `factors` serve for corrections too: there is at most one free motion, and its independent coordinate moves
             at every sample. Otherwise the equations with unit masses are factorised for corrections.
-        guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
-        """Factorise the equations.
-
-        Args:
-            independent: indices of the independent coordinates; they only select the free motions.
-            search: the settings by which pivots are chosen.
-            moving: whether the independent coordinates determine the velocities at every sample.
-        """
+        """Factorise the equations."""
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
@@ -369,11 +341,7 @@ class Lagrange:
 
     @property
     def directions(self) -> tuple[list[Sparse], list[Guard]]:
-        """Free motions (coordinate -> node) that each move a single independent coordinate, and guards besides those in `guards`.
-
-        If there is only one free motion, this motion is the acceleration by a unit force along the independent coordinate. If there
-        are several motions, motion k moves independent coordinate k with speed 1, and the other independent coordinates not at all.
-        """
+        """Free motions (coordinate -> node) that each move one independent coordinate alone, and the guards that they add."""
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
             return motions, guarded(factors)
@@ -405,19 +373,6 @@ def guarded(factors: Factors) -> list[Guard]:
 # Factor on the thresholds of pivots if the kept rows are nearly dependent at some sample: digits are lost long before pivots become
 # small, and programs that drop other rows are used there.
 CAUTION = 100.0
-FORMULATIONS = ("auto", "gauss", "lagrange")
-
-
-def refuse(mechanism: Mechanism, formulation: str) -> None:
-    """Refuse a linkage for which no program can be generated.
-
-    Raises:
-        KernelError: an unknown formulation, or dry friction.
-    """
-    if formulation not in FORMULATIONS:
-        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
-    if mechanism.has_friction:
-        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
 
 
 @dataclass(frozen=True)
@@ -433,16 +388,8 @@ class Plan:
 class Workspace:
     """The equations of motion of one mechanism before elimination, for one plan: a formulation and choices of coordinates and rows.
 
-    The expressions are evaluated at those sampled states at which the plan's rows and coordinates can be used.
-
     Attributes:
-        plan: formulation, independent coordinates, and redundant rows that are left out.
         caution: factor by which the thresholds of pivots are multiplied.
-        moving: whether the plan's independent coordinates are usable at every sample.
-        links: positions and velocities of the links as expressions.
-        rows: all constraint rows.
-        terms: the equations of motion with only those constraint rows that are kept.
-        kept: indices of the rows that are kept.
         drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
         mark: number of entries in the graph's `trail` before elimination; an elimination is undone by removing later entries.
     """
@@ -467,8 +414,8 @@ class Workspace:
     def residuals(self) -> dict[int, Node]:
         """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node.
 
-        Rows without a residual (knife edges), or with phi = 0, are left out. The state to be corrected is given by the inputs t_new
-        and q_new, because the Jacobian of the correction may be evaluated at another state t, q.
+        The state to be corrected is given by the inputs t_new and q_new, because the Jacobian of the correction may be evaluated at
+        another state t, q.
         """
         links = self.links
         there = replace(links.state, t="t_new", q="q_new", v="v_new")
@@ -482,9 +429,6 @@ class Workspace:
 
         A dropped row that was added to kept rows k with factors f_k has the multiplier sum_k f_k lambda_k; other dropped rows have
         0.
-
-        Args:
-            multipliers: lambda of the kept rows, as a dict from the index in `kept` to a node.
         """
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
@@ -505,7 +449,7 @@ class Workspace:
         """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.
 
         `self.links` cannot be used here: it gives both links of a slide the same angle up to a constant, which is true only where
-        the constraints are satisfied. The links used here have angles of their own.
+        the constraints are satisfied.
         """
         links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
@@ -524,10 +468,6 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 
 def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
     """Write the equations of motion of a mechanism as expressions, for a plan.
-
-    Args:
-        study: ranks, redundant rows and null spaces of the mechanism.
-        open_names: names of the mechanism's numbers that are inputs of the program instead of constants.
 
     Raises:
         KernelError: the plan's independent coordinates are usable at no sample, or a name in `open_names` is unknown.

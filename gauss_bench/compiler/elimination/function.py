@@ -45,9 +45,8 @@ class Instruction(NamedTuple):
     Attributes:
         operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which gives 1 where the first
             operand is at most the second, else 0.
-        operands: indices of the instructions whose results are used; an INPUT has instead the index of the argument, and the
-            index of the component in it.
-        number: the value of a CONST.
+        operands: indices of the instructions whose results are used; an INPUT has instead the index of the argument, and the index
+            of the component in it.
     """
 
     operation: str
@@ -60,7 +59,6 @@ class Function:
     """A function as a list of instructions, each after the instructions whose results it uses.
 
     Attributes:
-        sizes: number of components of each argument.
         outputs: for each result the indices of the instructions that compute its components.
     """
 
@@ -79,11 +77,7 @@ class Function:
         return sum(x.operation in ("DIV", "INV") for x in self.instructions)
 
     def angles(self, argument: int) -> set[int]:
-        """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in an operand.
-
-        Args:
-            argument: index of the argument.
-        """
+        """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in it."""
         # operands of SIN and COS: index of an instruction; of INPUT: index of the argument, index of the component
         sources = [self.instructions[x.operands[0]] for x in self.instructions if x.operation in ("SIN", "COS")]
         return {s.operands[1] for s in sources if s.operation == "INPUT" and s.operands[0] == argument}
@@ -120,13 +114,7 @@ class Function:
         return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """Return the time [cycles] at which a result is ready.
-
-        Args:
-            x: the instruction that computes the result.
-            ready: the time at which the result of each earlier instruction is ready, in order.
-            used: how often the result of each instruction is used.
-        """
+        """Return the time [cycles] at which a result is ready."""
         operation, operands, _ = x  # the number of a constant does not matter here
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
@@ -157,11 +145,7 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
 
 
 def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
-    """Return a dict from the index of a node to the number of times that the node is an operand or an output.
-
-    Args:
-        needed: the nodes on which the outputs depend, if they are known already.
-    """
+    """Return a dict from the index of a node to the number of times that the node is an operand or an output."""
     count: dict[int, int] = {}
     for node in outputs:
         count[node.index] = count.get(node.index, 0) + 1
@@ -180,10 +164,7 @@ def costs_of(outputs: Sequence[Node]) -> Costs:
 
 
 def _choose_instruction(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
-    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x.
-
-    The operand that is absorbed, 1/y or x - y, must have no other use.
-    """
+    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x."""
     if node.op in ("INPUT", "CONST"):
         return node.op, ()
     if node.op == "MUL":
@@ -199,8 +180,6 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
     """Return a function that evaluates the output nodes of a graph.
 
     Args:
-        inputs: names of the arguments in the graph, and their numbers of components.
-        outputs: for each result the nodes of its components.
         shared: index of a node -> number of its uses in all functions whose code will be merged. A node with one use may become a
             part of the operation that uses it, such as a reciprocal that becomes a division. If `shared` is None, every node is
             computed by its own operation.

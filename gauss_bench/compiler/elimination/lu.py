@@ -2,8 +2,8 @@
 
 Pivots are chosen by Markowitz's count, which is the largest fill that an entry can cause, from the entries that are not small in
 their row at any sampled state of the linkage. Entries that have one sign at all samples are preferred, because a pivot that changes
-its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the
-code must not be used. A constant pivot +-1 needs no division.
+its sign is zero somewhere between two samples. The code has no branches; where a pivot is smaller than its threshold, the code must
+not be used. A constant pivot +-1 needs no division.
 
 If a pivot p varies, either the entries of its column or those of its row are multiplied by 1/p, whichever are fewer. A row with few
 entries may instead be multiplied by the pivot p before the pivot's row is subtracted from it, as in a determinant: the next pivot
@@ -15,10 +15,6 @@ Row operations E make the matrix A upper triangular, E A = U, so that A x = b is
 If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining equations
 S x = y may be replaced by their normal equations S^T S x = S^T y. The diagonal of S^T S is positive wherever the matrix S is
 regular, but the condition number of S^T S is the square of that of S.
-
-A right-hand side is a dict from the index of a row to a node; rows whose value is zero are left out. A solution is a dict from the
-index of a column to a node, without entries that are zero for structural reasons.
-Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
 from collections.abc import Iterable
@@ -42,8 +38,6 @@ class Pivot:
     """One pivot p.
 
     Attributes:
-        row, column: place of the pivot in the matrix.
-        node, inverse: nodes of p and 1/p.
         row_divided: whether the other entries of the pivot's row were multiplied by 1/p; if not, those of its column were.
         threshold: smallest |p| for which the code is valid.
     """
@@ -70,10 +64,8 @@ class Factors:
     """The factors of a matrix.
 
     Attributes:
-        pivots: the pivots in the order of elimination.
         steps: index of a matrix row -> the operations of the elimination on this row, in order.
         upper: row of a pivot -> (column, entry) for the entries of U in this row besides the pivot.
-        rest: the normal equations of the rows without a pivot, or None if every row has a pivot.
     """
 
     graph: ExpressionGraph
@@ -107,9 +99,6 @@ class Factors:
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
         """Apply the operations on one row to the row's entry b of the right-hand side; None stands for zero.
 
-        An operation without a scale subtracts factor * y[pivot_row] from b. An operation with a scale subtracts this product from
-        scale * b, where the products of the operations before have been subtracted from b.
-
         Args:
             y: the results for the rows of earlier pivots.
         """
@@ -128,8 +117,6 @@ class NormalEquations:
 
     Attributes:
         rows, columns: indices, in the whole matrix A, of the rows and columns that make up the submatrix S.
-        S: (row, column) -> entry.
-        factors: the factorisation of S^T S.
     """
 
     rows: tuple[int, ...]
@@ -176,7 +163,6 @@ class Search:
     """Settings of the search for pivots, which decide among pivots of similar Markowitz count.
 
     Attributes:
-        seed: the seed of the random numbers.
         noise: largest random number that is added to the Markowitz count of a pivot.
         patience: number added to the Markowitz count for every 100 cycles until the value of the pivot is available.
         crossing: probability that the other rows are multiplied by a pivot, where this is possible, instead of dividing by it.
@@ -187,20 +173,11 @@ class Search:
     patience: float = 0.0
     crossing: float = 0.0
 
-    @property
-    def by_chance(self) -> bool:
-        """True if another seed can make another choice."""
-        return self.noise > 0.0 or 0.0 < self.crossing < 1.0
-
 
 class _Entry:
     """A matrix entry during elimination: a sum, kept as a list of nodes that are not added yet.
 
-    The sum has values at the samples, which are states of the linkage, and at the graph's three random points off the constraints.
-    The random points show whether summands cancel for all states.
-
     Attributes:
-        terms: the summands.
         generic: values of the sum at the three random points.
         largest: largest absolute value of a summand at each random point, which bounds the rounding error of the sum.
     """
@@ -267,7 +244,6 @@ class _Sizes(NamedTuple):
     Only the trusted samples count, at which pivots must be usable.
 
     Attributes:
-        largest: (trusted samples,) absolute value of the row's largest entry.
         relative: column -> smallest ratio, over the samples, of the entry in this column to `largest`.
         usable: column -> whether the entry in this column is small at no sample.
         steady: column -> whether the entry in this column is usable and has the same sign at all samples.
@@ -284,11 +260,7 @@ class _Markowitz:
 
     Attributes:
         trusted: (samples,) true for the samples at which pivots must be usable.
-        rows: row without a pivot -> the entries of the row, by column.
-        columns: column without a pivot -> the rows that have an entry in this column.
         scale: column -> absolute value of its largest entry at any sample at the beginning.
-        sizes: row -> sizes of its entries, for rows that have been examined and not changed since.
-        pivots, steps, upper: the factors so far, as described at `Factors`.
     """
 
     def __init__(self, graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search):
@@ -302,7 +274,9 @@ class _Markowitz:
             if r in self.rows and c in self.columns and not node.zero:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
-        self.scale = {c: self._largest_in(c) for c in self.columns}
+        self.scale = {}
+        for c, entries in self.columns.items():  # 1 if all entries of the column are zero
+            self.scale[c] = max((float(self._sizes_of(self.rows[r][c]).max()) for r in entries), default=1.0) or 1.0
         self.sizes: dict[int, _Sizes] = {}
         self.pivots: list[Pivot] = []
         self.steps: dict[int, list[RowOperation]] = {r: [] for r in self.rows}
@@ -312,21 +286,17 @@ class _Markowitz:
         """Return the absolute values (samples,) of one entry of the matrix at all samples."""
         return np.abs(e.values[: self.graph.samples])
 
-    def _largest_in(self, c: int) -> float:
-        """Return the absolute value of the largest entry of a column at any sample; 1 if all entries of the column are zero."""
-        return max((float(self._sizes_of(self.rows[r][c]).max()) for r in self.columns[c]), default=1.0) or 1.0
-
     def factors(self, squares: bool) -> Factors:
-        """Eliminate all rows.
-
-        If `squares` is true, and no usable pivot keeps its sign at all samples, the remaining rows are solved by normal equations.
-        """
+        """Eliminate all rows."""
         rest = None
         while self.rows and rest is None:
             if squares and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
-            else:
-                self._eliminate(*self._choose())
+                continue
+            # if no pivot is usable at all samples, one is taken that is usable at as many as possible; a threshold excludes others
+            while (chosen := self._find_pivot()) is None:
+                self._trust_fewer()
+            self._eliminate(*chosen)
         return Factors(self.graph, tuple(self.pivots), self.steps, self.upper, rest)
 
     def _normal_equations(self) -> NormalEquations:
@@ -341,22 +311,8 @@ class _Markowitz:
                 normal[c, d] = normal[d, c] = entry
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
-    def _choose(self) -> tuple[int, int, Array]:
-        """Return row and column of a pivot, and the absolute value (trusted samples,) of the largest entry in its row.
-
-        If no pivot is usable at all samples, the pivot is one that is usable at as many samples as possible; at run time a
-        threshold excludes the states at which this pivot is too small.
-        """
-        chosen = self._find_pivot()
-        while chosen is None:
-            self._trust_fewer()
-            chosen = self._find_pivot()
-        return chosen
-
     def _trust_fewer(self) -> None:
         """Restrict `trusted` to the samples at which one entry is large enough for a pivot, the entry with the most such samples.
-
-        At states like those of the other samples, programs with other pivots are used.
 
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
@@ -375,8 +331,7 @@ class _Markowitz:
         """Return row and column of the cheapest pivot, and the absolute values of its row's largest entry; None if none is usable.
 
         First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
-        columns. If there is none, pivots whose sign changes are allowed in a second search of this kind, unless `steady_only`
-        excludes them.
+        columns.
         """
         everywhere = len(self.rows)
         rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
@@ -398,10 +353,6 @@ class _Markowitz:
         """Return the place (row, column) of the cheapest usable pivot; None if none is usable.
 
         Among pivots of equal cost, the one that is largest relative to the other entries of its row is returned.
-
-        Args:
-            places: the places (row, column) of the entries that are examined.
-            steady: whether the pivot must have the same sign at all samples in `trusted`.
         """
         best, place = (np.inf, 0.0), None  # (cost, minus relative size) of the pivot at `place`
         for r, c in places:
@@ -433,11 +384,7 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
-        """Return the cost of a pivot: Markowitz's count, plus a penalty for a division, plus costs by the search's settings.
-
-        `patience` adds a cost for every 100 cycles until the pivot's value is ready, `noise` a random cost, which makes repeated
-        searches differ.
-        """
+        """Return the cost of a pivot: Markowitz's count, plus a penalty for a division, plus costs by the search's settings."""
         entry = self.rows[r][c]
         cost = count + entry.penalty
         if self.search.patience:
@@ -484,11 +431,7 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division.
-
-        The rows are multiplied with the probability `search.crossing`, if the pivot is not constant, and all the other rows are
-        short and have not been multiplied before.
-        """
+        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division."""
         if not self.search.crossing or pivot.number is not None or not others:
             return False
         short = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
@@ -515,14 +458,11 @@ def lu(
     """Factorise a matrix of expressions.
 
     Args:
-        A: (row, column) -> entry.
-        rows, columns: the rows and columns of A that are factorised; other entries are ignored.
-        search: settings by which pivots are chosen.
         squares: whether the remaining rows are solved by normal equations, as soon as every usable pivot changes its sign between
             samples.
 
     Raises:
-        KernelError: at some step of the elimination there is no entry that is usable as a pivot at a fraction SHARE or more of
-            the samples.
+        KernelError: at some step of the elimination there is no entry that is usable as a pivot at a fraction SHARE or more of the
+            samples.
     """
     return _Markowitz(graph, A, rows, columns, search).factors(squares)

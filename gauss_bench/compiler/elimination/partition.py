@@ -6,10 +6,10 @@ whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-As many rows of this matrix are chosen as it has columns, such that they are linearly independent at all samples. The rows are
-chosen one after another. The first one is the row whose smallest norm over all samples is the largest; then the component along
-this row is subtracted from all rows, and the next one is chosen. In other words, the transposed bases are factorised by a
-column-pivoted QR factorisation, with the same pivots for all samples.
+As many rows of this matrix are chosen as it has columns, such that they are linearly independent at all samples. The first one is
+the row whose smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the
+next one is chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots
+for all samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
 dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
@@ -37,13 +37,10 @@ from gauss_bench.trajectory import States
 def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
     """Return the indices, in order, of `count` rows that are linearly independent in each of several matrices.
 
-    The rows are chosen one after another by the largest remaining norm (see the module's docstring). Return None if a row chosen in
-    this way depends on the rows chosen before.
+    Return None if a row chosen in this way depends on the rows chosen before.
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
-        allowed: indices of the rows that may be chosen.
-        first: the row to begin with; None for the best.
     """
     if count == 0:
         return ()
@@ -103,8 +100,7 @@ class Drop:
     def directions(self, count: int) -> Array:
         """Return the combinations of constraint rows that are dropped, as unit vectors (dropped rows, count) of coefficients.
 
-        `count` is the number of all constraint rows. A kept row k, to which factor times the dropped row d is added, has the
-        coefficients e_k + factor e_d (unit vectors e). The returned vectors are orthogonal to the coefficients of every kept row.
+        `count` is the number of all constraint rows. The returned vectors are orthogonal to the coefficients of every kept row.
         """
         W = np.zeros((len(self.rows), count))
         W[range(len(self.rows)), list(self.rows)] = 1.0
@@ -118,10 +114,7 @@ class Study:
     """Results of the analysis of a linkage before elimination.
 
     Attributes:
-        states: samples on the constraints at which J has its full rank.
-        drops: choices of redundant rows to leave out, the best first. There are several choices if no single choice leaves rows
-            that are well conditioned at every sample.
-        free: number of degrees of freedom of the velocities.
+        drops: choices of redundant rows to leave out, the best first.
         left: (k, m, redundant) basis of the left null space of J at each sample.
         bases: (k, n, free) basis of the null space of J in scaled coordinates at each sample.
     """
@@ -139,20 +132,16 @@ class Study:
 
     def dropped(self, choice: int) -> tuple[str, ...]:
         """Return the names of the constraint rows that are left out by drops[choice]."""
-        names = row_names(self.mechanism)
+        # in the order of the rows of J: joints, couplings, drivers, knife edges
+        parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in self.mechanism.joints]
+        names = [f"{name}.{part}" for name, both in parts for part in both]
+        names += [x.name for x in self.mechanism.couplings for _ in x.held]
+        names += [d.name for d in self.mechanism.drivers] + [e.name for e in self.mechanism.knife_edges]
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:
         """Return for each sample how far the rows kept by drops[choice] are from linear dependence (k,); 0 means dependent."""
         return _soundness(self.left, self.drops[choice])
-
-
-def row_names(mechanism: Mechanism) -> list[str]:
-    """Return a name for every row of the constraint Jacobian: joints, couplings, drivers, knife edges, each in the file's order."""
-    parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in mechanism.joints]
-    names = [f"{name}.{part}" for name, both in parts for part in both]
-    names += [x.name for x in mechanism.couplings for _ in x.held]
-    return names + [d.name for d in mechanism.drivers] + [e.name for e in mechanism.knife_edges]
 
 
 @lru_cache(maxsize=32)  # a mechanism is compiled under several formulations, and needs its study again for further programs
@@ -193,11 +182,8 @@ def _soundness(left: Array, drop: Drop) -> Array:
     """Return for each sample how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
 
     The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations of
-    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space.
-    The result is the smallest singular value of D L, divided by the norm of the largest row of L.
-
-    Args:
-        left: (k, m, redundant) bases L at k samples.
+    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space:
+    the result is the smallest singular value of D L, divided by the norm of the largest row of L.
     """
     if not drop.rows:
         return np.ones(len(left))
@@ -206,14 +192,12 @@ def _soundness(left: Array, drop: Drop) -> Array:
 
 
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
-    """Choose linear combinations of two constraint rows that can be dropped, so that the kept rows are independent at every sample.
+    """Choose combinations of two constraint rows to drop that leave rows independent at every sample; None if there are none.
 
-    Return the choice as a `Drop`, or None if there is none. A combination is row i + ratio row j, with a ratio out of RATIOS. For
-    example, to drop the combination row i + row j, row i is subtracted from row j and then left out.
+    A combination is row i + ratio row j, with a ratio out of RATIOS; row j is left out after a multiple of it is added to row i.
 
     Args:
         left: (k, m, redundant) bases of the left null space of J at k samples.
-        allowed: indices of the rows that may be dropped.
     """
     m, redundant = left.shape[1:]
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(allowed, 2), RATIOS)]
@@ -238,15 +222,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned.
-
-    At most MOST choices are returned; some samples may then have no well conditioned choice.
-
-    Args:
-        bases: (k, n, c), at each of k samples a basis of c vectors (n,).
-        chosen: the choices to begin with, c rows each.
-        allowed: indices of the rows that may be chosen.
-    """
+    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned."""
     # open_samples: at these no choice is well conditioned
     open_samples, choices = np.ones(len(bases), bool), list(chosen)
     for rows in choices:
@@ -273,10 +249,8 @@ def _sparse_null_space(J: Array, free: int) -> Array:
 def candidates(study: Study) -> list[tuple[int, ...]]:
     """Return a few choices of independent coordinates, each of which is usable at every sample (its condition is above USABLE).
 
-    Well conditioned choices have a least condition above NEAR times that of the best choice. Of these choices, sorted by the
-    indices of their coordinates, a few at even spacing are returned: in a long chain of links, choices near the middle of the chain
-    make the cheapest programs. A well conditioned choice with the crank's angle comes first, then a usable choice of angles only.
-    For a large linkage only one choice of coordinates is returned. If drivers prescribe the whole motion, the only choice is the
+    Well conditioned choices have a least condition above NEAR times that of the best choice. A well conditioned choice with the
+    crank's angle comes first, then a usable choice of angles only. If drivers prescribe the whole motion, the only choice is the
     empty tuple: no coordinate is independent.
     """
     if study.free == 0:
@@ -306,10 +280,7 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 
 
 def covering(study: Study) -> list[tuple[int, ...]]:
-    """Return choices of independent coordinates such that at every sample at least one of them is usable.
-
-    The first choice has the crank's angle if possible.
-    """
+    """Return choices of independent coordinates such that at every sample at least one of them is usable."""
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition

@@ -8,9 +8,8 @@ The search tries independent coordinates and orders of pivots, and keeps those t
 rule for pivots many candidates are equally good. The choice among these pivots decides how many terms cancel later, and how long
 the longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the
 other half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so
-that a linkage always gives the same program. The independent coordinates and the rule for pivots that the search has found are
-stored on disk, so that a later process needs only one elimination. A small number in the environment variable GAUSS_BENCH_ATTEMPTS
-shortens the search, but the generated code may then need more time per step.
+that a linkage always gives the same program. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search,
+but the generated code may then need more time per step.
 """
 
 import json
@@ -26,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
-from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, refuse, vector, workspace
+from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, vector, workspace
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
@@ -43,14 +42,8 @@ SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of atte
 THOROUGH = 144  # number of attempts if the environment does not give it
 
 
-def _read_attempts() -> int:
-    """Return the largest number of attempts of a search: from the environment, or THOROUGH if it gives no positive whole number."""
-    text = os.environ.get(SHORTER, "")
-    attempts = int(text) if text.isdecimal() else 0
-    return attempts if attempts > 0 else THOROUGH
-
-
-ATTEMPTS = _read_attempts()
+_asked = os.environ.get(SHORTER, "")
+ATTEMPTS = int(_asked) if _asked.isdecimal() and int(_asked) > 0 else THOROUGH  # largest number of attempts of a search
 PRECISE = 1e-11  # error of a program above which a plain attempt is tried too
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
 CLOSE = 1.01  # ratio of two prices that timing cannot distinguish
@@ -58,19 +51,14 @@ REPEATED = 4  # number of rules that are repeated with other seeds
 SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
+FORMULATIONS = ("auto", "gauss", "lagrange")
 PLAIN = Search()  # Markowitz's count alone, without random numbers; an attempt with it is a plain attempt
 SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code on which a search depends
 
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """One attempt to eliminate the equations of motion, which found usable pivots.
-
-    Attributes:
-        work: the equations that were eliminated.
-        search: the settings by which pivots were chosen.
-        costs: operation counts and cycles of the resulting acceleration.
-    """
+    """One attempt to eliminate the equations of motion, which found usable pivots."""
 
     work: Workspace
     search: Search
@@ -111,8 +99,7 @@ def pick(attempts: Sequence[Best]) -> Best:
 def best_of(work: Workspace, count: int) -> Best:
     """Make `count` attempts to eliminate the equations, and return the cheapest one.
 
-    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The other half repeat
-    the best of these settings with other seeds of the random numbers; settings without random numbers are not repeated.
+    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone).
     """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
@@ -121,7 +108,7 @@ def best_of(work: Workspace, count: int) -> Best:
     leaders = attempts[:REPEATED]
     retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     # settings without random numbers would give the same program again; seeds from 100 on are not used in `various`
-    again = [replace(search, seed=100 + k) for k, search in retries if search.by_chance]
+    again = [replace(search, seed=100 + k) for k, search in retries if search.noise > 0.0 or 0.0 < search.crossing < 1.0]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
@@ -133,17 +120,19 @@ def cheapest(
     One plain attempt for each combination of formulation and coordinates decides which combinations are searched longer.
 
     Args:
-        known: ranks, redundant rows and null spaces of the mechanism.
-        open_parameters: names of the mechanism's numbers that are inputs of the program.
         formulation: "gauss", "lagrange", or "auto" for both.
         independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
-        drop: index in `Study.drops` of the redundant rows to leave out.
 
     Raises:
         KernelError: no independent coordinates or no pivots are usable.
     """
+    # in Lagrange's formulation the independent coordinates only select the free motions
+    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
+    if formulation != "lagrange":
+        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
+        plans += [Plan("gauss", x, drop) for x in choices]
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
-    for plan in _plans(known, formulation, independent, drop):
+    for plan in plans:
         try:
             plain += attempt(workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
@@ -175,11 +164,7 @@ def _sources() -> str:
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination whose settings an earlier search has stored; return None if there is none, or if it no longer works.
-
-    Args:
-        name: file name of the search's result in the user's cache; None if the result is not stored.
-    """
+    """Repeat the elimination whose settings an earlier search has stored as `name`; return None if there is none that works."""
     stored = user_cache.load(name) if name else None
     if stored is None:
         return None
@@ -189,22 +174,6 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
         return attempt(work, [Search(**search)])[0]
     except KernelError:
         return None
-
-
-def _plans(known: Study, formulation: str, independent: tuple[int, ...] | None, drop: int) -> list[Plan]:
-    """List the combinations of formulation and independent coordinates to try.
-
-    Args:
-        formulation: "gauss" or "lagrange" for this formulation only, "auto" for both.
-        independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
-        drop: index in `Study.drops` of the redundant rows to leave out.
-    """
-    # in Lagrange's formulation the independent coordinates only select the free motions
-    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
-    if formulation != "lagrange":
-        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
-        plans += [Plan("gauss", x, drop) for x in choices]
-    return plans
 
 
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
@@ -222,8 +191,6 @@ class Program:
     that computes accelerations alone does not have the functions that are listed after `acceleration`.
 
     Attributes:
-        name: name of the mechanism.
-        formulation: "gauss" or "lagrange".
         n, m: numbers of coordinates, and of constraint rows without the redundant rows that are left out.
         independent: the independent coordinates; in Lagrange's formulation they only parametrise the free motions.
         parameters: names of the parameters p: first those that the caller has named, such as "links.crank.mass" or
@@ -231,15 +198,12 @@ class Program:
         values: (n_p,) values of the parameters in the linkage file, and of those of `mechanism/lines.py` at t = 0.
         dropped: names of the redundant rows that were dropped.
         acceleration: function (t, q, v, p) -> a (n,), guards.
-        thresholds: thresholds of the guards of `acceleration`.
         position_correction: function (t_at, q_at, t, q, p) -> dq (n,), the shortest Newton correction with the Jacobian at q_at and
             the residual at q, and guards that it needs besides those of the acceleration.
         nearest_velocity: function (t, q, v, p) -> the velocities (n,) nearest to v that the constraints allow, and the same
             additional guards.
-        correcting_thresholds: thresholds of the additional guards of both corrections.
         directions: function (t, q, v, p) -> for each independent coordinate a motion (n,) that the constraints allow and that moves
             no other independent coordinate; last, guards that it needs besides those of the acceleration.
-        direction_thresholds: thresholds of the additional guards of `directions`.
         multipliers: function (t, q, v, p) -> lambda of M a + J^T lambda = Q, for all constraint rows in the file's order. If a
             redundant row was added to kept rows k with factors f_k before it was left out, its multiplier is sum_k f_k lambda_k,
             otherwise 0.
@@ -286,13 +250,7 @@ def generate(
 ) -> Program:
     """Generate and check the program of a mechanism: straight-line functions for its accelerations, corrections and energy.
 
-    The generation finds ranks and redundant rows, searches for the cheapest elimination or loads the result of an earlier search,
-    writes the functions, and checks their results.
-
     Args:
-        formulation: "gauss", "lagrange", or "auto" for the one that costs less.
-        open_parameters: names of the mechanism's numbers that are inputs of the program.
-        independent: the independent coordinates in Gauss's formulation; with None the search chooses them.
         baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
         drop: index in `Study.drops` of the choice of redundant rows to leave out.
         remembered: whether the result of the search is read from and written to the user's cache.
@@ -300,7 +258,10 @@ def generate(
     Raises:
         KernelError: dry friction, an unknown parameter, no usable independent coordinates, or a program that fails its own check.
     """
-    refuse(mechanism, formulation)
+    if formulation not in FORMULATIONS:
+        raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
+    if mechanism.has_friction:
+        raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
     known = study(mechanism)
     if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
@@ -333,12 +294,7 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
 
 
 def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
-    """Repeat the elimination of the attempt `best`, and return the program that it gives.
-
-    Args:
-        known: ranks, redundant rows and null spaces of the mechanism.
-        baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
-    """
+    """Repeat the elimination of the attempt `best`, and return the program that it gives."""
     work, elimination = best.work, best.work.eliminate(best.search)
     mechanism, links, graph = known.mechanism, work.links, work.terms.graph
     n = mechanism.n

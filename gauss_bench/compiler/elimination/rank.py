@@ -3,17 +3,12 @@
     a = M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q)
 
 is the acceleration without constraints plus a correction: of all corrections for which J a = gamma, the smallest in the mass
-metric. Singular values give the pseudo-inverse (...)^+. At a change point J loses rank, and the constraints allow velocities in one
-more direction; the motion goes on along the velocity that it has.
-
-Generated programs are checked against the accelerations of this module, which also replace a program at states at which no program
-can be used. M, J, Q and gamma are evaluated by code that is independent of the generated programs, and the equations are solved by
-another method.
-Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.17).
+metric. At a change point J loses rank, and the constraints allow velocities in one more direction; the motion goes on along the
+velocity that it has.
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +36,6 @@ def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, 
     """Return the acceleration (n,) M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q); its second term is a correction.
 
     Args:
-        mass: (n,) diagonal of M.
-        gamma: (m,) right-hand side of J a = gamma.
         solve: function (K, r) -> the minimum-norm x of K x = r, the pseudo-inverse.
         passes: how often the correction is repeated for the remaining residual; a second pass reduces rounding errors.
     """
@@ -89,21 +82,10 @@ class RankDecision:
         return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-        """Return q, v (n,) after one step of size h [s], projected onto the constraints.
-
-        A force may jump at the end of the step, but not within it.
-
-        Args:
-            integrator: name of the integrator, a key of `STEPS`.
-        """
-
-        def acceleration(t: float, q: Array, v: Array) -> Array:
-            """Return the acceleration with Baumgarte's terms, if there are any."""
-            return self.acceleration(t, q, v, damped=True)
-
+        """Return q, v (n,) after one step of size h [s], projected onto the constraints."""
         # stages at the end of the step are evaluated just before it, so that a force that jumps there still has its old value
         last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
-        return self.project(t + h, *STEPS[integrator](held_back(acceleration, last), t, q, v, h))
+        return self.project(t + h, *STEPS[integrator](held_back(partial(self.acceleration, damped=True), last), t, q, v, h))
 
     def project(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the nearest q, v (n,) that satisfy the constraints."""
@@ -113,8 +95,7 @@ class RankDecision:
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
     """Return the error of an acceleration a (n,), relative to the larger of the true acceleration and that without constraints.
 
-    Sizes of vectors are their largest absolute components. The error is not divided by the true acceleration alone, which may
-    vanish, as at rest in equilibrium. The true acceleration is computed with two passes, which reduce rounding errors.
+    The error is not divided by the true acceleration alone, which may vanish, as at rest in equilibrium.
     """
     terms = evaluator.terms(t, q, v)
     truth = _constrain(terms, evaluator.mass, terms.gamma, shortest, passes=2)
@@ -132,7 +113,6 @@ def _check_at(mechanism: Mechanism) -> States:
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
     """Check accelerations at states on the constraints.
 
-    Return the largest relative error over the states at which the routine `accelerate` is valid, and the number of these states.
     The error is NaN if it is NaN at one state.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
@@ -145,9 +125,6 @@ def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array
     """Return the largest error of residuals, their rates and the energy at a state that violates the constraints.
 
     Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
-
-    Args:
-        evaluate: function (t, q, v) -> one vector: phi of holonomic rows, phi_dot of all rows, energy.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]

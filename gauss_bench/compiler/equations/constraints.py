@@ -2,9 +2,8 @@
 
 Where the constraints hold, a driven distance equals the value L(t) of its law. L(t) is used instead of the distance, which saves a
 square root and several products. At states that violate the constraints, the use of L(t) changes the acceleration in proportion to
-the violation, but no residual. For slides, however, the actual distance from the axis is used. The constant offset instead of this
-distance would save three operations in each stage of a step, but would change the errors of steps, because stages violate the
-constraints by amounts of the order of the squared step size.
+the violation, but no residual. For slides the actual distance from the axis is used: the constant offset would change the errors of
+steps, because stages violate the constraints by amounts of the order of the squared step size.
 """
 
 from collections.abc import Sequence
@@ -19,8 +18,7 @@ from gauss_bench.mechanism.equations import Row
 def rows_of(links: Links) -> list[Row]:
     """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
 
-    The entries of a row of J are a dict from column to node, without zeros. If `links.exact` is true, the rows are also valid at
-    states that violate the constraints.
+    The entries of a row of J are a dict from column to node, without zeros.
     """
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):

@@ -34,9 +34,6 @@ def _rise(graph: ExpressionGraph, t: Node, name: str, start: float, travel: floa
     """Return value, first and second time derivative of a rise from `start` by `travel`, which lasts from t = 0 to t = `time` [s].
 
     Before and after the rise, the value is constant, and both derivatives are zero.
-
-    Args:
-        name: the law of the rise, a key of `RISE_LAWS`.
     """
     zero, one = graph.constant(0.0), graph.constant(1.0)
     s = minimum(maximum(t * (1.0 / time), zero), one)
@@ -51,7 +48,6 @@ def _table(graph: ExpressionGraph, t: Node, start: float, knots: Array, values: 
     On the piece from knot k, with s = t - knot_k, the value is c0 + c1 s + c2 s^2 + c3 s^3.
 
     Args:
-        start: number that is added to the spline's value.
         knots, values, curvatures: times [s] of the knots, and the spline's value and second derivative there.
     """
     h = knots[1:] - knots[:-1]

@@ -11,9 +11,9 @@ therefore rotated by the constant angle `turn` when code is generated:
 
     r = exp(i theta_b) s = exp(i theta_g) (exp(i turn) s)
 
-So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. Using
-theta_g + turn instead of theta_b changes nothing where the two are equal, and motions never violate this constraint because it is
-linear. The argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
+So links that slides connect share one sine and cosine, and a link that slides connect with the ground needs none. Using theta_g +
+turn instead of theta_b changes nothing where the two are equal, and motions never violate this constraint because it is linear. The
+argument of a sine is always a coordinate itself, so that a loop over steps can update the sine by a rotation.
 """
 
 from collections.abc import Mapping
@@ -70,11 +70,7 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """Return the mechanism with some of its numbers replaced; arrays (k,) of numbers describe k linkages at once.
-
-    Args:
-        numbers: name, such as "links.crank.mass" (see `parameter_values`) -> new number, or array (k,) of numbers.
-    """
+    """Return the mechanism with some of its numbers replaced; arrays (k,) of numbers describe k linkages at once."""
     if not numbers:
         return mechanism
     # zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones
@@ -98,8 +94,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
     def change(x: Any) -> Any:
         """Return a copy of a component of the mechanism, such as a joint, force or point, with its numbers in `numbers` replaced.
 
-        Tuples and dataclasses inside the component are copied recursively. Motion laws and factors of forces have no named numbers,
-        and are returned as they are.
+        Motion laws and factors of forces have no named numbers, and are returned as they are.
         """
         if isinstance(x, tuple):
             return tuple(map(change, x))
@@ -124,12 +119,7 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants.
-
-    Attributes:
-        names: names of the parameters, in the order of the input p (n_p,).
-        all: name -> value in the file, for all numbers.
-    """
+    """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants."""
 
     names: tuple[str, ...]
     all: dict[str, float]
@@ -138,14 +128,6 @@ class Parameters:
     def values(self) -> Array:
         """Values (n_p,) of the parameters in the file."""
         return np.array([self.all[name] for name in self.names])
-
-    def node(self, graph: ExpressionGraph, name: str) -> Node:
-        """Return the linkage's number called `name` as a node: an entry of the input p if it is a parameter, else a constant."""
-        value = self.all[name]
-        if name not in self.names:
-            return graph.constant(value)
-        # the last argument is the typical size of the input, by which the graph varies the value at its random points
-        return graph.input("p", self.names.index(name), np.full(graph.samples, value), abs(value) or 1.0)
 
 
 def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
@@ -177,8 +159,7 @@ class Tie:
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     """Return for every link how its angle follows from the angle of another link, its root, if slides connect the two.
 
-    The root is the ground if slides connect the link with the ground. Among links that slides connect with each other, but not with
-    the ground, one link is the root of all. A link without slides is its own root.
+    The root is the ground if slides connect the link with the ground.
     """
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
@@ -199,12 +180,7 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The input nodes of an expression graph that represent a state of the linkage, and their values at k sampled states.
-
-    Attributes:
-        t, q, v: names of the inputs for time, positions and velocities.
-        times, positions, velocities: values (k,), (k, n), (k, n) of these inputs at the samples.
-    """
+    """The input nodes of an expression graph that represent a state of the linkage, and their values at k sampled states."""
 
     t: str
     q: str
@@ -218,13 +194,8 @@ class Links(Given):
     """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:
-        graph: the graph that the nodes belong to; it also does their arithmetic.
-        parameters: the numbers of the mechanism.
-        state: the inputs for time, positions and velocities.
         exact: whether expressions must be valid also where constraints are violated, so that no angle is replaced by that of
             another link.
-        ties: for each link, the link from whose angle the link's own angle follows.
-        scale: unit of each coordinate, as `sampling.scales` returns it.
     """
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
@@ -269,7 +240,11 @@ class Links(Given):
 
     def number(self, name: str) -> Node:
         """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
-        return self.parameters.node(self.graph, name)
+        value, names = self.parameters.all[name], self.parameters.names
+        if name not in names:
+            return self.graph.constant(value)
+        # the last argument is the typical size of the input, by which the graph varies the value at its random points
+        return self.graph.input("p", names.index(name), np.full(self.graph.samples, value), abs(value) or 1.0)
 
     def held(self, joint: str, index: int, value: float) -> Node:
         """Return the constant value at which a joint holds coordinate `index`; a slide's offset (index 0) may be a parameter."""

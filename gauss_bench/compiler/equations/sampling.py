@@ -134,11 +134,7 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
 
 
 def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random.Generator) -> Array:
-    """Return a random velocity (n,) that satisfies all constraint rows.
-
-    The velocity is the sum of the least-norm velocity that the drivers prescribe and a random free velocity, whose fastest
-    coordinate has 0.3 to 1 times SPEED.
-    """
+    """Return a random velocity (n,) that satisfies all constraint rows."""
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale
@@ -160,10 +156,6 @@ def shortest(J: Array, r: Array) -> Array:
     if J.shape[1] <= DENSE:
         return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
     S = sp.csc_matrix(J)
-    return np.asarray(S.T @ _normal(S).solve(r))
-
-
-def _normal(S: sp.csc_matrix) -> "splu":
-    """Factorise S S^T plus a number of rounding size on the diagonal, so that redundant rows of S do not make it singular."""
     A = (S @ S.T).tocsc()
-    return splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max()))
+    # a number of rounding size on the diagonal, so that redundant rows do not make S S^T singular
+    return np.asarray(S.T @ splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max())).solve(r))

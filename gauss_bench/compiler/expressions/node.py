@@ -7,12 +7,11 @@ everywhere is zero almost nowhere. A new expression is therefore first compared 
 points. In this way c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of an existing node x becomes the product of
 k and that node, whatever operations gave the multiple.
 Source: Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
-
-Signs and constant factors are moved out of products, so that sums can absorb them: -(x y) is stored, not (-x) y.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from functools import partialmethod
 from heapq import heapify, heappop, heappush
 from typing import Any
 
@@ -49,9 +48,7 @@ class Node:
     Attributes:
         op, args: operation and operands; the args of an input are its name and index.
         generic: values at the GENERIC random points, by which equal expressions are recognised.
-        number: value of a constant node, None for any other node.
         ready: earliest time [cycles] at which a processor has the value, if all inputs are there at 0.
-        index: position in the order in which the nodes of the graph were made.
     """
 
     __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
@@ -66,11 +63,7 @@ class Node:
         ready: float,
         at: Array | None = None,
     ):
-        """Make a node without entering it into the graph's tables `known` and `ratios`. Attributes are explained in the class.
-
-        `at` has the values at the samples and then at the GENERIC random points, (samples + GENERIC,), if they are known already.
-        If `at` is None, these values are computed when they are first used.
-        """
+        """Make a node without entering it into the graph's tables `known` and `ratios`."""
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
         self._at = at
         self.index = graph.count
@@ -85,15 +78,12 @@ class Node:
             missing = [x for x in node.args if x._at is None]
             waiting += missing
             if not missing:
-                node._at = node._value()
+                if node.number is not None:
+                    node._at = np.full(node.graph.samples + GENERIC, node.number)
+                else:
+                    node._at = VALUE[node.op](*(x._at for x in node.args))
                 waiting.pop()
         return self._at  # type: ignore[return-value]
-
-    def _value(self) -> Array:
-        """Compute the node's values (samples + GENERIC,) at samples and random points from the values `_at` of its operands."""
-        if self.number is not None:
-            return np.full(self.graph.samples + GENERIC, self.number)
-        return VALUE[self.op](*(x._at for x in self.args))
 
     def __add__(self, other: "Node | float") -> "Node":
         return self.graph.add(self, self.graph.node(other))
@@ -132,13 +122,10 @@ class ExpressionGraph:
     """All expressions of one program.
 
     Attributes:
-        samples: number of sample states of the linkage at which every node has a value.
-        count: number of nodes made so far.
         known: table: (operation, indices of operands) -> node.
         ratios: table: ratios of a node's values at the random points, as text -> the first node with these ratios. All nodes with
             the same ratios are multiples of this first node.
         trail: (table, key) of every entry of `known` and `ratios`, oldest first, so that `forget` can remove the last ones.
-        random: generator of the random points; its seed is arbitrary, and fixed so that programs are reproducible.
     """
 
     def __init__(self, samples: int):
@@ -181,12 +168,7 @@ class ExpressionGraph:
         """Return the node of an operation that is not an analytic function, such as a minimum.
 
         Equal values at the random points would not prove that two expressions with such an operation are equal everywhere. At the
-        random points the node therefore gets random numbers as values, like an input. It is recognised only by its operation and
-        operands.
-
-        Args:
-            op, args: name of the operation, and its operands.
-            at: values whose first ones (samples,) are those at the samples; any further ones are ignored.
+        random points the node therefore gets random numbers as values, like an input.
         """
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
@@ -228,11 +210,7 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return the product of a and b.
-
-        Constant factors are collected in one coefficient, and minus signs are moved in front of the product. Factors that are not
-        constant are ordered by their index, so that a b and b a are one node.
-        """
+        """Return the product of a and b."""
         if a.number is not None:
             return self.scale_by(a.number, b)
         if b.number is not None:
@@ -267,15 +245,6 @@ class ExpressionGraph:
         own, base = factor_out(a)
         return self.scale_by(1.0 / own, self._make("INV", base))
 
-    def sqrt(self, a: Node) -> Node:
-        return self._unary("SQRT", a)
-
-    def sin(self, a: Node) -> Node:
-        return self._unary("SIN", a)
-
-    def cos(self, a: Node) -> Node:
-        return self._unary("COS", a)
-
     def _unary(self, op: str, a: Node) -> Node:
         """Return the node of an operation with the single operand `a`: its square root, sine or cosine."""
         # `a.at` has samples and random points, and numpy gets them in one call: in two calls, the last digits of numpy's results
@@ -286,17 +255,10 @@ class ExpressionGraph:
         at = VALUE[op](a.at)
         return self._make(op, a, at=at)
 
+    sqrt, sin, cos = partialmethod(_unary, "SQRT"), partialmethod(_unary, "SIN"), partialmethod(_unary, "COS")
+
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
-
-        An existing node is equal to the operation if it has the same operation and operands, or the same values at the random
-        points.
-
-        Args:
-            op, args: name of the operation, and its operands.
-            at: values (samples + GENERIC,) of the operation at samples and random points, if the caller knows them; if None, the
-                values are computed from those of the operands.
-        """
+        """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node."""
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
@@ -318,10 +280,8 @@ class ExpressionGraph:
         """Return the node for an expression that is a constant or a multiple of an existing node; return None for any other.
 
         Args:
-            g: values of the expression at the random points.
             summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to one of its
                 terms is treated as zero.
-            ratio: `_ratio_key` of g, which is equal for all multiples of one expression.
         """
         x, y, z = g
         if summand is not None:
@@ -344,18 +304,7 @@ class ExpressionGraph:
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
     ) -> Node:
-        """Make a node, and enter it into the tables `known` and `ratios`.
-
-        `trail` notes both entries, so that `forget` can undo them.
-
-        Args:
-            op, args: operation and operands of the node.
-            g: values of the node at the random points.
-            ratio: `_ratio_key` of g, which is equal for all multiples of the node.
-            ready: time [cycles] at which the value of the node can be used.
-            key: key of the node in `known`: the operation and the indices of the operands.
-            at: values (samples + GENERIC,) of the node at samples and random points; None if these values are not computed yet.
-        """
+        """Make a node, and enter it into the tables `known` and `ratios`."""
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
             self.ratios[ratio] = made
@@ -369,10 +318,7 @@ class ExpressionGraph:
         return node
 
     def forget(self, mark: int) -> None:
-        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`.
-
-        A search for the cheapest elimination calls this after each attempt, so that all attempts begin with the same nodes.
-        """
+        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`."""
         while len(self.trail) > mark:
             table, key = self.trail.pop()
             del table[key]
@@ -406,12 +352,7 @@ class ExpressionGraph:
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
-        """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible.
-
-        Two terms whose positions in the list differ by at most `distance` are replaced by their sum, if this sum is a constant or a
-        multiple of an existing node. `recognise` finds this from the sum of the two nodes' values at the random points (`generic`),
-        without making a node.
-        """
+        """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)
@@ -486,11 +427,7 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """Remove rounding errors from a short number: a factor 0.4999999999999999 becomes 0.5.
-
-    Return x rounded to 12 digits, if this changes x only by rounding errors and gives a number of at most eight characters.
-    Otherwise return x unchanged.
-    """
+    """Remove rounding errors from a short number: a factor 0.4999999999999999 becomes 0.5."""
     text = f"{x:.12g}"
     short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x

@@ -12,7 +12,6 @@ class Code:
     """The functions of one program that a time step with one stabilisation needs.
 
     Attributes:
-        stabilization: "none", "baumgarte" or "projection".
         acceleration: the acceleration that is integrated, with Baumgarte's terms under "baumgarte".
         angles: indices of the coordinates whose sines and cosines are needed by the acceleration and the corrections of the state.
     """

@@ -2,12 +2,8 @@
 
 Value numbering by hash-consing: an operation with the same operands is stored once. Functions that are written into the graph with
 the same arguments therefore share values, such as sines, entries of the Jacobian, and the factors of its elimination. Minus signs
-are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative. The index of an
-operand is smaller than the indices of the values that use it, so that values can be computed in the order of their indices.
+are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
-
-A value is a double or a mask (a boolean) for each trajectory. There are also values that are the same for all trajectories:
-integers, called counts, and booleans, called truths.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -213,7 +209,6 @@ def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sin
     """Write the operations of a function into a graph; return the values of its results, a list of components for each.
 
     Args:
-        arguments: values of each argument of the function, by component.
         sincos: writes sine and cosine of a value into the graph, and returns them.
 
     Raises:

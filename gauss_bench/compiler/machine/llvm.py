@@ -59,7 +59,6 @@ class Listing:
     """The text of an LLVM module with one function, which `native_code.py` compiles.
 
     Attributes:
-        name, signature, operations: those of the routine.
         packed: name of a second function, which takes the address of all arguments, 8 bytes each; empty if there is none.
     """
 
@@ -71,39 +70,26 @@ class Listing:
 
 
 def write_listing(routine: Routine, lanes: int) -> Listing:
-    """Write the module of a routine that computes `lanes` trajectories at once.
-
-    With one lane the module has a second function NAME_packed, which takes the address of a block of all arguments.
-    """
+    """Write the module of a routine that computes `lanes` trajectories at once."""
     text, packed = Writer(routine, lanes).text(), ""
     if lanes == 1:
+        # it takes the address of a block of arguments, because ctypes converts a single argument faster than many
         packed = f"{routine.name}_packed"
-        text += "\n" + _write_packed(packed, routine)
+        lines, arguments = [f"define void @{packed}(ptr %block) {{"], []
+        for k, letter in enumerate(routine.signature):
+            lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
+            arguments.append(f"{TYPES[letter]} %x{k}")
+        lines += [f"  call void @{routine.name}({', '.join(arguments)})", "  ret void", "}"]
+        text = "\n".join([text, *lines])
     return Listing(text, routine.name, routine.signature, routine.operations, packed)
-
-
-def _write_packed(name: str, routine: Routine) -> str:
-    """Write the function `name`, which takes the address of a block of arguments and calls the routine with them.
-
-    Python calls this function to compute a single trajectory, because ctypes converts a single argument faster than many.
-    """
-    lines, arguments = [f"define void @{name}(ptr %block) {{"], []
-    for k, letter in enumerate(routine.signature):
-        lines += [f"  %a{k} = getelementptr i64, ptr %block, i64 {k}", f"  %x{k} = load {TYPES[letter]}, ptr %a{k}"]
-        arguments.append(f"{TYPES[letter]} %x{k}")
-    return "\n".join([*lines, f"  call void @{routine.name}({', '.join(arguments)})", "  ret void", "}"])
 
 
 class Writer(Emitter):
     """Writes the lines of one function.
 
     Attributes:
-        lanes: number W of trajectories in a vector.
-        real, mask: LLVM's types of real values and of masks.
         block: label of the basic block that is being written.
         base: name of an array -> address of the part of the array that belongs to the group of trajectories being computed.
-        places: addresses at which `Scatter` stores the numbers of each lane.
-        first: names of the initial values of the next loop's variables; the base class sets this list.
     """
 
     def __init__(self, routine: Routine, lanes: int):
@@ -165,10 +151,7 @@ class Writer(Emitter):
         self.label(label)
 
     def _reserve_line(self) -> int:
-        """Reserve an empty line for the phi instructions of a basic block, and return its index.
-
-        The line is filled in later, when the names of the values that a phi instruction selects from are known.
-        """
+        """Reserve an empty line for the phi instructions of a basic block, and return its index."""
         self.line("")
         return len(self.lines) - 1
 
@@ -199,10 +182,7 @@ class Writer(Emitter):
         return self.address(base, row, self.real)
 
     def value(self, x: int) -> str:
-        """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name.
-
-        A constant needs no instruction: its text is returned.
-        """
+        """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name."""
         self._values += 1
         if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
             self._go_to(self._new_label("cut"))
@@ -253,10 +233,7 @@ class Writer(Emitter):
                 self._if(s)
 
     def _row_address(self, array: str, start: int | None) -> str:
-        """Return the address of a row of an array, in the part that belongs to the group of trajectories being computed.
-
-        The index of the row is the integer value `start` of the graph, or 0 if `start` is None.
-        """
+        """Return the address of a row of an array, in the part that belongs to the group of trajectories being computed."""
         return self.base[array] if start is None else self.at(self.base[array], self.need(start))
 
     def _type_of(self, leaf: int) -> str:
@@ -266,9 +243,8 @@ class Writer(Emitter):
     def _loop(self, s: Loop) -> None:
         """Write a loop.
 
-        `s.carried` maps each variable of the loop (a leaf of the graph) to its value in the first iteration, and to its value in
-        the next iteration. A phi instruction at the head of the loop selects the first value when the loop is entered, and the next
-        value when it is repeated. The phi instructions are written last, when the names of both values are known.
+        A phi instruction at the head of the loop selects the first value when the loop is entered, and the next value when it is
+        repeated. The phi instructions are written last, when the names of both values are known.
         """
         carried, label = self.select_carried(s), self._new_label("loop")
         # names of the first values, which the base class has written, and the block before the loop; loops inside change both
@@ -287,11 +263,7 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
-        """Write a branch.
-
-        `s.merged` maps each variable (a leaf of the graph) to its value if the branch is taken, and to its value if not. Phi
-        instructions after the branch select one of the two.
-        """
+        """Write a branch."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")

@@ -1,8 +1,7 @@
 """Machine code of this host: parse LLVM's text, generate object code, load it, and call it.
 
-This is the only file that imports llvmlite. Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is
-compiled once on a machine. The arithmetic of a routine has already been regrouped (`rewrite.py`): LLVM only generates code, and
-runs no pass that could change rounding.
+Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is compiled once on a machine. The arithmetic of
+a routine has already been regrouped (`rewrite.py`): LLVM only generates code, and runs no pass that could change rounding.
 """
 
 import ctypes
@@ -25,7 +24,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.machine.source import C_HEADER, in_c, in_python
+from gauss_bench.compiler.machine.source import in_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -53,9 +52,6 @@ class NativeCode:
             released while the function runs.
         packed: a variant of `call` with one argument, the address of a block with all arguments; None if the compiled text has no
             such variant.
-        seconds: time [s] that was needed to compile or to load the function.
-        from_cache: whether the object code was in the cache.
-        owner: object that keeps the machine code in memory.
     """
 
     call: Any
@@ -171,10 +167,7 @@ def out_of_lanes(x: Array, count: int) -> Array:
 
 
 def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Divide groups of trajectories among threads: each thread calls part(low, high) for the groups low to high - 1.
-
-    The groups have the indices 0 to `groups` - 1.
-    """
+    """Divide groups of trajectories among threads: each thread calls part(low, high) for the groups low to high - 1."""
     count = min(threads, groups)
     if count < 2:  # to divide the groups takes as long as a hundred samples
         part(0, groups)
@@ -200,11 +193,9 @@ class Single:
     """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
     The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
-    then counts (integers). A caller changes them in place, because to convert arguments anew at each call would take as long as
-    several steps. As long as an object of this class exists, the machine code that it calls stays in memory.
+    then counts (integers).
 
     Attributes:
-        arrays: flat arrays, in the order of the routine's arguments.
         q, v: views of the two halves of the first array, which is a state: positions and velocities.
         numbers, counts: views of the real numbers and of the counts in the block of arguments, to be set before a call. All counts
             are 1 at first; the last count is the number of groups of trajectories, and stays 1.
@@ -241,13 +232,7 @@ CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed co
 
 @dataclass(frozen=True)
 class Target:
-    """The target for which code is generated.
-
-    Attributes:
-        backend: "llvm" or "numpy".
-        lanes: number of trajectories in one SIMD vector.
-        cache: whether object code is kept on disk.
-    """
+    """The target for which code is generated."""
 
     backend: str
     lanes: int
@@ -256,12 +241,6 @@ class Target:
 
 def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target:
     """Choose the target of code.
-
-    Args:
-        backend: "llvm" or "numpy"; if None, llvm is used if it is installed, else numpy.
-        lanes: number of trajectories in one SIMD vector; if None, the number of doubles in the widest vector register of this
-            machine.
-        cache: whether object code is kept on disk.
 
     Raises:
         KernelError: the backend is unknown or not installed, or the number of lanes is no power of 2.
@@ -277,20 +256,11 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     return Target(chosen, width, cache)
 
 
-def in_plain_c(*routines: Routine) -> str:
-    """Return routines as one C source file, each for a single trajectory."""
-    return C_HEADER + "\n".join(map(in_c, routines))
-
-
 class Loaded:
     """A routine that can be called: as machine code, or as a Python function if the backend is numpy.
 
-    Machine code has one lane for a single trajectory, and as many lanes as the target says for several trajectories.
-
     Attributes:
-        make: function that writes the routine; its argument is True if the routine is for several lanes.
         codes: number of lanes -> machine code for it, which is compiled, or loaded from the cache, when it is first needed.
-        singles: arguments of the routine for a single trajectory, separate for each thread.
     """
 
     def __init__(self, make: Callable[[bool], Routine], target: Target):
@@ -308,10 +278,7 @@ class Loaded:
         return 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call.
-
-        Its arguments are those of the routine, followed by the number of groups.
-        """
+        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call."""
         if self._plain:  # the Python function computes any number of trajectories
             return self._plain
         with self._lock:
@@ -324,10 +291,7 @@ class Loaded:
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's buffers for the arguments of one trajectory, which are allocated when the thread first calls this.
-
-        `sizes` are the numbers of doubles in each array; they must be the same in every call.
-        """
+        """Return this thread's buffers for the arguments of one trajectory, `sizes` doubles each, allocated in its first call."""
         one = self.singles.one
         if one is None:
             self.call(1)  # compiles the code with one lane, if it is not there yet

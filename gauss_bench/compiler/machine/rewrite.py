@@ -1,8 +1,7 @@
 """Rewriting of a graph of machine arithmetic, so that its values are ready earlier.
 
-Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. No
-compiler rewrites arithmetic, so that a trajectory has bitwise the same results if it is computed alone or with seven others in the
-lanes of a vector. The rules are:
+Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. The
+rules are:
 
   sums:       the two terms that are ready earliest are added, again and again, as in Huffman's code
   products:   the two factors that are ready earliest are multiplied, again and again
@@ -31,15 +30,9 @@ class Summand(NamedTuple):
 class _Rewriter:
     """Copies given values (the roots) of an old graph, and all values that they depend on, into a new graph, and regroups them.
 
-    Some sums and products of the old graph, called parts, have no value of their own in the new graph:
-    - A sum that is used by one other sum or difference and nowhere else: its terms become terms of the other sum.
-    - A product that is used by sums only: it is fused with an addition in each of these sums.
-    - A product that is used by one other product and nowhere else: its factors become factors of the other product.
-
-    Attributes:
-        known: value of the old graph -> value of the new graph.
-        parts: values of the old graph that are parts.
-        shared: values of the old graph by which several other values are divided.
+    Some sums and products of the old graph, called parts, have no value of their own in the new graph: a sum that only one other
+    sum or difference uses, whose terms become terms of the other sum; a product that only sums use, which is fused with an addition
+    in each; and a product that only one other product uses, whose factors become factors of the other product.
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
@@ -87,15 +80,16 @@ class _Rewriter:
         if operation == "mul":
             return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
-            return self._ratio(*operands)
+            numerator, denominator = map(self.get, operands)
+            # a (1 / b) if several values are divided by b, or if 1 / b is there before a, so that only a multiplication follows
+            early = self.new.ready[numerator] > self.new.ready[denominator] + EARLIER
+            if self.new.number(numerator) != 1 and (operands[1] in self.shared or early):
+                return self.new.mul(numerator, self.new.div(self.new.const(1.0), denominator))
+            return self.new.div(numerator, denominator)
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
-        """Return the signed terms of the sum x of the old graph, as values of the new graph.
-
-        Terms that have no value of their own in the new graph (parts, see the class) are expanded: a sum into its terms, a product
-        into the two factors of a fused multiply-add.
-        """
+        """Return the signed terms of the sum x of the old graph, as values of the new graph."""
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
             y, negative = waiting.pop()
@@ -115,8 +109,7 @@ class _Rewriter:
     def _reduce_to_two(self, x: int) -> Pair:
         """Return two values of the new graph whose product equals the product x of the old graph.
 
-        The factors that are ready first are multiplied first, until two factors are left. The multiplication of these two factors
-        is left to the caller, who may fuse it with an addition.
+        The factors that are ready first are multiplied first, until two factors are left.
         """
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
@@ -133,10 +126,7 @@ class _Rewriter:
         return heap[0][1], heap[1][1]
 
     def _sum(self, terms: list[Summand]) -> int:
-        """Return the sum of terms, added two at a time, those that are ready earliest first.
-
-        A `Summand` is + or - a value, or + or - a product value * factor that is not multiplied yet.
-        """
+        """Return the sum of terms, added two at a time, those that are ready earliest first."""
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
         # of terms that are ready at the same time, the one with the smaller n is added first
@@ -169,17 +159,6 @@ class _Rewriter:
             total = g.sub(value, late.value) if opposite else g.add(value, late.value)
         total, minus = (g.operands[total][0], True) if g.operation[total] == "neg" else (total, False)
         return Summand(early.negative ^ minus, total, None)
-
-    def _ratio(self, a: int, b: int) -> int:
-        """Return the value of the new graph for the ratio a / b of two values of the old graph.
-
-        The ratio is computed as the product of a and 1 / b in two cases: if several values are divided by b, so that 1 / b is
-        shared, or if 1 / b can be computed before a is ready, so that only the time of a multiplication passes after that.
-        """
-        g, numerator, denominator = self.new, self.get(a), self.get(b)
-        if g.number(numerator) != 1 and (b in self.shared or g.ready[numerator] > g.ready[denominator] + EARLIER):
-            return g.mul(numerator, g.div(g.const(1.0), denominator))
-        return g.div(numerator, denominator)
 
 
 def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:

@@ -2,9 +2,8 @@
 
 A routine is a function with loops and branches, independent of the target machine: a list of statements that use the values of one
 graph of arithmetic (`graph.py`). A value is computed immediately before the first statement that uses it, or where a `Compute`
-statement lists it. Values that do not change in a loop are computed before the loop. A leaf is a value without operands: an
-argument, an element that `Load` reads, or a variable that a loop or a branch sets. A count is an integer value and a truth is a
-boolean value; both are the same for all trajectories that are computed together.
+statement lists it. A leaf is a value without operands: an argument, an element that `Load` reads, or a variable that a loop or a
+branch sets.
 
     Compute(values): compute values in this order.
     Load(array, rows, start): read rows of an array into leaves.
@@ -13,9 +12,8 @@ boolean value; both are the same for all trajectories that are computed together
     Loop(carried, body, again): execute the body, and repeat it with the next values of the variables while `again` is true.
     If(condition, body, merged): execute the body if the condition is true; variables get one value if it is, another if not.
 
-The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows. A
-row has one number for each trajectory of the group, and these numbers are neighbours in memory. Each group of trajectories has its
-own part of an array. The emitters are in `llvm.py` and `source.py`.
+The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows.
+Each group of trajectories has its own part of an array. The emitters are in `llvm.py` and `source.py`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,10 +45,7 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Read leaves from an array: the leaf x is in the row with the index start + rows[x].
-
-    `start` is an integer value of the graph; None stands for 0.
-    """
+    """Read leaves from an array: the leaf x is in the row with the index start + rows[x]."""
 
     array: str
     rows: Mapping[int, int]
@@ -59,10 +54,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Write values to consecutive rows of an array, the first value to the row whose index is the count `start`.
-
-    A `start` of None stands for row 0 of the array.
-    """
+    """Write values to consecutive rows of an array, the first value to the row whose index is the count `start`."""
 
     array: str
     values: Sequence[int]
@@ -85,12 +77,7 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
-
-    Attributes:
-        carried: variable of the loop (a leaf of the graph) -> pair of its value in the first iteration, and its value in the next
-            iteration, which is computed in the present one.
-    """
+    """Execute `body`, and repeat it as long as the boolean `again` is true at its end."""
 
     carried: Mapping[int, tuple[int, int]]
     body: Sequence["Statement"]
@@ -99,12 +86,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class If:
-    """Execute `body` if the boolean `condition` is true.
-
-    Attributes:
-        merged: variable (a leaf of the graph) -> pair of its value after `body` was executed, and its value if `body` was skipped
-            because the condition is false.
-    """
+    """Execute `body` if the boolean `condition` is true."""
 
     condition: int
     body: Sequence["Statement"]
@@ -121,10 +103,8 @@ class Routine:
     Attributes:
         arrays, numbers, counts: names of the arguments, in this order: arrays, real numbers, integers. A number or a count named
             `x` is the leaf "%x" of the graph.
-        body: the statements.
         sound: mask that is true for each trajectory that the routine has computed completely. A routine in C computes one
             trajectory, and returns 0 if the mask is true, else 1.
-        operations: number of operations in one iteration of its loop, or in one evaluation if it has no loop.
     """
 
     name: str
@@ -151,10 +131,7 @@ def flatten(statements: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def list_needed(r: Routine) -> set[int]:
-    """Return all values of the graph on which results of the routine depend.
-
-    Elements that are loaded, and variables of loops, can be omitted if they are not in this set.
-    """
+    """Return all values of the graph on which results of the routine depend."""
     roots = [r.sound]  # a routine in C returns this mask
     for s in flatten(r.body):
         match s:
@@ -184,14 +161,7 @@ def find_changing(g: Graph, loop: Loop) -> set[int]:
 
 
 class Emitter:
-    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text.
-
-    Attributes:
-        names: value of the graph -> its name in the text, for the values written so far.
-        needed: all values of the graph on which results of the routine depend (`list_needed`).
-        first: for the loop that is written next: names of the values of its variables in the first iteration, in the order of
-            `select_carried`.
-    """
+    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text."""
 
     def __init__(self, routine: Routine) -> None:
         """Prepare to write a routine, with nothing written yet."""

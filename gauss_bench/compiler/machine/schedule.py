@@ -15,25 +15,11 @@ from gauss_bench.compiler.machine.graph import LATENCY, Graph, live
 ROUNDS = 6
 
 
-def ready_times(g: Graph, values: Iterable[int], arrival: Mapping[str, float]) -> dict[int, float]:
-    """Return the time [cycles] at which each value is ready, on a processor with unlimited execution units.
-
-    `arrival` has the times at which leaves (values without operands) are there, by their names; other leaves are there at 0.
-    """
-    times: dict[int, float] = {}
-    for x in values:
-        if g.operation[x] == "leaf":
-            times[x] = arrival.get(str(g.payload[x]), 0.0)
-        else:
-            times[x] = max((times[k] for k in g.operands[x]), default=0.0) + LATENCY[g.operation[x]]
-    return times
-
-
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the steady number of cycles per iteration of a loop, on a processor with unlimited execution units.
 
-    An iteration need not wait for the end of the previous one, only for the variables that it uses. The times at which these are
-    ready are therefore followed through ROUNDS iterations, until the increment per iteration is steady.
+    The times at which these are ready are therefore followed through ROUNDS iterations, until the increment per iteration is
+    steady.
 
     `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
@@ -41,7 +27,12 @@ def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     arrival = dict.fromkeys(carried, 0.0)
     cycles = 0.0
     for _ in range(ROUNDS):
-        times = ready_times(g, values, arrival)
+        times: dict[int, float] = {}  # at which each value is ready; leaves that are not carried are there at 0
+        for x in values:
+            if g.operation[x] == "leaf":
+                times[x] = arrival.get(str(g.payload[x]), 0.0)
+            else:
+                times[x] = max((times[k] for k in g.operands[x]), default=0.0) + LATENCY[g.operation[x]]
         cycles = max((times[x] for x in carried.values()), default=0.0)
         arrival = {name: times[x] - cycles for name, x in carried.items()}
     return cycles
@@ -55,8 +46,6 @@ def order(g: Graph, roots: Iterable[int], carried: Mapping[str, int], plain: boo
 
         height(k) = max over users x of k of (height(x) + latency(x))
         height(next value of a variable) = height(the variable) - period
-
-    `carried` maps the name of each variable of the loop to its value in the next iteration.
     """
     values = live(g, roots)
     if plain:

@@ -1,11 +1,9 @@
 """Routines written as source text: as Python on arrays, for hosts without a compiler, and as plain C, for any other machine.
 
-Sines and cosines are computed by functions of the target language. A routine in C computes one trajectory. It returns 0 if the
-computation is complete, and 1 if not, for example because a pivot became too small:
+A routine in C computes one trajectory. It returns 0 if the computation is complete, and 1 if not, for example because a pivot
+became too small:
 
     int NAME(arrays, numbers, counts)
-
-A routine in Python takes the same arguments as the native code of `llvm.py`, with arrays (groups, rows, trajectories of a group).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -109,11 +107,7 @@ class Source(Emitter):
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Write a line that assigns the expression `text` to a variable for value x of the graph; return the variable's name.
-
-        The name of the variable is `letter`, followed by the index x. The letter is r for the result of an operation, v for a
-        variable of a loop or branch (a leaf of the graph), n for a copy of a new value that is made before it is assigned.
-        """
+        """Write a line that assigns the expression `text` to a variable for value x of the graph; return the variable's name."""
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "double"
         if operation in COUNTS:
@@ -141,8 +135,8 @@ class Source(Emitter):
     def assign_leaves(self, values: Mapping[int, str]) -> None:
         """Write lines that assign new values to variables (leaves of the graph), with the effect of simultaneous assignments.
 
-        `values` maps each leaf to the name of its new value. Several new values are first copied (letter n) and then assigned
-        (letter v), because a new value may be the old value of another variable.
+        Several new values are first copied (letter n) and then assigned (letter v), because a new value may be the old value of
+        another variable.
         """
         copies = {x: self.let(x, name, "n") for x, name in values.items()} if len(values) > 1 else values
         for x, name in copies.items():
@@ -205,9 +199,8 @@ def in_c(routine: Routine) -> str:
 def in_python(routine: Routine) -> Callable[..., None]:
     """Return a routine as a Python function.
 
-    The function's arguments are the routine's arrays, numbers and counts, in this order, followed by the number of groups of
-    trajectories. Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement
-    writes has only one axis.
+    Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement writes has only
+    one axis.
     """
     s = Source(routine, PYTHON)
     s.statements(routine.body)

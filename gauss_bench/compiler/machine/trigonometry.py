@@ -6,8 +6,8 @@ of the remainder r. The two lowest bits of k tell which of sin r and cos r is th
     k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
-P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round 2 x / pi to the integer k, 1.5 * 2^52 is added and
-then subtracted: the lowest bits of the sum hold k. No compiler may remove this addition and subtraction.
+To round 2 x / pi to the integer k, 1.5 * 2^52 is added and then subtracted: the lowest bits of the sum hold k. No compiler may
+remove this addition and subtraction.
 
 From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
@@ -71,11 +71,7 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Select the sine or the cosine that belongs to quarter turn number k: `if_odd` where the mask `odd` is true, else `if_even`.
-
-    The sign of the selected value changes if bit 1 of k is set, which is so in the quarter turns 2 and 3 of 4. Shifted left by 62,
-    bit 1 becomes the sign bit of a double.
-    """
+    """Return `if_odd` where the mask `odd` is true, else `if_even`, with the sign that belongs to quarter turn number k."""
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
@@ -101,9 +97,6 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the shortest polynomials P and Q that give sine and cosine of a rotation |d| <= reach [rad] exact to rounding.
 
-    P and Q are defined by sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2). In sin d, an error of P therefore has the factor d^3,
-    and in cos d, an error of Q the factor d^2. Each polynomial is a tuple of coefficients, the lowest degree first.
-
     Raises:
         ValueError: SERIES_TERMS coefficients are not enough.
     """
@@ -113,7 +106,7 @@ def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def _economise(series: list[Fraction], reach: float, factor: float) -> tuple[float, ...]:
-    """Interpolate a power series in z = d^2 at Chebyshev nodes of [0, reach^2]; return the coefficients, the lowest degree first.
+    """Interpolate a power series in z = d^2 at Chebyshev nodes of [0, reach^2]; return coefficients, the lowest degree first.
 
     The polynomial is the shortest one whose error times `factor` is at most TOLERANCE, for |d| <= reach [rad].
     """

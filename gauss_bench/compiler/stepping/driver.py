@@ -24,10 +24,7 @@ INTEGRATORS = ("rk4", "semi_implicit_euler", "dop853_fixed", "gauss_legendre")
 
 
 class ByRank(Protocol):
-    """Single integration steps of a mechanism by dense linear algebra: each evaluation determines the rank of the constraint rows.
-
-    The parameters of the mechanism have the values of its linkage file.
-    """
+    """Steps by dense linear algebra, which determines the rank of the constraint rows, with the parameters of the linkage file."""
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """Return q, v (n,) after one step of h [s] from the time t."""
@@ -40,13 +37,7 @@ class ByRank(Protocol):
 
 @dataclass
 class Tally:
-    """Counts of exceptional events in a rollout.
-
-    Attributes:
-        switches: number of times that a trajectory was continued by another program, with other pivots.
-        fallbacks: number of steps by dense linear algebra, because no program was usable.
-        lost: number of trajectories that could not be continued.
-    """
+    """Counts of exceptional events in a rollout."""
 
     switches: int = 0
     fallbacks: int = 0
@@ -63,7 +54,6 @@ class Driver:
         projected: whether samples must lie on the constraints.
         given: number of open parameters: numbers of the linkage that each call may change. The number arguments of the code are
             first the open parameters, then functions of time, which `by_rank` evaluates by itself.
-        tally: counts of the last rollout.
     """
 
     def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
@@ -72,10 +62,7 @@ class Driver:
         self.tally = Tally()
 
     def nominal(self, p: Array) -> bool:
-        """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps.
-
-        The open parameters are the first `given` of the code's number arguments p (..., n_p).
-        """
+        """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps."""
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
     @property
@@ -87,15 +74,14 @@ class Driver:
         """Return the index of the program with the largest margin at a state (2n,), or None if no program is usable there.
 
         The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
-        margin is at least 1. If no generated program is usable, further programs are generated until one is. Programs with the
-        indices in `without` are not considered.
+        margin is at least 1.
         """
         # if programs leave out redundant rows, a change of the program may need a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
         while True:
-            margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs)) if k not in without}
+            margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs.codes)) if k not in without}
             usable = [k for k, margin in margins.items() if margin >= 1.0]
             if usable:
                 return max(usable, key=lambda k: margins[k])
@@ -121,9 +107,9 @@ class Driver:
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
         """Return the state (2n,) after one step by dense linear algebra, for a state at which no program is usable.
 
-        The rank of the constraint rows is determined at each evaluation. If h = 0, no step is taken: the state is projected onto
-        the constraints if samples must lie on them, and returned unchanged if not. The result is NaN if the state overflows, or if
-        the open parameters (the first entries of p) differ from the values in the linkage file.
+        If h = 0, no step is taken: the state is projected onto the constraints if samples must lie on them, and returned unchanged
+        if not. The result is NaN if the state overflows, or if the open parameters (the first entries of p) differ from the values
+        in the linkage file.
         """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
@@ -156,8 +142,8 @@ class Driver:
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
         """Yield the samples (2n,) that a trajectory still lacks, which a guard of the first program stopped after `at` steps.
 
-        A guard tests whether pivots are large enough. `state` (2n,) is the state after these steps. If the trajectory cannot be
-        continued to its end, the last sample that is yielded is NaN.
+        `state` (2n,) is the state after these steps. If the trajectory cannot be continued to its end, the last sample that is
+        yielded is NaN.
         """
         n = self.programs.n
         used, failed = 0, {0}  # index of the program in use, and those that have failed at the present state
@@ -190,15 +176,6 @@ class Driver:
 
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
         """Integrate one trajectory with step size control.
-
-        The program in use takes steps until one of its pivots is too small. From that state another program continues, or one short
-        step is taken by dense linear algebra, after which all programs may be tried again.
-
-        Args:
-            state: (2n,) state at the first time.
-            p: (n_p,) number arguments of the code.
-            times: (k,) times [s] of the states that are returned.
-            tolerances: relative and absolute tolerance.
 
         Returns:
             The states (k, 2n) at the times, NaN from where the trajectory cannot be continued; the number of accepted steps; the
@@ -235,9 +212,8 @@ class Driver:
     def advance_over(self, batch: Batch, numbers: Numbers, kinks: Sequence[float], integrator: str, threads: int) -> Outcome:
         """Compute all trajectories to their end as `advance` does, with number arguments that change at the times `kinks` [s].
 
-        At the times `kinks`, forces or their derivatives jump. The batch's steps are divided into legs (`integrate/legs.py`): runs
-        of equal steps without a kink inside; a step that contains a kink is divided there. The code's number arguments at the
-        middle of a leg, `numbers(leg.middle)`, are used for the whole leg.
+        At the times `kinks`, forces or their derivatives jump. The code's number arguments at the middle of a leg,
+        `numbers(leg.middle)`, are used for the whole leg.
         """
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()
@@ -257,11 +233,7 @@ class Driver:
     def integrate_over(
         self, state: Array, numbers: Numbers, times: Array, tolerances: tuple[float, float], kinks: Sequence[float]
     ) -> tuple[Array, int, int]:
-        """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where number arguments change.
-
-        The code's number arguments `numbers` at the middle of an interval between kinks are used for the whole interval. Return the
-        states (k, 2n) at the times (k,), and the numbers of accepted and of attempted steps.
-        """
+        """Integrate one trajectory as `integrate` does, but restart at each kink [s] of a force, where number arguments change."""
         begin, end = float(times[0]), float(times[-1])
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):

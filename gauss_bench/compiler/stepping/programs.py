@@ -1,10 +1,5 @@
 """Execution of routines: as native code in groups of lanes on several threads, or as Python on arrays of numpy.
 
-A program is the straight-line functions generated for one linkage and one choice of independent coordinates. A `Stepper` computes
-trajectories with one program and one integrator. When a trajectory stops early, `driver.py` decides how it continues. Without a
-compiler, numpy computes every sine anew. The guards (tests of the pivots), the projection and the order of operations are the same
-as in native code, so that results agree to rounding.
-
 A program is usable only at states where the pivots of its elimination are far enough from zero. For a crank-slider, the crank angle
 is a usable independent coordinate everywhere; the slider's position is not usable at the dead centres.
 """
@@ -18,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler.machine.code import Code, Program, read_code
-from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, in_plain_c, out_of_lanes, share
+from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, out_of_lanes, share
 from gauss_bench.compiler.machine.routine import Routine
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
@@ -32,8 +28,6 @@ class Batch:
     Attributes:
         states: (k, 2n) q and v at the start.
         parameters: (k, n_p) number arguments of the code: the numbers of the linkage that are not constants in the code.
-        t0, h: time of the start, and step size [s].
-        n: number of steps.
         every: number of steps between samples, at least 1.
     """
 
@@ -57,8 +51,6 @@ class Outcome:
     Attributes:
         states: (k, 2n) last states; of a trajectory that stopped early, the state before the failed step.
         samples: (k, slots, 2n); of a trajectory that stopped early, those after the failed step are NaN.
-        done: (k,) numbers of accepted steps.
-        complete: (k,) whether all steps were accepted.
     """
 
     states: Array
@@ -81,7 +73,6 @@ class Course:
     Attributes:
         samples: (k, 2n) states at the k times that were reached, projected under the stabilisation "projection".
         state: (2n,) last state, at the time t [s].
-        taken, tried: numbers of accepted and of attempted steps.
     """
 
     samples: Array
@@ -96,14 +87,7 @@ class Stepper:
 
     The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
     first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code for
-    larger rotations per step, and takes longer to compile. `further` replaces the first routine as soon as a link rotates by more
-    than the smallest reach in a step.
-
-    Attributes:
-        loaded: the routine in use.
-        further: the routine that may replace `loaded`; None if there is no such routine, or if it is in use already.
-        native: whether the routines are machine code.
-        compiled: all routines that have been in use so far.
+    larger rotations per step, and takes longer to compile.
     """
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None):
@@ -118,11 +102,7 @@ class Stepper:
             self.compiled.append(self.loaded)  # times to compile are reported for the old routine too
 
     def run(self, batch: Batch, threads: int = 1) -> Outcome:
-        """Compute each trajectory of a batch until it ends or a guard fails.
-
-        If a link rotates in a step by more than the compiled routine allows, `extend` replaces the routine, and all trajectories
-        start again.
-        """
+        """Compute each trajectory of a batch until it ends or a guard fails."""
         count = len(batch.states)
         lanes = self.loaded.lanes(count)
         # arguments of the routine, see `rollout.py`: states, number arguments, samples, and a report of three rows
@@ -146,11 +126,7 @@ class Stepper:
         return Outcome(out_of_lanes(y, count), stored, done.astype(int), complete > 0)
 
     def run_one(self, q: Array, v: Array, parameters: Array, t0: float, h: float, n: int) -> Array | Stop:
-        """Return the state (2n,) after n steps of one trajectory, or its early stop, with the least possible overhead.
-
-        If a link rotates in a step by more than the compiled routine allows, `extend` replaces the routine, and the trajectory
-        starts again.
-        """
+        """Return the state (2n,) after n steps of one trajectory, or its early stop, with the least possible overhead."""
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
@@ -177,11 +153,7 @@ LIMIT = 10**7  # number of steps of one call
 
 
 def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-    """Integrate by a routine `integrate` (`rollout.adaptive`) from a state (2n,) at times[0] over the times (k,).
-
-    The routine chooses its steps by the relative and the absolute tolerance. If a guard fails (a pivot is too small), the routine
-    stops early, at the last valid state.
-    """
+    """Integrate by a routine `integrate` (`rollout.adaptive`) from a state (2n,) at times[0] over the times (k,)."""
     # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because it reads ahead of the next sample
     y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
     samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
@@ -197,10 +169,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
 
 
 def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
-    """Return accelerations (k, n) by a routine `accelerate` at states (k, 2n) and times (k,).
-
-    The second result has a flag (k,) for each state: True if all guards of the routine are satisfied at this state.
-    """
+    """Return accelerations (k, n) by a routine `accelerate` at states (k, 2n) and times (k,)."""
     count = len(states)
     lanes = loaded.lanes(count)
     y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
@@ -234,13 +203,7 @@ margin_routine = partial(acceleration, margin=True)
 class Programs:
     """The programs of one mechanism, the preferred one first; more are generated when they are needed.
 
-    "Program k" is the program with the index k in `codes`, the code for one choice of pivots.
-
     Attributes:
-        plain: whether routines run as Python functions on numpy arrays, because there is no compiler.
-        codes: the programs generated so far.
-        runners: (index of a program, integrator) -> its stepper.
-        n: number of coordinates.
         values: (n_p,) number arguments of the code, with the values of the linkage file.
         native: routine for accelerations by program 0, which runs in numpy if `plain`.
         dropped: names of redundant constraint rows that program 0 leaves out; other programs may leave out different rows.
@@ -259,10 +222,6 @@ class Programs:
         self.n, self.values, self.dropped = first.n, first.values, first.dropped
         self.native = self._routine(0, "none", partial(acceleration, plain=self.plain))
 
-    def __len__(self) -> int:
-        """Return the number of programs generated so far."""
-        return len(self.codes)
-
     def generate_next(self) -> bool:
         """Generate one more program, as the last of `codes`; return False if there are no more."""
         code = next(self._more, None)
@@ -273,10 +232,8 @@ class Programs:
 
     def runner(self, k: int, integrator: str) -> Stepper:
         """Return the stepper of program k with an integrator; it is made, and its code compiled, on first use."""
-        return self.runners.get((k, integrator)) or self._make(k, integrator)
-
-    def _make(self, k: int, integrator: str) -> Stepper:
-        """Make the stepper of program k, and store it in `runners`."""
+        if (k, integrator) in self.runners:
+            return self.runners[k, integrator]
         code = self.codes[k]
         all_reaches = reaches(code, integrator)  # largest rotations per step for which there is code, the smallest first
 
@@ -309,16 +266,9 @@ class Programs:
         return self._routines[k, make]
 
     def margins(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Array]:
-        """Return the accelerations that program k computes and its margins at these states, evaluated in numpy.
+        """Return accelerations (states, n) by program k, and its margins (states,), evaluated in numpy.
 
-        Args:
-            k: index of the program.
-            t, q, v: times (states,), positions and velocities (states, n).
-            p: (states, n_p) number arguments of the code.
-
-        Returns:
-            Accelerations (states, n), and for each state the margin (states,): the smallest ratio of a pivot to its threshold, or 0
-            if this ratio is NaN.
+        A margin is the smallest ratio of a pivot to its threshold, or 0 if this ratio is NaN.
         """
         program = self.codes[k].program
         a, guard = program.acceleration(t[:, None], q, v, p)
@@ -327,10 +277,7 @@ class Programs:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold.
-
-        The program must not be used at a state where its margin is below 1.
-        """
+        """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold."""
         if self.plain:  # the second result of `margins` has the margin of the single state
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
         routine = self._routine(k, "none", margin_routine)
@@ -354,10 +301,7 @@ class Programs:
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
-        """Return the acceleration (n,) at one state by program 0, the preferred one, with the least overhead.
-
-        Return None if a pivot of the program is too small at this state, or if there is no compiler.
-        """
+        """Return the acceleration (n,) at one state by program 0, the preferred one, with the least overhead."""
         out = None if self.plain else evaluate_one(self.native, t, q, v, p, self.n)
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
@@ -375,7 +319,7 @@ class Programs:
         first = self.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
         # "none": the acceleration without Baumgarte's terms
-        return in_plain_c(acceleration(read_code(first.program, "none"), plain=True), steps)
+        return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""
@@ -385,10 +329,7 @@ class Programs:
         return [(code.seconds, code.from_cache) for routine in routines for code in routine.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
-        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need.
-
-        If `extended` is False, only the code for the smallest rotations of links per step is compiled.
-        """
+        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need."""
         if integrator == "dop853":
             self.adaptive(0).call(1)
             return

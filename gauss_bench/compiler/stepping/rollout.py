@@ -30,8 +30,6 @@ method contains the code of the acceleration only once, in a loop over the stage
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, count_operations
@@ -52,17 +50,10 @@ SETTLED = 32
 class Body:
     """One step of an integrator as statements inside the loop of a routine, which keeps the state in registers between steps.
 
-    A leaf is a named value of the graph that comes from outside it: an argument, or a variable of the loop.
-
     Attributes:
-        step: the values of the step; its arithmetic is regrouped unless the body is plain.
-        graph: graph of arithmetic of the whole routine.
         rows: length 2 n_q of a state.
         values: the values of the step in the order in which they are computed.
-        operations: number of operations among these values.
-        statements: statements of one step.
         state: leaves of the state: q, then v.
-        entry: statements before the loop.
         arrays: arguments of the routine besides y, samples and report.
         carried: variable of the loop (a leaf) -> its value at the first step, and its value at the next step.
         settled: variable of the loop (a leaf) -> projected value, which replaces the next value in `carried` after every SETTLED
@@ -70,15 +61,7 @@ class Body:
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        """Put the operations of a step in order, and make the statements that load its inputs and compute it.
-
-        Args:
-            code: functions of the program, with their angles and parameters.
-            step: the step as values of a graph: its results, guards, and the variables for the next step.
-            plain: whether operations are left as they are, neither regrouped nor put in another order.
-            into: graph to which the operations are added, and which may have other bodies of the same routine; None for a new
-                graph.
-        """
+        """Put the operations of a step in order, and make the statements that load its inputs and compute it."""
         self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g = self.graph
@@ -114,44 +97,26 @@ class Body:
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
     """Build the routine `rollout`, which computes one trajectory, or `many` at once.
 
-    A body is the code of one step. The bodies share one graph, and each is valid for larger rotations of links per step (its reach)
-    than the one before. The first body is used until a link turns by more than its reach in a step; the next body continues from
-    there. All lanes of a vector change to the next body at the same step, so that each trajectory has bitwise the same states as if
-    it were computed alone.
+    The bodies share one graph, and each is valid for larger rotations of links per step (its reach) than the one before. The first
+    body is used until a link turns by more than its reach in a step; the next body continues from there. All lanes of a vector
+    change to the next body at the same step, so that each trajectory has bitwise the same states as if it were computed alone.
     """
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
-        steps = _step_in_loop(bodies, level, many)
-        further = [If(first.graph.make("any", steps.too_far), statements, {})] if statements else []
-        statements, complete = [*steps.statements, *further], steps.complete
+        steps, done, too_far = _step_in_loop(bodies, level, many)
+        further = [If(first.graph.make("any", too_far), statements, {})] if statements else []
+        statements, complete = [*steps, *further], done
     arrays = {"y": Array(first.rows), **first.arrays, "samples": Array(first.rows, "slots"), "report": Array(3)}
     counts, operations = ("n", "every", "slots"), max(body.operations for body in bodies)
     return Routine("rollout", first.graph, arrays, ("h", "t0"), counts, [*first.entry, *statements], complete, operations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """A loop over time steps, all computed by the same body.
-
-    Attributes:
-        statements: the loop, and the statements after it that store the results.
-        complete: mask of the trajectories of which all steps are done.
-        too_far: mask of the trajectories that stopped only because a link turned in a step by more than the body's reach.
-    """
-
-    statements: list[Statement]
-    complete: int
-    too_far: int
-
-
-def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
+def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
     """Build the loop over time steps that uses the body with the index `level`.
 
-    The first loop begins with the initial state; each later loop begins with the values at which the loop before it stopped. The
-    variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the masks
-    `alive` and `far`. The int variables below are values of the graph, except `level`. If `many`, the loop computes several
-    trajectories, one in each lane.
+    The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the
+    masks `alive` and `far`.
     """
     body = bodies[level]
     g, is_first, is_last = body.graph, level == 0, level == len(bodies) - 1
@@ -169,10 +134,10 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     following, more = g.make("sum", i, one), g.make("below", i, n)
     later = g.make("add", t0, g.make("mul", g.make("number", following), h))
     due_later, slot_later = g.count("%due_later"), g.count("%slot_later")
-    settling = _settle_regularly(body, following)
-    carried: Carried = dict(settling.counter)
+    branch, chosen, counter = _settle_regularly(body, following)
+    carried: Carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
-        new = settling.chosen.get(x, next_value)
+        new = chosen.get(x, next_value)
         # a lane that has stopped keeps its state by selection while the others go on
         carried[x] = initial, g.make("select", going, new, x) if many else new
     carried |= {t: (t0, later), done: (g.const(0.0), g.make("add", done, g.flag(going)))}
@@ -196,34 +161,18 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> _Steps:
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
-    loop = Loop(carried, [*body.statements, sample, *settling.statements], again)
-    return _Steps([loop, body.store_end(complete), report], complete, too_far)
+    loop = Loop(carried, [*body.statements, sample, *branch], again)
+    return [loop, body.store_end(complete), report], complete, too_far
 
 
-class _Settling(NamedTuple):
-    """The part of a loop over time steps that projects the state onto the constraints after every SETTLED steps.
-
-    Attributes:
-        statements: a branch that is executed after every SETTLED steps.
-        chosen: variable of the state (a leaf) -> another variable, which has the value at the next step: projected if the branch is
-            executed, else not projected.
-        counter: a variable of the loop with its first and next value: the number of the step before which the state is next
-            projected.
-    """
-
-    statements: list[Statement]
-    chosen: dict[int, int]
-    counter: Carried
-
-
-def _settle_regularly(body: Body, following: int) -> _Settling:
+def _settle_regularly(body: Body, following: int) -> tuple[list[Statement], dict[int, int], Carried]:
     """Build the projection of the state after every SETTLED steps, if the body has one; `following`: number of the next step.
 
-    The loop counts in `due` the step before which the state is projected; the branch adds SETTLED to it. The projected values are
-    computed inside the branch only, so that the other steps do not take longer.
+    Return a branch that is executed after every SETTLED steps; for each variable of the state a variable with its next value,
+    projected if the branch is executed; and the loop's counter of the step before which the state is next projected.
     """
     if not body.settled:
-        return _Settling([], {}, {})
+        return [], {}, {}
     g = body.graph
     # due, due_later: number of the step before which the state is next projected, now and at the next step
     due, due_later = g.count("%settle"), g.count("%settle_later")
@@ -231,7 +180,7 @@ def _settle_regularly(body: Body, following: int) -> _Settling:
     # leaf -> its value if the branch is taken, and if not
     merged = {chosen[x]: (value, body.carried[x][1]) for x, value in body.settled.items()}
     merged[due_later] = (g.make("sum", due, g.whole(SETTLED)), due)
-    return _Settling([If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)})
+    return [If(g.make("same", following, due), (), merged)], chosen, {due: (g.whole(SETTLED), due_later)}
 
 
 def _either(g: Graph, a: int, b: int) -> int:
@@ -240,10 +189,7 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build the code of a step for each reach (largest rotation of links per step), all in one graph.
-
-    If the step loops over its stages, there is only one version of the code, which is valid for any rotation.
-    """
+    """Build the code of a step for each reach (largest rotation of links per step), all in one graph."""
     if is_looped(code, integrator):  # this code computes every sine from its angle, without rotations
         return [Body(code, rk4_looped(code))]
     graph = Graph()
@@ -258,11 +204,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
     DOP853 chooses its steps by the tolerances. A step ends at each of `count` sample times, where the state is stored. `times` has
     count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
-    advance. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
-    `least`, or after `limit` steps. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted
-    steps and attempted steps, and the time reached. If the program leaves out redundant constraint rows and no step projects the
-    state onto the constraints, the state is projected after every SETTLED attempted steps. If `plain`, operations are neither
-    regrouped nor put in another order.
+    advance. The integration stops when a step becomes shorter than `least`, or after `limit` steps. Afterwards y has the state
+    reached, and `report` has the numbers of stored samples, accepted steps and attempted steps, and the time reached. If `plain`,
+    operations are neither regrouped nor put in another order.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
@@ -285,13 +229,17 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
     mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
-    planned = _plan_step(g, g.make("sub", following, t_new), best)
+    # the next step: the time `left` to the next sample if left <= best, half of it if left < 2 best, so that no tiny step remains
+    left = g.make("sub", following, t_new)
+    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), g.mul(g.const(0.5), left), best)
+    planned = g.make("select", g.make("le", left, best), left, shorter)
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
-    settling = _settle_regularly(body, g.make("sum", tried, one))  # after SETTLED attempts, unless the last of them is refused
+    # after SETTLED attempts, unless the last of them is refused
+    branch, chosen, counter = _settle_regularly(body, g.make("sum", tried, one))
     # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
-    carried = dict(settling.counter)
+    carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
-        carried[x] = initial, g.make("select", good, settling.chosen.get(x, next_value), x)
+        carried[x] = initial, g.make("select", good, chosen.get(x, next_value), x)
     carried |= {t: (start, t_new), goal: (end, following), h: (g.leaf("%h0"), planned), g.leaf("%wanted"): (g.leaf("%h0"), best)}
     carried |= {taken: (g.const(0.0), g.add(taken, g.flag(good))), tried: (zero, g.make("sum", tried, one))}
     carried |= {i: (zero, later), due: (one, due_later), g.make("mask", payload="%refused"): (g.all(False), g.make("not", good))}
@@ -301,7 +249,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     again = g.make("also", again, g.make("nowhere", hopeless))
     complete = g.make("everywhere", g.make("same", later, count))
     first_times, next_time = Load("times", {start: 0, end: 1}), Load("times", {following: 0}, g.make("sum", later, due_later))
-    loop = Loop(carried, [*body.statements, store, mark_due, *settling.statements, next_time], again)
+    loop = Loop(carried, [*body.statements, store, mark_due, *branch, next_time], again)
     report = [g.make("number", later), taken, g.make("number", tried), t]
     statements: list[Statement] = [*body.entry, first_times, loop, body.store_end(complete), Store("report", report)]
     arrays = {"y": Array(body.rows), **body.arrays, "times": Array(1), "samples": Array(1), "report": Array(4)}
@@ -333,22 +281,8 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
     return g.minimum(best, g.leaf("%longest"))
 
 
-def _plan_step(g: Graph, left: int, best: int) -> int:
-    """Return the value of the next step size, so that a step ends at the next sample and no tiny step remains before it.
-
-    The step size is `left`, the time to the next sample, if left <= best; left / 2 if left < 2 best; and else `best`.
-    """
-    half = g.mul(g.const(0.5), left)
-    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
-    return g.make("select", g.make("le", left, best), left, shorter)
-
-
 def plain_body(code: Code, integrator: str) -> Body:
-    """Build the code of a step for C or Python; it is valid however far the links rotate in the step.
-
-    Sines are computed by the functions of the target language, and operations are not put in another order. The last entry of
-    REACHES for each integrator has no limit on the rotations.
-    """
+    """Build the code of a step for C or Python; it is valid however far the links rotate in the step."""
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
 
 
@@ -356,7 +290,6 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     """Build the routine `accelerate`, which computes accelerations at a state.
 
     Args:
-        plain: whether sines are computed by functions of the target language, and operations are not put in another order.
         margin: if True, the last output of the routine is the smallest ratio of a pivot to its threshold, or 0 if an acceleration
             is not finite. If False, the last output is 1 if all guards are satisfied, else 0.
     """
@@ -370,9 +303,9 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
 def settling(code: Code) -> Routine:
     """Build the routine `settle`, which projects a state onto the constraint rows that the program keeps.
 
-    `code` must have been made by `read_code` for the stabilisation "projection". Positions get EXACT.corrections Newton
-    corrections, all with the Jacobian of the state that is given, and velocities get one correction. The guards also require that
-    the norm of the last correction of the positions is at most LAST_CORRECTION, so that only rounding errors remain.
+    Positions get EXACT.corrections Newton corrections, all with the Jacobian of the state that is given, and velocities get one
+    correction. The guards also require that the norm of the last correction of the positions is at most LAST_CORRECTION, so that
+    only rounding errors remain.
     """
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)
@@ -383,8 +316,7 @@ def settling(code: Code) -> Routine:
 def _at_one_state(name: str, b: Builder, values: Sequence[int], validity: int, plain: bool) -> Routine:
     """Build the routine name(y, p, t, out), which stores the values `values` of a graph and then the value `validity` in `out`.
 
-    `validity` is the graph's value of a real number; the results are valid where it is positive. If `plain`, operations are neither
-    regrouped nor put in another order.
+    `validity` is the graph's value of a real number; the results are valid where it is positive.
     """
     roots, g = [*values, validity], b.g
     if not plain:

@@ -1,7 +1,5 @@
 """One step of an integrator as a graph of arithmetic, with its guards and, under the stabilisation "projection", its projection.
 
-A guard is a condition that a valid step must satisfy: no pivot of the elimination is too small, and no link turns too far.
-
 Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the stages written out in accelerations (Nystroem's
 form). The results are the same but for rounding, and the position of a stage does not wait for its velocity. From q, v, the step
 computes q', v' by
@@ -13,18 +11,14 @@ computes q', v' by
 Sines. Sine and cosine of an angle x + d follow from those of x by a rotation by d, which is cheap for small d. From stage to stage,
 sines and cosines are updated by a rotation by h/2 v or h v (at most `Reach.step`), and by a further small rotation of the order h^2
 (at most `Reach.bend`). One rotation after the other would accumulate rounding errors. Sine and cosine at q are therefore also
-computed from the angle itself, while the processor waits for other results. The rotations for the fourth stage and the end of the
-step start from these values. In a step of order 8, sines and cosines of all later stages are rotated from those at the position q +
-h/2 v.
+computed from the angle itself; the rotations for the fourth stage and the end of the step start from these values. In a step of
+order 8, sines and cosines of all later stages are rotated from those at the position q + h/2 v.
 
 Projection. At the end of a step, q gets Newton corrections, all with the Jacobian of the last stage, which is already factorised.
 At the beginning of a step, v is corrected with the Jacobian at q, whose factors the first stage needs anyway. Only the first stage
 is evaluated before the correction of v. The correction of v is of the order h^5, like the local error, and so does not change the
 order of the method. Samples have corrected states, and the velocities of all stages but the first start from the corrected
 velocity.
-
-If constraint rows are redundant and the steps do not project the state, the loop over the steps projects it after every
-`rollout.SETTLED` steps (`Builder.settle`).
 
 Gauss's collocation (`gauss_legendre`) is implicit: positions and velocities at the stages follow from the accelerations at all
 stages, which a fixed number of iterations computes. A guard checks that the accelerations of the stages have converged.
@@ -60,9 +54,8 @@ Coefficients = Sequence[float]
 class Tableau:
     """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
 
-    The method has the matrix of weights A and the final weights b. A velocity is an integral of accelerations: the accelerations
-    have the weights A in the velocities of the stages, and b in the velocity after the step. A position is an integral of
-    velocities: the accelerations have the weights A A in the positions of the stages, and b A in the position after the step.
+    A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step.
+    A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
 
     Attributes:
         c: (s,) nodes.
@@ -95,9 +88,6 @@ def order_eight() -> Tableau:
 @dataclass(frozen=True)
 class Reach:
     """The largest changes of the links' angles in a step for which the code of the step is valid.
-
-    Sines and cosines that are updated by a rotation are exact to rounding if no change is larger. A step in which the angles change
-    by more is not accepted, and is repeated by code with a larger reach.
 
     Attributes:
         step: largest norm of h v over all angles [rad]; infinite for code that computes every sine and cosine from its angle.
@@ -156,11 +146,7 @@ def reaches(code: Code, integrator: str) -> tuple[Reach, ...]:
 class Step:
     """The values that one integration step computes, as values (node indices) of a graph of arithmetic.
 
-    A leaf is a value that comes from outside the step, such as the state at its beginning.
-
     Attributes:
-        graph: the graph of arithmetic.
-        carried: name of a leaf that changes from step to step, such as a coordinate -> its value at the next step.
         out: q, v (2n) at the beginning of the step, to be stored as a sample.
         regular: mask that is true where no pivot of the step is too small.
         regular_out: mask that is true where no pivot on which `out` depends is too small.
@@ -208,17 +194,11 @@ class Step:
 class Builder:
     """Writes the arithmetic of one integration step into a graph, and collects its guards: conditions for a valid step.
 
-    All int values, in all methods, are nodes of the graph and stand for a number or a mask. Vectors are lists of n nodes, one for
-    each coordinate; `pairs` are lists with the nodes of sine and cosine of each angle in `code.angles`.
+    All int values, in all methods, are nodes of the graph and stand for a number or a mask.
 
     Attributes:
-        g: the graph.
-        library: whether sines are computed by functions of the target language, such as those of C.
-        code: the functions of the program, such as the acceleration.
-        reach: the largest changes of angles for which the step is valid.
         n: number of coordinates.
         q, v, p, t, h: leaves (inputs of the step) of the state, the open numbers, the time and the step size.
-        known: node of an angle -> nodes of its sine and cosine, if they were computed already.
         pivots: guards: masks that are true where a pivot of an elimination is at least its threshold.
         score: terms (norm / bound)^2, one for each norm that is limited; the step is valid only if their sum is at most 1
             (`within`).
@@ -269,11 +249,7 @@ class Builder:
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return the nodes of sine and cosine of an angle x, which are stored in `known`.
-
-        If they are not known yet, they are computed: by functions of the target language if `library`, else by `trigonometry`,
-        which is valid for |x| <= LARGEST only.
-        """
+        """Return the nodes of sine and cosine of an angle x, which are stored in `known`."""
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -289,8 +265,7 @@ class Builder:
     def limit(self, values: list[int], bound: float, factor: int | None = None) -> None:
         """Require that the norm of the nodes `values`, times the node `factor`, is at most `bound`, unless `bound` is infinite.
 
-        The square of norm / bound is added to `score`. The step is valid only if the sum of `score` is at most 1 (`within`), so
-        that no single norm exceeds its bound.
+        The step is valid only if the sum of `score` is at most 1 (`within`), so that no single norm exceeds its bound.
         """
         if isfinite(bound):
             g = self.g
@@ -300,11 +275,7 @@ class Builder:
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
         """Return sine and cosine of each angle after a change of the positions, by rotating sine and cosine before the change.
 
-        If the step computes every sine from its angle, the result is an empty list.
-
         Args:
-            pairs: sine and cosine of each angle before the change.
-            change: change (n,) of the positions.
             bound: largest change of an angle [rad] for which the result is valid; the caller ensures it by `limit`.
             to: the new positions (n,). The new sines and cosines are stored in `known` under their angles, so that functions that
                 are written later for the positions `to` use them.
@@ -330,22 +301,14 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return for each independent coordinate its free motion: a velocity (n,) that the constraints allow.
-
-        In the free motion of an independent coordinate, this coordinate has the velocity 1, and every other independent coordinate
-        has the velocity 0. Guards are added which check that no pivot of the elimination is too small.
-        """
+        """Return for each independent coordinate its free motion: a velocity (n,) that the constraints allow."""
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
-        """Return the accelerations (n,) that satisfy the constraint rows and whose independent components are z.
-
-        The given accelerations `a` (n,) satisfy the constraint rows at t, q, v. They are changed by a multiple of each free motion,
-        so that each independent component gets its value in z; the constraint rows stay satisfied.
-        """
+        """Return the accelerations (n,) that satisfy the constraint rows and whose independent components are z."""
         for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(wanted, a[k]), motion)
         return a
@@ -357,9 +320,9 @@ class Builder:
 
             (1 - h^2 kron(A A, K) - h kron(A, D)) correction = error
 
-        A (s, s) has the weights of the Runge-Kutta method. K and D (f, f) are the derivatives of the independent
-        accelerations with respect to displacements and to velocities along the free motions. These derivatives are computed by
-        finite differences at the state q, v, whose acceleration is a, and are used for all stages.
+        A (s, s) has the weights of the Runge-Kutta method. K and D (f, f) are the derivatives of the independent accelerations with
+        respect to displacements and to velocities along the free motions. These derivatives are computed by finite differences at
+        the state q, v, whose acceleration is a, and are used for all stages.
         """
         g, free = self.g, self.code.program.independent
         moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)  # displacement of a difference, and its inverse
@@ -430,11 +393,7 @@ class Builder:
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the nodes of the velocity at the beginning of the step, and add guards for the pivots of its correction.
-
-        Under the stabilisation "projection", this velocity is projected onto the constraints at the positions q. If q is None, the
-        positions at the beginning of the step are used.
-        """
+        """Return the nodes of the velocity at the beginning of the step, and add guards for the pivots of its correction."""
         if not self.code.projected:
             return self.v
         nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
@@ -445,9 +404,6 @@ class Builder:
         """Return positions q with sines and cosines of their angles; under the stabilisation "projection", q is corrected first.
 
         Args:
-            t: time of the positions.
-            q: positions (n,) that are corrected.
-            pairs: sine and cosine of each angle at q; empty if the step computes every sine from its angle.
             at: positions at which the Jacobian of all corrections is evaluated, usually those of the last stage. If no stage was
                 evaluated at q or near q, pass the list `q` itself.
         """
@@ -475,10 +431,7 @@ class Builder:
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
-        """Return the step that ends at positions q and velocities v; `pairs` has sine and cosine of each angle of q.
-
-        The sample at the beginning of the step has the velocity `out_v`, which is valid where the masks `out_pivots` are true.
-        """
+        """Return the step that ends at positions q and velocities v; `pairs` has sine and cosine of each angle of q."""
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)  # no pivot is too small; no angle has changed too much
         # variables of the next step if the state is projected before it
@@ -486,21 +439,14 @@ class Builder:
         return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
     def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
-        """Return the variables that a step hands to the next one: name of a leaf ("%q0" ...) -> node of its value at the next step.
-
-        `pairs` has sine and cosine of each angle of q. It is empty if the next step computes them from the angles.
-        """
+        """Return the variables that a step hands to the next one: name of a leaf ("%q0" ...) -> node of its next value."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
             carried |= {f"%s{i}": s, f"%c{i}": c}
         return carried
 
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
-        """Return positions, velocities, and sines and cosines at the end of the step, projected by one correction.
-
-        No guards for the pivots of this projection are added, because the next step begins at the projected state and checks its
-        pivots at this state.
-        """
+        """Return positions, velocities, and sines and cosines at the end of the step, projected by one correction."""
         g, end = self.g, self.g.add(self.t, self.h)
         # arguments: time and positions of the Jacobian, time and positions that are corrected (here the same), parameters
         dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
@@ -513,9 +459,8 @@ class Builder:
 def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     """Write one step of the classical Runge-Kutta method, by the formulas at the head of this file.
 
-    `b.times_h(c, k)` is c h^k, and `b.turn(pairs, angles, bound, q)` rotates sines and cosines to the positions q. `pairs2` and
-    `pairs_B` are the sines and cosines at the positions q2 and B of these formulas; `pairs` are the sines and cosines at the end of
-    the step.
+    `pairs2` and `pairs_B` are the sines and cosines at the positions q2 and B of these formulas; `pairs` are the sines and cosines
+    at the end of the step.
     """
     b = Builder(code, reach, library=library)
     g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
@@ -591,12 +536,7 @@ def rk4_looped(code: Code) -> Step:
 
 
 def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step:
-    """Write one step of v' = v + h a(q, v), q' = q + h v'.
-
-    Under the stabilisation "projection", v and q' are corrected. The sines and cosines at q' are those at q, which are computed
-    from the angles, rotated by the angles of h v'. The next step begins with the rotated sines and cosines. The norm of the
-    rotations h v' over all angles must be at most `reach.step` [rad].
-    """
+    """Write one step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
     b.share(q, b.carried_sines() if reach.rotates else [])
@@ -634,10 +574,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return sines and cosines at positions x = q + moved, by a rotation of those at q + h/2 u, the middle of the step.
-
-        The angles of the rotation are added to `turned`.
-        """
+        """Return sines and cosines at positions x = q + moved, by a rotation of those at q + h/2 u, the middle of the step."""
         from_middle = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
         turned.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
@@ -645,8 +582,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
         """Return displacement and velocity at the fraction c of the step, from the accelerations a_k of the stages so far.
 
-        The displacement is c h v + h^2 sum_k twice_k a_k, and the velocity is v + h sum_k weights_k a_k. `twice` are the weights of
-        accelerations that are integrated twice.
+        The displacement is c h v + h^2 sum_k twice_k a_k, and the velocity is v + h sum_k weights_k a_k.
         """
         moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(a, twice))
         return moved, b.along(v, h, b.weighted(a, weights))
@@ -697,12 +633,8 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
 
         (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a_f - z
 
-    for the corrections dz of z at all stages. A is the method's matrix of weights. K and D (f, f) are the derivatives of a_f with
-    respect to displacements and to velocities along the free motions, computed by finite differences at the beginning of the step.
-    A step is accepted only if the last iteration changes the velocities by less than CONVERGED.
-
-    A linkage whose inputs are all driven has no free motions. In each iteration, the accelerations of the stages are then replaced
-    by the accelerations evaluated at the states of the stages.
+    for the corrections dz of z at all stages, with A, K and D as in `Builder.newton`. A linkage whose inputs are all driven has no
+    free motions: each iteration then replaces the accelerations of the stages by those evaluated at their states.
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()

@@ -1,9 +1,5 @@
 """The routine that computes the positions of a linkage for one sample of its inputs after the other.
 
-Several sequences of samples are computed side by side, each in its own lane: an element of a vector register, or of an array in
-numpy. A linkage is closed where its constraint equations are satisfied. Guards are pivots of the constraint Jacobian, which must
-not become small.
-
     follow(q, least, inputs, out, report; samples, shift, block, last)
 
 With n coordinates, K inputs, G guards and R numbers that are stored at each sample, the arrays have these rows, each with one
@@ -26,19 +22,13 @@ computed by series of two terms, which are exact up to rounding errors if |z| is
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine import trigonometry
 from gauss_bench.compiler.machine.graph import Graph, Pair, count_operations, inline, live
-from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes
 from gauss_bench.compiler.machine.rewrite import rewrite
 from gauss_bench.compiler.machine.routine import Array, Compute, Load, Loop, Routine, Scatter, Statement, Store
 from gauss_bench.compiler.machine.schedule import order
-from gauss_bench.terms import Array as Floats
 
 # Norms are taken over all angles of which sines are needed.
 REACH = 0.0065  # [rad] largest norm of one correction: two terms of the rotation are exact so far, and no other assembly is near
@@ -52,15 +42,10 @@ LIMIT = 8  # largest number of corrections; from the farthest guess that is acce
 class _Sample:
     """The values that are computed at one sample; each is given by its index in the routine's expression graph.
 
-    One Newton correction leads from a position q to q + z. The angles are the coordinates whose sines are needed.
-
     Attributes:
-        start: sine, cosine, sine, ... of the angles of the guess, the position before the first correction.
         end: sine, cosine, sine, ... of the angles of the corrected position q + z.
         closed: (n,) the corrected position q + z.
         guards: (G,) the pivots of the constraint Jacobian at the corrected position.
-        following: (n,) the guess at the next sample.
-        stored: (R,) the numbers to be stored: positions, velocities and accelerations.
         norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next sample.
     """
 
@@ -81,13 +66,7 @@ def _leaves(g: Graph, name: str, count: int) -> list[int]:
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]:
     """Write one Newton correction, and the values that are computed at the corrected position, into a new graph.
 
-    Return the graph, and the indices of these values in the graph. The leaves (inputs) of the graph are q with its sines s and
-    cosines c, the guess of the position, and each input's value u, time derivatives w and b, and value n at the next sample.
-
-    Args:
-        plain: whether sines and cosines are calls of a library's function, and sums and products are left as they are. If false,
-            sines and cosines are computed by polynomials, or by a rotation of previous values, and the arithmetic is regrouped for
-            speed.
+    Return the graph, and the indices of these values in the graph.
     """
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
@@ -120,15 +99,10 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]
 def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
     """Build the loop of Newton's corrections at one sample; it starts with the guess as q.
 
-    Each iteration computes the correction z, adds z to q, and rotates the sines and cosines through z. The loop continues, for at
-    most LIMIT iterations, as long as some lane is unsettled: all its samples so far were closed (`alive`), the last |z| is larger
-    than SETTLED, and no |z| of this sample was larger than REACH.
+    The loop continues, for at most LIMIT iterations, as long as some lane is unsettled: all its samples so far were closed
+    (`alive`), the last |z| is larger than SETTLED, and no |z| of this sample was larger than REACH.
 
     Return the loop, and a mask that is true for the lanes in which no correction was longer than REACH.
-
-    Args:
-        values: graph indices of the values that one correction computes, in the order of computation.
-        alive: mask of the lanes in which the linkage could be closed at all samples so far.
     """
     always, one = g.all(True), g.whole(1)
     near, j = g.make("mask", payload="%near"), g.count("%j")
@@ -146,16 +120,7 @@ def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """Build the routine in which each lane of a group computes one sample after the other.
-
-    At each sample the routine corrects a guess until the linkage is closed, checks the guards, stores the results and makes the
-    guess at the next sample. The routine ends after the last sample, or when no lane of the group has a closed sample and a near
-    guess at the next sample. Inputs are named by letters: value u, first and second time derivative w and b, next value n.
-
-    Args:
-        plain: whether the target calls a library's functions for sines and cosines, and keeps operations in the order in which they
-            were written.
-    """
+    """Build the routine in which each lane of a group computes one sample after the other."""
     g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
@@ -200,42 +165,3 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     arrays["report"] = Array(1 + program.guards)
     counts = ("samples", "shift", "block", "last")
     return Routine("follow", g, arrays, (), counts, statements, good, count_operations(g, values))
-
-
-class Follower:
-    """Runs the routine `follow` on a target.
-
-    Native code computes as many lanes at once as a vector register has; numpy computes all lanes at once. The linkage has n
-    coordinates, K inputs, G guards (pivots that must not become small), and R = 3n numbers that are stored at each sample.
-    """
-
-    def __init__(self, program: ClosingProgram, target: Target):
-        """Prepare the routine for a target; the routine is compiled when it is first run."""
-        self.program, self.loaded = program, Loaded(lambda many: follow(program, target.backend == "numpy"), target)
-
-    def run(self, q: Floats, least: Floats, inputs: Floats, rows: Floats) -> tuple[NDArray[np.integer[Any]], Floats]:
-        """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
-
-        Return for each lane the number of samples closed before the first one that could not be closed (lanes,), and the guards at
-        the last sample that was computed (lanes, G).
-
-        Args:
-            q: (lanes, n) guesses at the first samples.
-            least: (lanes, G) smallest admissible magnitudes of the guards, with the guards' signs.
-            inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
-                the last sample; only its values matter.
-            rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
-                of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
-                of all lanes, the last lanes share some rows, and must have the same inputs at the samples in shared rows. For
-                example, with 5 rows and two lanes of 3 samples each, the first lane has rows 0 to 2, the second rows 2 to 4.
-        """
-        lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
-        guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
-        report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
-        block = samples * self.program.width  # numbers of one lane
-        last = out.size - block  # where the numbers of the last lane begin
-        given = self.loaded.given([guesses, bounds, levels, out, report])
-        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
-        # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
-        found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
-        return found[:, 0].astype(int), found[:, 1:]

@@ -4,15 +4,15 @@ A sample is closed if positions are found at which the constraints hold for the 
 many parts as there are lanes (elements of a vector register). A single lane first finds the positions at which the parts of the
 motion begin, in steps of at most STRIDE; then all parts are computed side by side, each in its lane.
 
-If a lane cannot close a sample, the step to that sample is divided into smaller steps. If the small steps fail too,
-`kinematics.loop_closure` tries to close the linkage at that sample. If `loop_closure` finds a limit of motion or a singular
-position, the motion ends, and no later sample is closed.
+If a lane cannot close a sample, the step to that sample is divided into smaller steps. If these fail too, `kinematics.loop_closure`
+tries to close it; if that finds a limit of motion or a singular position, the motion ends.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.equations.sampling import typical_length
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.machine.native_code import Target
-from gauss_bench.compiler.turns.follow import TURN, Follower
+from gauss_bench.compiler.machine.native_code import Loaded, Target, in_lanes
+from gauss_bench.compiler.turns.follow import TURN, follow
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import MotionError, SingularPosition
 from gauss_bench.mechanism.coordinates import value
@@ -48,10 +48,8 @@ class Loss:
     """The place and the cause of a motion's end.
 
     Attributes:
-        sample: index of the first sample that could not be closed.
         kind: "limit of motion" or "singular position".
         inputs: name of an input -> its last value that was reached [rad, m].
-        text: the reason in one sentence.
     """
 
     sample: int
@@ -63,15 +61,8 @@ class Loss:
 class Tracker:
     """Computes the motion of a linkage for samples of its inputs, beginning at its start.
 
-    A sample is closed if the position satisfies the constraints. Arrays `levels` (k, 3, K) are values, first and second time
-    derivatives of K inputs at k samples. Arrays `rows` (k, R) receive q, v and a of each sample, R = 3n.
-
     Attributes:
         q, u: position (n,) with closed loops, and inputs (K,), at the start.
-        least: (G,) lower bounds of the guards, with the signs of the guards at the start; guards are pivots that must not become
-            small.
-        per_stride: (K,) number of steps of the size STRIDE per unit change [rad, m] of each input; it is larger for a linkage with
-            many angles.
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
@@ -81,7 +72,11 @@ class Tracker:
             KernelError: the loops cannot be closed at the start, or the start is at a singular position.
         """
         self.program, self.driven = program, program.driven
-        self.follower, self.lanes, self.n = Follower(program, target), target.lanes, program.driven.n
+        self.loaded, self.lanes, self.n = (
+            Loaded(lambda many: follow(program, target.backend == "numpy"), target),
+            target.lanes,
+            program.driven.n,
+        )
         sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(self.driven) for d in self.driven.drivers]
         # `follow` limits the norm over all angles of steps and corrections, which grows with the root of the number of angles:
         # linkages with more than MANY angles get shorter steps
@@ -89,10 +84,33 @@ class Tracker:
         self.per_stride = shorter / STRIDE / np.array(sizes)
         q0, rows = self.driven.q0, np.empty((1, program.width))
         self.u = np.array([float(value(d.coordinate, q0)) for d in self.driven.drivers])
-        closed, guards = self.follower.run(q0[None], np.zeros((1, program.guards)), _at_rest(self.u[None]), rows)
+        closed, guards = self.follow(q0[None], np.zeros((1, program.guards)), _at_rest(self.u[None]), rows)
         if not closed[0]:
             raise KernelError(f"{self.driven.name}: the start is not closed, or at a singular position")
         self.q, self.least = rows[0, : self.n], LEAST * guards[0]
+
+    def follow(self, q: Array, least: Array, inputs: Array, rows: Array) -> tuple[NDArray[np.integer[Any]], Array]:
+        """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
+
+        Args:
+            q: (lanes, n) guesses at the first samples.
+            inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
+                the last sample; only its values matter.
+            rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
+                of the second lane, and so on; it ends with the samples of the last lane. If the array is too short for the samples
+                of all lanes, the last lanes share some rows, and must have the same inputs at the samples in shared rows. For
+                example, with 5 rows and two lanes of 3 samples each, the first lane has rows 0 to 2, the second rows 2 to 4.
+        """
+        lanes, samples = self.loaded.lanes(len(q)), inputs.shape[1] - 1
+        guesses, bounds, levels = (in_lanes(a, lanes) for a in (q, least, inputs.reshape(len(inputs), -1)))
+        report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
+        block = samples * self.program.width  # numbers of one lane
+        last = out.size - block  # where the numbers of the last lane begin
+        given = self.loaded.given([guesses, bounds, levels, out, report])
+        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
+        # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
+        found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
+        return found[:, 0].astype(int), found[:, 1:]
 
     def strides(self, u: Array) -> float:
         """Return the largest change of an input between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
@@ -102,8 +120,6 @@ class Tracker:
         """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
-            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
             status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
         """
@@ -119,20 +135,12 @@ class Tracker:
         lead = max(1, ceil(float(np.abs(step * self.per_stride).max())))  # samples from the start to u[0]
         rows = np.empty((lead + len(u), self.program.width))
         levels = _at_rest(np.concatenate([self.u + _fractions(lead) * step, u]))
-        closed, _ = self.follower.run(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
+        closed, _ = self.follow(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
         rows[closed[0] :] = np.nan
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed.
-
-        All parts have the same number of samples, and the last part ends with the last sample, so that the last parts may overlap.
-
-        Args:
-            levels: (k, 3, K) value, first and second time derivative of the inputs at every sample.
-            stride: largest change of an input between successive samples, as a multiple of STRIDE.
-            rows: (k, R) receives q, v and a of every sample.
-        """
+        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed."""
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
@@ -144,7 +152,7 @@ class Tracker:
         q = self._walk(levels[[*stations, begins[-1]], 0])[::steps]  # (parts, n) positions at the beginnings
         # then all lanes together compute their parts; each reads the inputs of one sample more, for which it makes its last guess
         ahead = levels.take(np.minimum(begins[:, None] + np.arange(count + 1), k - 1), axis=0)  # (parts, count + 1, 3, K)
-        closed, _ = self.follower.run(q, self.least[None].repeat(parts, axis=0), ahead, rows)
+        closed, _ = self.follow(q, self.least[None].repeat(parts, axis=0), ahead, rows)
         # a part whose first sample is far from the sample before is in another assembly mode, or a whole turn off, and is not used
         gaps = (rows[begins[1:]] - rows[begins[1:] - 1])[:, self.program.angles]
         joined = np.append(True, (gaps * gaps).sum(axis=1) < (2 * TURN) ** 2)
@@ -155,9 +163,7 @@ class Tracker:
     def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
         """Compute the samples from index `at` on, the first sample at which a lane could not close the linkage in one step.
 
-        Each sample that fails is tried in smaller steps, then by the library `kinematics`; after a success in small steps the
-        samples behind it follow in one lane. Return where and why the motion ends before the last sample, or None if it does not.
-        Other arguments are those of `track`.
+        Return where and why the motion ends before the last sample, or None if it does not.
         """
         while at < len(rows):
             q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (self.q, self.u)
@@ -175,8 +181,6 @@ class Tracker:
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
         """Compute samples in one lane, with the step to the first sample divided into 8 or 64 smaller steps (SUBDIVISIONS).
 
-        Return the number of samples that were closed before the first failure.
-
         Args:
             q, u: position (n,) with closed loops and inputs (K,) from which the step begins.
             levels: (k, 3, K) values, first and second time derivatives of the inputs at the samples.
@@ -188,18 +192,14 @@ class Tracker:
             # computed, with the last one repeated, because the routine reads the inputs of one sample more than it closes
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
             found = np.empty((parts + len(rows), self.program.width))
-            closed = int(self.follower.run(q[None], self.least[None], ahead, found)[0][0]) - parts
+            closed = int(self.follow(q[None], self.least[None], ahead, found)[0][0]) - parts
             if closed > 0:
                 rows[:closed] = found[parts : parts + closed]
                 return closed
         return 0
 
     def _close_by_library(self, q: Array, levels: Array) -> Array | Loss:
-        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed.
-
-        Args:
-            levels: (3, K) value, first and second time derivative of the inputs.
-        """
+        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed."""
         # every driver gets a law with the same value and derivatives at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
@@ -219,8 +219,7 @@ def _fractions(count: int) -> Array:
 def _at_rest(u: Array) -> Array:
     """Return inputs u (k, K) with zero time derivatives, in the layout (1, k + 1, 3, K) that the routine `follow` reads.
 
-    The first index of the result is the lane; there is only one lane. The last sample is repeated, because the routine reads the
-    inputs of one sample beyond the last one that it closes.
+    The last sample is repeated, because the routine reads the inputs of one sample beyond the last one that it closes.
     """
     levels = np.zeros((1, len(u) + 1, 3, u.shape[1]))
     levels[0, :-1, 0], levels[0, -1, 0] = u, u[-1]
