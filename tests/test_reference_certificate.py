@@ -130,4 +130,4 @@ def test_differences_are_right_far_below_double_precision() -> None:
         other = np.array([[mpmath.mpf("0.1") + mpmath.mpf("1e-25")]])
     assert distance(one, other)[0] == pytest.approx(1e-25, rel=1e-5)
     assert distance(one, np.array([[np.longdouble("0.1")]]))[0] < 1e-20
-    assert split(one).high[0, 0] == 0.1
+    assert split(one)[0][0, 0] == 0.1

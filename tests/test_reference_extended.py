@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gauss_bench.reference.extended_linkage as extended_linkage
 from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.numbers import PI
+from gauss_bench.reference import extended
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.extended import extend_motion
-from gauss_bench.reference.extended_linkage import start
+from gauss_bench.reference.extended import extend_motion, start
 from gauss_bench.reference.motion import Motion
 from tests.conftest import DATA, exhaustive
 from tests.four_bars import four_bar
@@ -166,6 +165,6 @@ def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyP
     friction = load(DATA / "friction.toml").scenario
     with pytest.raises(ArithmeticError, match="friction"):
         run(DATA / "friction.toml", friction, "0.02")
-    monkeypatch.setattr(extended_linkage, "MANTISSA", 1000)
+    monkeypatch.setattr(extended, "MANTISSA", 1000)
     with pytest.raises(ArithmeticError, match="mantissa"):
         run("four_bar", "torque", "0.02")

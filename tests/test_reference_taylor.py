@@ -16,15 +16,12 @@ from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion, to_doubles
-from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, stack_arrays
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
-from gauss_bench.reference.taylor.moving_vectors import at_states
-from gauss_bench.reference.taylor.rows import loop_rows
+from gauss_bench.reference.taylor.rows import loop_rows, start_state
 from gauss_bench.reference.taylor.samples import LoopStates, sample
-from gauss_bench.reference.taylor.solve import split_columns, stack_arrays
-from gauss_bench.reference.taylor.start import start_state
-from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
+from gauss_bench.reference.taylor.vector_sums import LoopCoordinates, at_states
 from tests.conftest import exhaustive, needs
 from tests.test_reference_extended import decimals as document_of
 
@@ -78,7 +75,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
     chart, _ = choose_chart(rows, at_states(x))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
-    found = rates(rows, chart, at_states(x), split_columns(v[:, list(chart.free)]), laws)
+    found = rates(rows, chart, at_states(x), list(v[:, list(chart.free)].T), laws)
     a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)

@@ -31,14 +31,14 @@ from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import SIZE, angles, bodies, places
-from gauss_bench.reference.build import TrueStates, random_states
+from gauss_bench.reference.build import random_states
 from gauss_bench.reference.certificate import ARRAYS, as_reference, certificate_path, read_certificate
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs import blocks, one_run
 from gauss_bench.runs.offers import describe
 from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Trajectory
+from gauss_bench.trajectory import Reference, Samples, Trajectory
 
 FOUR_BAR, CRANK_SLIDER, DRIVEN = ("four_bar", "torque"), ("crank_slider", "paper"), ("four_bar", "cycloid")
 SHAPER = ("shaper", "torque")  # slides that carry moments
@@ -80,7 +80,7 @@ def alter(
 
 
 @cache
-def states(which: tuple[str, str]) -> TrueStates:
+def states(which: tuple[str, str]) -> Samples:
     """Return random states of a linkage in a scenario with true accelerations, computed from the crank's angle alone."""
     return random_states(load(*which), count=16)
 

@@ -4,7 +4,6 @@ import hashlib
 import sys
 import zipfile
 import zlib
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,26 +31,23 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
 
     A reference that is in neither is built, and written to the cache.
     """
-    certified = find_certified(mechanism, t_end)
-    if certified:
+    if certified := find_certified(mechanism, t_end):
         return certified
     path = folder / f"{reference_key(mechanism, t_end)}.npz"
     if path.exists():
-        stored = read_reference(path)
-        if stored:
+        if stored := read_reference(path):
             return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
-    atomically(path, partial(_write_reference, reference))
+
+    def write(part: Path) -> None:
+        """Write the reference with its digest; given a path instead of a file, numpy would append .npz to its name."""
+        with part.open("wb") as file:
+            arrays = {name: getattr(reference, name) for name in FIELDS}
+            np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
+
+    atomically(path, write)
     return reference
-
-
-def _write_reference(reference: Reference, path: Path) -> None:
-    """Write a reference with its digest."""
-    # given a path, np.savez would append .npz to its name; given an open file, it does not
-    with path.open("wb") as file:
-        arrays = {name: getattr(reference, name) for name in FIELDS}
-        np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
 
 
 def read_reference(path: Path) -> Reference | None:
