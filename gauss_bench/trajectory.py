@@ -98,7 +98,7 @@ class Failure(RuntimeError):
 
     @property
     def columns(self) -> dict[str, str]:
-        """The values of the columns `status` and `message` of a row."""
+        """The columns `status` and `message` of a row."""
         return {"status": str(self.status), "message": str(self)}
 
 
@@ -139,7 +139,6 @@ class Reference(Samples):
 
     @property
     def samples(self) -> Trajectory:
-        """The samples without their error bars."""
         return Trajectory(self.t, self.q, self.v, self.a, None)
 
 
@@ -156,13 +155,12 @@ class Group(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One quantity over time.
+    """One quantity over time, with its values (k,).
 
     Attributes:
         of: name of the link, point, joint, driver or pair of links.
         key: name of the quantity, such as "fx".
         unit: such as "m/s^2" or "N m".
-        values: (k,), one for each sample.
     """
 
     group: Group
@@ -189,7 +187,6 @@ class History:
     curves: tuple[Curve, ...]
 
     def of(self, group: Group) -> tuple[Curve, ...]:
-        """The curves of one group."""
         return tuple(x for x in self.curves if x.group is group)
 
 
@@ -218,7 +215,7 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
 
 
 def finite(*samples: Array) -> int:
-    """Return how many samples come before the first sample with a number that is not finite, in any of the arrays (k, n)."""
+    """Return how many samples come before the first one with a number that is not finite, in any of the arrays (k, n)."""
     is_finite = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
@@ -235,8 +232,7 @@ def with_accelerations(
     """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
 
     Raises:
-        RunFailure: the function `acceleration` raised it. The attribute `reached` of the exception is set to the trajectory, whose
-            accelerations are NaN from the failed sample on.
+        RunFailure: `acceleration` raised it; its `reached` becomes the trajectory, with NaN from the failed sample on.
     """
     a = np.full_like(q, np.nan)
     trajectory = Trajectory(times, q, v, a, steps, evaluations, note)

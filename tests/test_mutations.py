@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.diagnosis.planted import TABLES
+from gauss_bench.diagnosis.faults import TABLES
 
 ROOT = Path(__file__).parents[1]
 MUTATIONS = tomllib.loads((ROOT / "tests" / "mutations.toml").read_text(encoding="utf-8"))["mutation"]
