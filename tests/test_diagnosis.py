@@ -13,9 +13,8 @@ from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, alter
 from gauss_bench.diagnosis.diagnosis import SMALL, Verdict, diagnose_runs
 from gauss_bench.diagnosis.faults import CLEAN, ENGINES, Fault, Faulty
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
-from gauss_bench.diagnosis.observations import Burst, checkpoints, ladder
+from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.diagnosis.selftest import diagnose_fault
-from gauss_bench.diagnosis.split import by_steps
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import JointDamping, Mechanism, RotationalSpringDamper, Torque
@@ -60,13 +59,6 @@ def test_a_sound_engine_has_no_dominant_cause_and_the_little_error_it_has_falls_
     assert found.numbers.order == pytest.approx(4.0, abs=0.1)
     assert found.numbers.step_exponent == pytest.approx(5.0, abs=0.3)
     assert found.parts[Part.MODEL] == found.parts[Part.SOFTNESS] == found.parts[Part.SAMPLING] == 0.0
-
-
-def test_a_first_order_step_is_the_integrators_fault() -> None:
-    found = verdict(CLEAN, FOUR_BAR, integrator="semi_implicit_euler")
-    assert found.cause is Cause.INTEGRATOR, found.sentence
-    assert found.numbers is not None
-    assert found.numbers.order == pytest.approx(1.0, abs=0.1)
 
 
 def jacobian_of_the_step_before(terms: Terms, model: faults.FaultyModel, t: float, q: np.ndarray, v: np.ndarray) -> Terms:
@@ -180,21 +172,6 @@ def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fau
 
 
 # known answers
-
-
-def test_three_runs_that_err_by_known_amounts_are_split_into_them() -> None:
-    """In x = truth + 1e-3 + 50 h^2 the limit is off by 1e-3, and the step adds an error of order two."""
-    n, steps = 9, (4e-3, 2e-3, 1e-3)
-    true = States(np.arange(6.0), np.zeros((6, n)), np.zeros((6, n)))
-
-    def burst(h: float) -> Burst:
-        x = States(true.t, true.q + 1e-3 + 50 * h**2, true.v)
-        return Burst(h, None, x[:1], x[1:2], x, x, x, true.v)
-
-    found = by_steps(tuple(map(burst, steps)), true, adaptive=False)
-    assert found.order == pytest.approx(2.0, abs=1e-9)
-    np.testing.assert_allclose(found.limit, 1e-3, rtol=1e-9)
-    np.testing.assert_allclose(found.by_step, 50 * 16e-6, rtol=1e-9)
 
 
 def test_the_linkages_own_flow_is_that_of_the_certificate_forwards_and_backwards() -> None:

@@ -20,7 +20,6 @@ from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extend_motion, start
 from gauss_bench.reference.motion import Motion
 from tests.conftest import DATA, exhaustive
-from tests.four_bars import four_bar
 
 LONG = np.longdouble
 EPS = float(np.finfo(LONG).eps)
@@ -133,17 +132,6 @@ def test_a_singular_position_ends_the_motion_with_its_time() -> None:
     assert motion.stopped.startswith("t = 0.714")  # the bars lie down 0.7143 s after the start, by the closed form
     assert motion.times[-1] == "0.71"
     assert len(motion.q) == len(motion.a) == len(motion.times)
-
-
-def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
-    document = four_bar(*map(Decimal, ("0.3", "0.2", "0.25", "0.4")))  # coupler and rocker stand in line at about 68 degrees
-    driver = {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}
-    document["scenarios"] = {"push": {"duration": 1.0, "driver": driver}}
-    motion = extend_motion(document, "push", samples("1"), STEP)
-    limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
-    assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
-    assert motion.stopped
-    assert motion.drift[0] < 8 * EPS
 
 
 def test_a_law_that_ends_between_samples_costs_no_digits() -> None:

@@ -180,12 +180,3 @@ def test_an_override_that_is_merged_is_not_merged_again() -> None:
     document["forces"]["motor"]["value"] = -0.3
     changed = taylor_motion(document, "settles", times, True)
     assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
-
-
-def test_progress_is_told_and_times_are_kept() -> None:
-    reached: list[float] = []
-    found = taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, reached.append)
-    assert found.times == ("0", "0.1", "0.25")
-    assert reached == sorted(reached)
-    assert reached[-1] == 0.25
-    assert "53 bits" in found.method
