@@ -1,7 +1,6 @@
 """Recommendations hold what they promise, in the time that they are given, and are the same again."""
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,7 +24,7 @@ from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
-from gauss_bench.linkage.load import built_in, load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import run_apart
@@ -252,28 +251,6 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(case: tuple[Any, ...], 
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
-@pytest.mark.long
-def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) -> None:
-    """As processes: the folder is made, and no file in it shadows a library that a program imports."""
-    needs("mujoco")
-    (tmp_path / "crank_slider.toml").write_bytes(built_in()["crank_slider"].read_bytes())
-    environment = os.environ | {"PYTHONPATH": str(Path(gauss_bench.__file__).parents[1])}
-
-    def start(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, *map(str, arguments)]
-        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False)
-
-    asked = ["crank_slider.toml", "--position", "1e-2", "--until", "0.02", "--engine", "mujoco", "--budget", "100"]
-    made = start("-m", "gauss_bench", "recommend", *asked, "--out", "rec")
-    assert made.returncode == 0, made.stderr
-    (program,) = (tmp_path / "rec").iterdir()
-    assert program.name == "run-mujoco.py"
-    for folder in (tmp_path / "rec", tmp_path):
-        ended = start(program.relative_to(folder), folder=folder)
-        assert ended.returncode == 0, ended.stderr
-        assert ended.stdout
-
-
 ADAPTIVE = """
 from dataclasses import replace
 from gauss_bench.engines.interpreted import Interpreted
@@ -305,21 +282,16 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.long("gauss-native-default-dop853_fixed", "minimal-fixed/rk4-rk4", "pinocchio-one/rk4/least depth-rk4")
 @pytest.mark.parametrize(
     ("engine", "settings", "integrator"),
     [
         ("gauss", "default", "rk4"),
         ("exudyn", "every_step/generalized_alpha/EXUdense", "generalized_alpha"),
         ("casadi", "sundials/cvodes_adams", "cvodes_adams"),
-        *(
-            pytest.param(*x, marks=pytest.mark.long)
-            for x in (
-                ("gauss-native", "default", "dop853_fixed"),
-                ("minimal", "fixed/rk4", "rk4"),
-                ("pinocchio", "one/rk4/least depth", "rk4"),
-                ("casadi", "interpreted/rk4", "rk4"),
-            )
-        ),
+        ("gauss-native", "default", "dop853_fixed"),
+        ("minimal", "fixed/rk4", "rk4"),
+        ("pinocchio", "one/rk4/least depth", "rk4"),
     ],
 )
 def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(

@@ -18,23 +18,10 @@ from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.runs import scrutiny
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, draw_samples, sampling
-from gauss_bench.runs.scrutiny import (
-    as_truth,
-    at_samples,
-    decides,
-    depends_on_steps,
-    evidence_of,
-    fastest_rate,
-    finer_tolerance,
-    first_part,
-    is_same_run,
-    repeat_finer,
-    reversal_times,
-    sample_spacing,
-)
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
 from tests.fuzz.files import toml
 from tests.fuzz.motions import over_motions
@@ -65,8 +52,8 @@ def at_rest(document: dict[str, Any]) -> tuple[Any, Trajectory]:
 
 
 def test_the_fastest_rate_is_that_of_the_oscillator() -> None:
-    assert fastest_rate(*at_rest(oscillator())) == pytest.approx(np.sqrt(K / MASS), rel=1e-6)
-    damped = fastest_rate(*at_rest(oscillator(c=100.0)))
+    assert scrutiny.fastest_rate(*at_rest(oscillator())) == pytest.approx(np.sqrt(K / MASS), rel=1e-6)
+    damped = scrutiny.fastest_rate(*at_rest(oscillator(c=100.0)))
     assert damped == pytest.approx(np.sqrt(K / MASS - (100.0 / (2 * MASS)) ** 2), rel=1e-6)
 
 
@@ -152,8 +139,8 @@ def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
     path = tmp_path / "four_bar.toml"
     path.write_text(text + re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED), encoding="utf-8")
-    assert [x.tolist() for x in reversal_times(load(str(path), "hum"))] == [[0.2, 0.4]]
-    assert reversal_times(load("four_bar", "torque")) == []
+    assert [x.tolist() for x in scrutiny.reversal_times(load(str(path), "hum"))] == [[0.2, 0.4]]
+    assert scrutiny.reversal_times(load("four_bar", "torque")) == []
 
 
 def ran(mechanism: Mechanism, count: int, step: float = 1e-3) -> Trajectory:
@@ -174,7 +161,7 @@ def played(change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
     """Return the judge's verdict on a sound run by 1 ms, if it and its repetition at half the step are changed alike."""
     finer = Run(Status.OK, "", change(sound_run(5e-4)), None, sampling(5e-4, 0.2))
     choice = Choice("default", "rk4")
-    evidence, _ = evidence_of(load("four_bar", "conservative"), choice, change(sound_run(1e-3)), None, finer)
+    evidence, _ = scrutiny.evidence_of(load("four_bar", "conservative"), choice, change(sound_run(1e-3)), None, finer)
     return judge.judge(evidence)
 
 
@@ -200,7 +187,7 @@ def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
     mechanism = load("four_bar", "conservative")
     first, finer = (ran(replace(mechanism, v0=faster * mechanism.v0), 101, step) for step in (1e-3, 5e-4))
     again = Run(Status.OK, "", finer, None, sampling(5e-4, 0.1))
-    evidence, _ = evidence_of(mechanism, Choice("default", "rk4", step=1e-3), first, None, again)
+    evidence, _ = scrutiny.evidence_of(mechanism, Choice("default", "rk4", step=1e-3), first, None, again)
     assert {x.subject for x in judge.judge(evidence).objections} == (set() if faster == 1.0 else {judge.Subject.START})
 
 
@@ -262,7 +249,7 @@ def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(
     evaluator = Evaluator(mechanism)
     assert judge.trusted_until(evaluator, x) == x.t[-1]
     assert judge.trusted_until(evaluator, replace(x, q=q)) == x.t[broken - 1]
-    moved = as_truth(replace(x, q=q))
+    moved = scrutiny.as_truth(replace(x, q=q))
     assert judge.trusted_until(evaluator, x, finer=moved) == x.t[broken - 1]
     assert judge.trusted_until(evaluator, x, moved) == x.t[broken - 1]
 
@@ -345,15 +332,15 @@ def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_toleranc
 def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
     asked = Request("x", "s", "gauss", Choice("default", "x"), sampling(1e-3, 4e-3))
     engine = Offer("x", settings={"default": {}}, integrators=("x",), adaptive=("x",))
-    times = repeat_finer(asked, engine, 0.0, asked.wanted.times).wanted.times
+    times = scrutiny.repeat_finer(asked, engine, 0.0, asked.wanted.times).wanted.times
     assert times == pytest.approx(5e-4 * np.arange(9))
     column = np.arange(9.0)[:, None]
     again = Run(Status.OK, "", Trajectory(times, column, column, column, 8), None, sampling(1e-3, 4e-3))
-    kept = at_samples(again, asked.wanted.times[:4]).trajectory
+    kept = scrutiny.at_samples(again, asked.wanted.times[:4]).trajectory
     assert kept is not None
     assert [x.ravel().tolist() for x in (kept.q, kept.v, kept.a)] == [[0.0, 2.0, 4.0, 6.0]] * 3
     lost = replace(again, trajectory=None)
-    assert at_samples(lost, times) is lost
+    assert scrutiny.at_samples(lost, times) is lost
 
 
 @pytest.mark.parametrize(
@@ -368,30 +355,30 @@ def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
 )
 def test_a_tighter_tolerance_is_a_hundredth(settings: dict[str, Any], asked: float | None, finer: float) -> None:
     engine = Offer("x", settings={"default": settings}, integrators=("x",), adaptive=("x",))
-    assert finer_tolerance(engine, Choice("default", "x", tolerance=asked)) == pytest.approx(finer)
+    assert scrutiny.finer_tolerance(engine, Choice("default", "x", tolerance=asked)) == pytest.approx(finer)
 
 
 def test_the_same_bits_at_another_tolerance_are_no_repetition() -> None:
     mechanism = load("four_bar", "conservative")
     x = ran(mechanism, 11)
     again = Run(Status.OK, "", x, None, sampling(1e-3, 0.01))
-    evidence, _ = evidence_of(mechanism, Choice("default", "own"), x, None, again, adaptive=True)
+    evidence, _ = scrutiny.evidence_of(mechanism, Choice("default", "own"), x, None, again, adaptive=True)
     assert judge.Subject.REPETITION in {y.subject for y in judge.judge(evidence).objections}
     kept = replace(x, a=x.a * 0 + x.a[0])
     for motion, refused in ((x, True), (kept, False)):  # of a parabola half the step may leave every bit
         again = replace(again, trajectory=motion)
-        evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), motion, None, again)
+        evidence, _ = scrutiny.evidence_of(mechanism, Choice("default", "rk4"), motion, None, again)
         assert (judge.Subject.REPETITION in {y.subject for y in judge.judge(evidence).objections}) is refused
     lost = replace(again, status=Status.TIMEOUT, message="too late", trajectory=None)
-    evidence, _ = evidence_of(mechanism, Choice("default", "rk4"), x, None, lost)
+    evidence, _ = scrutiny.evidence_of(mechanism, Choice("default", "rk4"), x, None, lost)
     assert "half the step gave no motion to compare with: timeout, too late" in judge.judge(evidence).sentence
 
 
 def test_a_driven_linkage_may_be_the_same_at_half_the_step() -> None:
     mechanism = load("four_bar", "driven")
     x = ran(mechanism, 11)
-    assert not depends_on_steps(mechanism, x)
-    assert depends_on_steps(load("four_bar", "conservative"), x)
+    assert not scrutiny.depends_on_steps(mechanism, x)
+    assert scrutiny.depends_on_steps(load("four_bar", "conservative"), x)
 
 
 @pytest.mark.parametrize("kind", [complex, object, bool, str])
@@ -430,36 +417,36 @@ def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("share", "enough"), [(0.9, True), (1.1, False)])
 def test_a_reference_decides_whose_bar_is_a_tenth_of_what_is_allowed(share: float, enough: bool) -> None:
     mechanism = load("four_bar", "torque")  # of less than a metre
-    known = as_truth(at_rest(oscillator())[1])
+    known = scrutiny.as_truth(at_rest(oscillator())[1])
     allowed = 0.1 * judge.OFF_MOTION * mechanism.size
-    assert decides(replace(known, error_q=np.array([share * allowed])), mechanism) == enough
+    assert scrutiny.decides(replace(known, error_q=np.array([share * allowed])), mechanism) == enough
 
 
 def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(humming: str) -> None:
-    assert sample_spacing(load("four_bar", "torque"), 2.0) == 1e-3
-    assert sample_spacing(load(humming, "hum"), 2.0) == pytest.approx(0.25e-3 / 8)
+    assert scrutiny.sample_spacing(load("four_bar", "torque"), 2.0) == 1e-3
+    assert scrutiny.sample_spacing(load(humming, "hum"), 2.0) == pytest.approx(0.25e-3 / 8)
     quick = load_document(oscillator(k=8e8))  # w = 2e4 rad/s
-    assert sample_spacing(quick, 1.0) == pytest.approx(2 * np.pi / 2e4 / 8, rel=1e-3)
-    assert sample_spacing(quick, 40.0) == pytest.approx(40.0 / 200_000)  # no more samples than memory has room for
-    assert sample_spacing(quick, 4000.0) == 1e-3
-    assert sample_spacing(load("squeezer"), 0.03) == pytest.approx(0.3e-3)  # a hundred samples of a short run
+    assert scrutiny.sample_spacing(quick, 1.0) == pytest.approx(2 * np.pi / 2e4 / 8, rel=1e-3)
+    assert scrutiny.sample_spacing(quick, 40.0) == pytest.approx(40.0 / 200_000)  # no more samples than memory has room for
+    assert scrutiny.sample_spacing(quick, 4000.0) == 1e-3
+    assert scrutiny.sample_spacing(load("squeezer"), 0.03) == pytest.approx(0.3e-3)  # a hundred samples of a short run
 
 
 def test_of_a_long_run_the_first_part_is_repeated() -> None:
     times = np.arange(101.0)
-    assert len(first_part(times, 29.0, 60.0)) == 101
-    assert len(first_part(times, float("nan"), 60.0)) == 101
-    assert len(first_part(times, 300.0, 60.0)) == 10
-    assert len(first_part(times, 1e6, 60.0)) == 2
+    assert len(scrutiny.first_part(times, 29.0, 60.0)) == 101
+    assert len(scrutiny.first_part(times, float("nan"), 60.0)) == 101
+    assert len(scrutiny.first_part(times, 300.0, 60.0)) == 10
+    assert len(scrutiny.first_part(times, 1e6, 60.0)) == 2
 
 
 def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
     t, rest = np.arange(3.0), np.zeros((3, 3))
     resting = Trajectory(t, rest, rest, rest, 2)
     moving = replace(resting, v=rest + 1.0)
-    assert not is_same_run(resting, resting)
-    assert is_same_run(moving, moving)
-    assert not is_same_run(moving, replace(moving, q=rest + 1e-16))
+    assert not scrutiny.is_same_run(resting, resting)
+    assert scrutiny.is_same_run(moving, moving)
+    assert not scrutiny.is_same_run(moving, replace(moving, q=rest + 1e-16))
 
 
 @pytest.mark.parametrize(
