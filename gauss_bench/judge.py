@@ -8,7 +8,7 @@ tolerance.
 Each limit asks whether the run is still a motion of this linkage. The judge does not decide how exact a valid run is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.terms import Array, largest
-from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
+from gauss_bench.trajectory import Reference, Trajectory, finite, in_a_sentence
 
 # A limit is a share of the size of the linkage for lengths, a number of radians for angles, and a share of the largest for speeds.
 OFF_TIME = 1e-9  # [s] distance of a sample from its time: a million times rounding, a thousandth of any step
@@ -92,23 +92,18 @@ class Evidence:
 
     Attributes:
         size: size of the linkage [m].
-        drift: residuals of the constraints at every sample.
-        energy: (k,) energy gained beyond the work done [J].
-        energy_bar: error bar of the work in `energy` [J].
+        energy: (k,) energy gained beyond the work done [J]; energy_bar: error bar of this work [J].
         energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
         energy_floor: change of the energy that rounding can cause [J].
         seen: (k,) `energy` without losses between samples too far apart to resolve damping; None if the samples resolve it.
-        errors: errors against the reference; None without a reference.
         acceleration_error: median relative error of the engine's accelerations at the same states.
-        rates: gaps between the motion and the integrals of its rates.
-        rates_again: the same gaps of the repetition of the run with finer steps, at the samples that both have.
+        rates, rates_again: gaps between the motion and the integrals of its rates, of the run and of its repetition.
         start: gap between the first sample and the start of the scenario.
         duration: time from the first sample to the last [s].
         halving: difference of the run and its repetition with finer steps; None if there is a reference.
         finer: how the repetition was made: "half the step" or "a tighter tolerance".
         unrepeated: why there is neither a reference nor a repetition; empty if there is one of them.
-        steps_a_period: steps in a period of the fastest mode, for a fixed step without a reference.
-        steps_a_forcing: steps in a period of the fastest force that oscillates with time, for a fixed step.
+        steps_a_period, steps_a_forcing: steps in a period of the fastest mode and of the fastest force that oscillates with time.
         disagreement: relative difference between the accelerations by two formulations, at the states of the run.
     """
 
@@ -154,7 +149,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     if wrong is not None:
         text = f"samples of shape {wrong} where ({len(times)}, {n}) was asked for"
         return refused(Subject.COMPLETENESS, wrong[-1] if wrong else 0, n, text)
-    count = _count_sound(levels)
+    count = finite(*levels, below=HUGE)
     if count < len(times):
         first = float(times[count])
         return refused(Subject.NUMBERS, first, float(times[-1]), f"not finite at t = {first:.6g} s; a smaller step may help")
@@ -178,14 +173,8 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
         return None
     k = min(len(x) for x in (times, t, q, v, a))
     is_off_time = np.abs(t[:k] - times[:k]) > OFF_TIME
-    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, _count_sound([t[:k, None], q[:k], v[:k], a[:k]]))
+    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
-
-
-def _count_sound(levels: Sequence[Array]) -> int:
-    """Return how many samples stand before the first one with a number that is not finite or is huge; the arrays are (k, n)."""
-    is_sound = np.all([(np.abs(x) < HUGE).all(axis=1) for x in levels], axis=0)
-    return len(is_sound) if is_sound.all() else int(is_sound.argmin())  # argmin: the first False
 
 
 def copy_numbers(x: object) -> Array:
@@ -201,7 +190,7 @@ def copy_numbers(x: object) -> Array:
 
 
 def _count(x: Any) -> int | None:
-    """Return the number of steps or evaluations that an engine reports as an integer, or None if the engine does not count them.
+    """Return the number of steps or evaluations that an engine reports as an integer, or None if it does not count them.
 
     Raises:
         TypeError, ValueError, OverflowError: x is no count.
@@ -293,9 +282,8 @@ def _check_start(x: Evidence) -> Iterator[Objection]:
 def _check_rates(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections: positions differ from integrated velocities, or velocities from integrated accelerations.
 
-    Two contributions widen a limit, each by at most MOST_SHARED times: the error of the numerical integral (`RateGaps.bars`), and
-    the part of the gap that disappears when the run is repeated with finer steps. That part is due to the integration method, which
-    may store rates half a step away from the positions. A gap that stays means that the run is another motion.
+    Two contributions widen a limit, each by at most MOST_SHARED times: the error of the numerical integral, and the part of the gap
+    that disappears when the run is repeated with finer steps, because a method may store rates half a step away from the positions.
     """
     if x.rates is None:
         return
@@ -338,11 +326,7 @@ def trusted_until(
 ) -> float:
     """Return the time of the last sample [s] up to which the judge has no objection, found by bisection.
 
-    Bisection assumes that an invalid run stays invalid if it is continued.
-
-    Args:
-        reference: the true motion, with which the run is compared if it is known.
-        finer: the same run with half the step or a tighter tolerance, with which the run is compared if it was made.
+    The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are known.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:

@@ -66,8 +66,7 @@ class RateGaps:
     """The gaps between a motion and the integrals of its own rates; at each sample, the gap of the link with the largest gap.
 
     Attributes:
-        place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
-        speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
+        place, turn: (k,) |q - q(0) - int v dt| [m], [rad]; speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
         bars: error bars of the four gaps: the largest change of the integrals if every second sample is left out.
         fastest: largest |v| of the motion [m/s] and [rad/s].
     """
@@ -152,8 +151,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link of a pin is that of the second point in the list `at` of the pin; the second link of a slide is its block.
-    Forces of springs, damping and friction in the joint count as applied forces.
+    The second link of a slide is its block. Springs, damping and friction in the joint count as applied forces.
     """
     forces: dict[str, dict[str, Array]] = {}
     columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
@@ -194,8 +192,8 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the weld, the force on the welded link: fx, fy (k,) [N], and moment (k,) [N m] about the weld's point.
 
-    The point is the first in the weld's definition, or else the origin of the link's frame. The weld's force is the part of M a
-    that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld carries.
+    It is the part of M a that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld
+    carries.
     """
     mechanism = evaluator.mechanism
     if not mechanism.welds:
@@ -335,8 +333,7 @@ def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
     """Return the energy gained beyond the work done since the start (k,) [J], and the error bar of the work [J].
 
-    Springs, gravity, constant torques and world-fixed forces have potentials. The work of dampers, friction, drivers and forces
-    that turn with a link is the integral of their power, interpolated between the samples.
+    Springs, gravity, constant torques and world-fixed forces have potentials. All other work is the integral of its power.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -397,10 +394,9 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors of a trajectory against a reference, at the times that both have.
+    """The errors of a trajectory against a reference, at the k times that both have.
 
     Attributes:
-        t: (k,) times at which both the trajectory and the reference have a sample [s].
         measured: (k,) |error| of the linkage's measured coordinate [rad or m].
         length: (k, links) |error| of a link's centre of mass, the larger of x and y [m].
         angle: (k, links) |error| of a link's angle [rad].
@@ -418,7 +414,7 @@ class Errors:
 
     @property
     def position(self) -> Array:
-        """(k, links) for each link the larger of its position error [m] and its angle error [rad]."""
+        """(k, links) the larger of position error [m] and angle error [rad]."""
         return np.maximum(self.length, self.angle)
 
     @property
@@ -473,7 +469,7 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence (k,) that each run shows against the run before it.
 
-    It is NaN for the first run, and where the error of one of the two runs is less than ten times its floor, the reference's error.
+    It is NaN where the error of one of the two runs is less than ten times the reference's error, its floor.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

@@ -132,7 +132,7 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
 
     Args:
-        ladders: for each variant of the engine its trials, which are runs at several steps or tolerances.
+        ladders: for each variant of the engine its trials.
         untimed: the reason why no timed comparison has a variant that meets the requirements; None if one has.
     """
     ladders = [ladder for ladder in ladders if ladder]

@@ -214,9 +214,9 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.intp))
 
 
-def finite(*samples: Array) -> int:
-    """Return how many samples come before the first one with a number that is not finite, in any of the arrays (k, n)."""
-    is_finite = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
+def finite(*samples: Array, below: float = np.inf) -> int:
+    """Return how many samples (k, n) come before the first with a number in any array that is NaN, or not smaller than `below`."""
+    is_finite = (np.abs(np.hstack(samples)) < below).all(axis=1)
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
 

@@ -1,12 +1,10 @@
 """For each engine, search for the cheapest setting that meets a user's accuracy requirement within a time budget.
 
-The search over steps and tolerances is that of suites (`bench/search.py`). The variants, settings without step or tolerance, are
-tried in an order that gives every engine a first result early: first one variant of each engine, then the others in turn. Runs take
-place in worker processes, two at a time, and are not timed. Each error is the largest in the whole run, measured against the
-reference that `truth.py` computes. The errors of an accepted setting are at most half of the allowed errors, because the error of
-the reference and the time between samples may account for the other half. Candidates are chosen without measured times, so that
-they, their order and their errors are the same in every recommendation; a budget that ends the search leaves the last of them
-untested.
+The search over steps and tolerances is that of suites (`bench/search.py`). First one variant (a setting without step or tolerance)
+of each engine is tried, then the others in turn. Runs take place in worker processes and are not timed. The largest errors of an
+accepted setting are at most half of the allowed errors, because the error of the reference and the time between samples may account
+for the other half. Candidates are chosen without measured times, so that their order and errors are the same in every
+recommendation; a budget that ends the search leaves the last of them untested.
 
 Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a suite.
 """
@@ -77,13 +75,11 @@ class _Engine:
     """The state of the search for one engine, or for the settings that the engine's authors have contributed.
 
     Attributes:
-        left: variants that were not tried yet.
+        left: variants that were not tried yet; variants: number of all its variants.
         adaptive: its integrators that choose their own steps.
-        variants: number of all its variants.
         options: name of the settings -> options of the engine.
         trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
-        ended: variant -> why its search ended.
-        cut: whether the search of a variant ended because its time was over.
+        ended: variant -> why its search ended; cut: whether one ended because its time was over.
         busy: whether a thread runs a variant now.
         longest: the largest time limit of a run so far [s].
         refused: the status and the reason if the engine cannot run the linkage.
@@ -197,8 +193,7 @@ class Recommender:
         Args:
             spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
             budget: the time for reference, search, timing and programs together.
-            told: called with each sentence of progress.
-            better: called with each answer that improves on the engine's previous one.
+            told, better: called with each sentence of progress, and with each answer that improves on the engine's previous one.
             owned: engine -> variants that its authors have contributed; they are searched and timed separately from the suite's.
         """
         self.run, self.wanted, self.budget = run, dict(wanted), budget
@@ -545,8 +540,8 @@ def known_errors(trial: Trial) -> dict[str, float]:
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
-    For each time loop (in Python, or compiled) that none of them uses, the setting with the least work in this loop is added.
-    Adaptive integrators count as near, because their run time does not follow from the number of evaluations.
+    For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
+    near, because their run time does not follow from the number of evaluations.
     """
     ways = list(engine.passing().items())  # by increasing work
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
@@ -560,7 +555,7 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
     """Return name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine.
 
-    The result is empty unless settings of several time loops were timed. `times` and `fastest` are run times (rounds,) [s].
+    The result is empty unless settings of several time loops were timed.
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():

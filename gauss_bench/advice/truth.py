@@ -1,10 +1,9 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
 The integrator has order eight, with the equations of the suite's own formulation, first in numpy, and compiled if more steps are
-needed. Runs come in pairs with a step and with half of it. The finer run is the reference, and the difference between both is its
-error bar, at order eight about 200 times larger than its error. The accelerations at every sample are compared with those in numpy,
-which reveals an error in the compiled equations. If the motion has a certificate, the reference is compared with it too. Between
-samples, positions are polynomials of degree five (quintic Hermite interpolation). The error bar includes both errors.
+needed. Of a pair of runs with a step and with half of it, the finer run is the reference, and the difference between both is its
+error bar. Accelerations are compared with those in numpy, which reveals an error in the compiled equations, and the motion with its
+certificate, if there is one. Between samples, positions are polynomials of degree five.
 """
 
 import math
@@ -103,19 +102,17 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    There are three attempts: one pair of short runs in numpy; the compiled formulation with smaller and smaller steps, for at most
-    the share COMPILED of the budget; and numpy with smaller steps until the time budget ends.
+    The attempts are: one pair of short runs in numpy; compiled runs, for at most the share COMPILED of the budget; longer runs in
+    numpy.
 
     Args:
-        run: linkage, scenario and duration.
         wanted: kind of error -> largest error bar [m], [rad], [N].
         left: function that returns the seconds that are left of the budget.
         worker: process that runs the compiled formulation and keeps its compiled model.
         told: function that is called with each sentence of progress.
 
     Raises:
-        NoTruth: no pair of runs was completed, or the accelerations of a run do not satisfy the linkage's equations, or the motion
-            contradicts the certificate.
+        NoTruth: no pair of runs was completed, or a run contradicts the linkage's equations or the certificate.
     """
     budget = left()
     reasons: dict[str, str] = {}
@@ -159,7 +156,7 @@ def follow(
     """Yield references that one engine computes, each with half the step of the one before.
 
     A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when the time
-    is up, or when rounding stops the improvement. If no time is left at the start, nothing is yielded.
+    is up, or when rounding stops the improvement.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.
@@ -218,24 +215,15 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    between_samples = _between_bars(reference)
+    # the odd samples, interpolated from the even ones, are off by 64 times the interpolation error between all samples
+    half, between_samples = reference.samples[::2], {"position": math.inf, "angle": math.inf}
+    if len(half.t) > 1:
+        missed = np.abs(between(half, reference.t[1:-1:2])[0] - reference.q[1:-1:2]) / ERROR_GROWTH
+        between_samples = {kind: float(of(missed).max(initial=0.0)) for kind, of in (("position", places), ("angle", angles))}
     gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     # for positions and angles `bars` replaces the smaller error bar in `halving`
     return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, told=how)
-
-
-def _between_bars(known: Reference) -> dict[str, float]:
-    """Return kind of error -> error bar of the interpolation between the samples of a reference [m], [rad].
-
-    The odd samples, interpolated from the even ones, are off by 64 times the interpolation error, or by more than ERROR_GROWTH
-    times it.
-    """
-    half = known.samples[::2]
-    if len(half.t) < 2:
-        return {"position": math.inf, "angle": math.inf}
-    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / ERROR_GROWTH
-    return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
 
 
 def _certify(run: Run, truth: Truth) -> Truth:

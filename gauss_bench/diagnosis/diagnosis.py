@@ -108,11 +108,9 @@ class Verdict:
     """The result of a diagnosis.
 
     Attributes:
-        cause: the dominant cause; sentence: the verdict in words.
         parts: name of a part of the error -> its size [m, rad].
         numbers: the measured figures, or None if no run reached its first checkpoint.
         explanations: possible faults that would cause wrong accelerations, the one that fits best first.
-        runs: how each run ended.
         candidates: those explanations that reproduce the wrong accelerations to within the numerical noise.
     """
 
@@ -153,13 +151,11 @@ def diagnose_runs(
     """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
-        run: function that runs the engine with a setting and a sampling.
         reference: true motion of the linkage from 0 to `until`.
         choices: the requested setting, followed by the same setting with smaller steps or tolerances.
         until: end of the runs [s].
         adaptive: whether the integrator chooses its own steps, so that the settings differ by tolerance.
         projected: the first setting with projected steps, or None if the engine does not offer projection.
-        told: called with each sentence of progress.
 
     Raises:
         ChoiceError: a run up to the time `until` has fewer steps than a diagnosis needs.
@@ -186,20 +182,16 @@ class Case:
     """The measurements of one engine on one linkage, and the questions that lead to the verdict.
 
     Attributes:
-        first: the burst of the run with the requested setting.
-        true: reference states at the checkpoints of this run.
+        first: the burst of the run with the requested setting; true: reference states at its checkpoints.
         off: position errors (k, n) of this run at its checkpoints [m, rad].
-        bursts: the bursts of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: those of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
-        bar: largest error bar of the reference [m, rad].
-        steps: the first run's error, split into the error that its step causes and the error that would remain at step zero.
-        limit, by_step, whole: root mean squares of these two and of the whole error [m, rad].
-        closure: gaps of the loops.
-        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open (gap above OPEN times the size).
+        limit, by_step, whole: root mean squares of both parts of `steps`, and of the whole error [m, rad].
+        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open.
         local: errors of accelerations in the samples `sound` of every run, or None if there are none.
         start: the start state, repeated for each state of the last run in `sound`.
         noise: relative error that correct accelerations may have.
-        map: the fitted map of time; jump_time: time of a jump of the state [s]; NaN until they are found.
+        map, jump_time: the fitted map of time, and the time of a jump [s]; NaN until they are found.
     """
 
     def __init__(
@@ -588,9 +580,8 @@ class Case:
         """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
         The errors of the reported and then of the implied accelerations are fitted by age * effect of data that are one step old.
-        Implied accelerations of a first-order method contain the error of a correct Euler step, which is fitted too. Old data are
-        named if their age is between OLD and 5 steps, and the fit explains EXPLAINS of the squared error and leaves less than 1 /
-        BETTER of what a fit without old data leaves.
+        Implied accelerations of a first-order method contain the error of a correct Euler step, which is fitted too. The fit must
+        explain EXPLAINS of the squared error, and leave less than 1 / BETTER of what a fit without old data leaves.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
@@ -639,9 +630,9 @@ class Case:
     def parts(self, cause: Cause) -> dict[Part, float]:
         """Return the size of each part of the error [m, rad], given the cause that was found.
 
-        The error that decreases with the step is drift as far as it violates the constraints, and otherwise due to the integrator.
-        The error that remains at step zero is attributed to soft constraints if they are the cause, and otherwise to the model. If
-        the cause is the sampling of the output, round-off or one of UNDIVIDED, the whole error is attributed to this cause.
+        The error that decreases with the step is drift as far as it violates the constraints, and otherwise the integrator's. The
+        error that remains at step zero belongs to soft constraints if they are the cause, and otherwise to the model. The sampling
+        of the output, round-off and the causes UNDIVIDED explain the whole error.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in UNDIVIDED:

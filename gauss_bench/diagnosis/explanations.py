@@ -52,8 +52,7 @@ class Explanation:
         effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
         template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces.
         once: whether the fault is either present or not, such as a missing joint, so that its fitted amount must be about 1.
-        exact: whether the fault is accepted only if it reproduces the error to within the numerical noise: so many such faults are
-            tried that one would always fit a part of the error by chance.
+        exact: whether it must reproduce the error to within the noise, since one of so many would fit a part of it by chance.
     """
 
     cause: Cause
@@ -105,10 +104,9 @@ def tell(template: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Fit possible faults to errors y (k, n) of accelerations; return the fits, the best first.
+    """Fit possible faults to errors y (k, n) of accelerations; return the fits, those within the noise first, then the best.
 
-    Faults without an effect are left out, and so are `exact` ones whose residual exceeds the noise. Faults within the noise cannot
-    be distinguished: they come first, in the order in which they were tried.
+    Faults without an effect are left out, and so are `exact` ones whose residual exceeds the noise.
 
     Args:
         mass: (n,) diagonal of the mass matrix, by which squared errors are weighted.

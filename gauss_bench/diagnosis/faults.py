@@ -34,7 +34,7 @@ def same(item: Any, *_: Any) -> Any:
 
 @dataclass(frozen=True)
 class Fault:
-    """One planted fault: an error that is put into an engine on purpose.
+    """One planted fault: an error that is put into an engine on purpose, by functions that replace correct values.
 
     Attributes:
         cause: the cause that the diagnosis must name.
@@ -63,11 +63,10 @@ class FaultyModel(InterpretedModel):
     """The model of a linkage by an engine that has a planted fault.
 
     Attributes:
-        fault: the planted fault; true: the linkage without the fault.
+        true: the linkage without the fault.
         asked: requested times [s].
         recent: (J, gamma) at the beginnings of the last two steps; first: those at the start.
         running: whether the run is under way; at other times the model is asked only for the accelerations that it reports.
-        reset: whether the function `reset` has already reset the state.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):

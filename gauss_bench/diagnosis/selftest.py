@@ -107,11 +107,9 @@ PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
 
 
 def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: float = 1e-2, factor: float = 1.05) -> float:
-    """Return the smallest size of a fault that a check detects, by bisection on a logarithmic scale, or up to `factor` times it.
+    """Return the smallest size of a fault that a check detects, up to a factor, by bisection on a logarithmic scale.
 
-    Args:
-        check: function that plants a fault of a given size; it returns a sentence if it detects the fault, and otherwise None.
-        sound: a size of the fault that the check does not detect; seen: a size that the check detects.
+    The check returns a sentence if it detects a fault of a given size. It detects the size `seen`, and not the size `sound`.
 
     Raises:
         ValueError: the check does not detect a fault of the size `seen`, or detects one of the size `sound`.

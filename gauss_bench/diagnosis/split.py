@@ -53,7 +53,7 @@ class Steps:
         order: order of convergence; NaN if there are fewer than three runs, or if the integrator chooses its own steps.
         limit: (k, n) error extrapolated to step zero.
         by_step: (k, n) part of the first run's error that its step causes.
-        horizon: number k of checkpoints, from the first one on, before the errors are too large to be split.
+        horizon: number k of checkpoints before the errors are too large to be split.
     """
 
     order: float
@@ -169,7 +169,7 @@ class Local:
         reported: (k, n) error of the accelerations that the engine reports.
         implied: (k, n) error of the mean acceleration in a step, which is the change of velocities divided by the step.
         euler: (k, n) error that this mean acceleration would have if the step were an explicit Euler step.
-        relative_reported, relative_implied: medians over the states of the first two, divided by the largest acceleration.
+        relative_reported, relative_implied: medians over the states, relative to the largest acceleration.
     """
 
     reported: Array

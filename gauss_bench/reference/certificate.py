@@ -34,14 +34,13 @@ class Certificate:
     """A certified motion, from time 0 to the time of its last sample.
 
     Attributes:
-        name, scenario, digest: name, scenario and digest of the linkage for which the certificate is valid.
+        name, scenario, digest: of the linkage for which the certificate is valid.
         t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
         multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
         error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time.
         floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
         digits: number of certified decimal digits of positions and velocities up to the last sample.
-        duration: duration [s] of the motion that was to be certified.
-        stopped: the reason why the samples end before this duration, or empty.
+        duration: duration [s] of the motion that was to be certified; stopped: why the samples end before it, or empty.
         facts: methods, versions, drifts, steps and distances from a closed form, as plain data.
     """
 
@@ -97,7 +96,7 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
     """Check that a certificate belongs to a mechanism.
 
     Raises:
-        CertificateError: the certificate is of another linkage or scenario, or the linkage was changed after it was made.
+        CertificateError: it is of another linkage or scenario, or the linkage was changed after it was made.
     """
     asked = f"{mechanism.name} in scenario {mechanism.scenario}"
     if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):

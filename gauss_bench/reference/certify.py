@@ -202,10 +202,7 @@ def _collocate(
 def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
     """Return the number of certified samples, their largest relative error bar, and the reason why later ones are not certified.
 
-    Args:
-        truth: the motion whose values are certified; bars: "q", "v" or "a" -> error bars (k,).
-        pipelines: the two computed motions.
-        digits: number of digits that must be certified.
+    `bars` are the error bars (k,) of "q" and "v" of the motion `truth`, and `pipelines` the two computed motions.
     """
     errors = state_errors(truth, bars)
     lost = np.flatnonzero(~(errors <= 10.0**-digits))  # samples with too large or NaN errors

@@ -1,8 +1,7 @@
 """Gauss-Legendre collocation with any number s of stages, order 2 s, in any type of number, for q'' = acceleration(t, q, v).
 
-The coefficients are computed from Legendre polynomials P_k, because the linear system that defines them is badly conditioned. Take
-the interval -1..1, with the roots x_i of P_s as nodes and with the weights 2 b_i. Discrete orthogonality gives the Lagrange
-polynomials l_j of these nodes:
+The coefficients are computed from Legendre polynomials P_k, because the linear system that defines them is badly conditioned. On
+the interval -1..1, with the roots x_i of P_s as nodes, discrete orthogonality gives their Lagrange polynomials l_j:
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 

@@ -1,21 +1,17 @@
 """The second of two computations that certify a reference motion: collocation of order 20 in long double, in absolute coordinates.
 
-All numbers are converted directly from the decimal texts of the file to long double. The unknowns of a step are the accelerations
-and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. The accelerations determine the positions q_i = q + c_i h v + h^2 (A A
-a)_i and the velocities v_i = v + h (A a)_i at the nodes. At every node the unknowns must satisfy the equations of motion and the
-constraints:
+The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. With the positions q_i = q +
+c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i, they must satisfy at every node
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-The unknowns are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double. P_i is the inverse
-of the matrix [M J^T; J 0] in double precision, at the position q_i that the polynomial of the previous step predicts. Each
-correction is a step of two iterations at once: the refinement of the linear system, and the fixed-point iteration of the states at
-the nodes, which reduces the error by a factor of about h times the largest rate of the motion. After every step the state is
-projected onto the constraints, so that nothing drifts.
+They are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double, and the inverse P_i of [M
+J^T; J 0] in double precision. A correction both refines the linear system, and is a fixed-point iteration of the states at the
+nodes. After every step the state is projected onto the constraints, so that nothing drifts.
 
 The steps between two samples are equal. They are halved until the Legendre coefficients of the accelerations in a step decrease to
-RESOLVED. The error of Gauss quadrature is about the square of the relative size of the last coefficients. A step ends wherever a
-derivative of a motion law jumps.
+RESOLVED; the error of Gauss quadrature is about the square of the last ones. A step ends wherever a derivative of a motion law
+jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -68,12 +64,10 @@ def extend_motion(
 ) -> Motion:
     """Integrate the motion in long double; return its states at the sample times.
 
-    If the integration fails after the start, such as at a singular position, the motion ends at the last sample before the failure,
-    and its attribute `stopped` has the reason.
+    If the integration fails after the start, such as at a singular position, the motion ends at the last sample before the failure.
 
     Args:
-        document: the linkage file with decimals kept as text (`decimal_document`), after the scenario's changes (`override`) have
-            been merged into it.
+        document: the linkage file with decimals kept as text, after the scenario's `override` has been merged into it.
         times: sample times as decimal texts [s], ascending from "0".
         step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
         progress: called with each sample time that is reached.
@@ -223,7 +217,7 @@ class Step:
         a: (s, n) accelerations at the nodes of the step.
         h: length of the step [s].
         halvings: number of times that the steps of the present interval between two samples were halved.
-        tail: largest of the last two Legendre coefficients of the accelerations, relative to the accelerations.
+        tail: largest of the last two Legendre coefficients of the accelerations, relative to these.
     """
 
     q: Array
@@ -266,7 +260,7 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
 
     Raises:
         NoConvergence: the accelerations at the nodes are not found, or the nodes do not resolve the accelerations.
-        Unsolved: a position is singular, or the state at the end of the step cannot be projected onto the constraints.
+        Unsolved: a position is singular, or the end of the step cannot be projected onto the constraints.
     """
     a = _nodes(linkage, method, t, h, state)
     tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))

@@ -1,18 +1,17 @@
 """The equation of motion of a linkage with one degree of freedom, written in a single coordinate, the crank angle.
 
-The crank angle theta is the independent variable of the geometry, instead of time: an imagined driver prescribes that the angle of
-the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. The derivatives d =
-dq/dtheta and e = d2q/dtheta2 of q follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed w =
-theta', the velocities are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
+The crank angle theta takes the place of time in the geometry: an imagined driver prescribes that the angle of the crank is theta,
+and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. Its derivatives d = dq/dtheta and e =
+d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed w = theta', the velocities
+are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-This equation has no multipliers and no rank decision, and its solution does not drift. Only friction in joints needs the
-multipliers lambda. Since R = Q - M a does no work along d, lambda follows from the square matrix by which the loops are closed:
+Only friction in joints needs the multipliers lambda. Since R = Q - M a does no work along d, they follow from
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-Here u is the unit vector of the crank's coordinate, and tau the torque of the imagined driver. R contains the friction forces W
+with the unit vector u of the crank's coordinate, and the torque tau of the imagined driver. R contains the friction forces W
 N(lambda), with the directions W of friction and the loads N(lambda) of the joints. Source: Nikravesh, Computer-Aided Analysis of
 Mechanical Systems (1988), section 12.6 (embedding).
 """

@@ -25,7 +25,6 @@ class Motion:
         multipliers: (k, m) lambda of M a + J^T lambda = Q; None if redundant constraint rows leave them undetermined.
         drift: largest residuals |phi| and |phi'| of the constraints over the samples [m, rad and per second].
         stopped: the reason why the samples end before the last requested time, or empty.
-        method: one line about the method, with versions.
     """
 
     times: tuple[str, ...]

@@ -1,13 +1,11 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual of an approximate
-solution in extended precision. Each correction x += P r multiplies the error by |1 - P A|, the rounding of double precision times
-the condition number of A. The corrections end when only rounding remains in the residual. The same chord iteration solves f(x) = 0
-if P is the inverse of a Jacobian of f near the solution.
+Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual in extended
+precision. Each correction x += P r multiplies the error by |1 - P A|, until only rounding remains. The same chord iteration solves
+f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
 
-The equations of motion are [M J^T; J 0][a; lambda] = [Q; gamma]. The inverse P of their matrix is written by the singular value
-decomposition of the constraint Jacobian in weighted coordinates, J M^(-1/2) = U S V^T. Only the r largest singular values are used,
-with r the rank of this Jacobian, so that constraint rows may be redundant:
+For the equations of motion [M J^T; J 0][a; lambda] = [Q; gamma], the singular value decomposition of the weighted constraint
+Jacobian J M^(-1/2) = U S V^T, up to its rank r, gives
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 

@@ -19,13 +19,6 @@ from gauss_bench.untrusted import harmless
 FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor_v", "floor_a")
 
 
-def reference_key(mechanism: Mechanism, t_end: float) -> str:
-    """Return name, scenario and a hash of all that a built reference depends on, joined by dots."""
-    sources = source_digest("reference", "linkage", "mechanism", "terms.py")
-    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
-    return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
-
-
 def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
     """Return the reference from 0 to t_end [s], from a certificate with a sample at t_end, or else from the cache in `folder`.
 
@@ -33,7 +26,10 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
     """
     if certified := find_certified(mechanism, t_end):
         return certified
-    path = folder / f"{reference_key(mechanism, t_end)}.npz"
+    # the name has a hash of all that a built reference depends on
+    sources = source_digest("reference", "linkage", "mechanism", "terms.py")
+    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
+    path = folder / f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}.npz"
     if path.exists():
         if stored := read_reference(path):
             return stored

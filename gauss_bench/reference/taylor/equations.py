@@ -122,11 +122,7 @@ def _reduce(
 ) -> tuple[list[list[Value]], list[Value]]:
     """Return T (f, f) and r (f,) of T u' = r, with f the number of free coordinates.
 
-    With z_bj and w_bj, the velocity of the centre of mass of link b and its angular velocity for a unit speed of free coordinate j,
-
-        T_jk = sum_b m_b z_bj . z_bk + I_b w_bj w_bk,    r_j = sum_b z_bj . (F_b - m_b z_b0) + w_bj (M_b - I_b w_b0)
-
-    Here z_b0 and w_b0 are the linear and angular acceleration of link b for u' = 0, and F_b and M_b the applied force and moment.
+    z and w are the velocity of a link's centre of mass and its angular velocity for a unit speed of a free coordinate.
 
     Args:
         v, a0: coordinate -> its velocity, and its acceleration if u' = 0.

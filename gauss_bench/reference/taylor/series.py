@@ -1,14 +1,13 @@
 """The first computation of a certificate: Taylor series in 128-bit numbers, of the equations of motion in loop coordinates.
 
-The library heyoka expands the solution in a Taylor series of order 40 by automatic differentiation of compiled code, with steps so
-short that the last terms are below rounding. The state has the loop coordinates x, and the speeds u of the free (independent) ones.
+The library heyoka expands the solution in a Taylor series of order 40, with steps so short that the last terms are below rounding.
 
 A chart is a choice of free coordinates: the others are eliminated from the constraint rows in an order of pivots that is good at
-the present position. If a pivot has become small after a step, another chart is chosen, and the motion goes on. If a pivot changes
-its sign within a step, that step is repeated with half the length. At a singular position no order of elimination has pivots that
-are large enough. The motion ends there, even if the series could continue it: two branches of the motion cross, and the equations
-do not determine which of them the motion follows. Sources: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504
-(2021), on heyoka; Jorba and Zou, Experimental Mathematics 14 (2005), on orders and steps.
+the present position. If a pivot has become small after a step, another chart is chosen. If a pivot changes its sign within a step,
+that step is repeated with half the length. At a singular position no order has pivots that are large enough. The motion ends there,
+even if the series could continue it: two branches of the motion cross, and the equations do not determine which of them it follows.
+Sources: Biscani and Izzo, Monthly Notices of the Royal Astronomical Society 504 (2021), on heyoka; Jorba and Zou, Experimental
+Mathematics 14 (2005), on orders and steps.
 """
 
 from collections.abc import Sequence
@@ -43,8 +42,7 @@ def taylor_motion(
     """Return the motion at the sample times; it ends earlier if it cannot be continued, such as at a singular position.
 
     Args:
-        document: the linkage file with decimals kept as text (`decimal_document`), after the scenario's changes (`override`) have
-            been merged into it.
+        document: the linkage file with decimals kept as text, after the scenario's `override` has been merged into it.
         times: sample times as decimal texts [s], ascending from "0".
         double: whether to compute in double precision instead of in 128-bit numbers.
         progress: called with the time reached [s].
@@ -80,7 +78,7 @@ class Leg(NamedTuple):
     Attributes:
         t, state: time [s] and state at the end of this part; a state has all coordinates, and the speeds of the free ones.
         samples: (time, state) of every sample within this part.
-        worn: whether a pivot became too small at the end of this part, so that the chart must be changed.
+        worn: whether a pivot became too small at the end, so that the chart must be changed.
         stopped: the reason why the motion cannot go on after this part, or empty.
     """
 
@@ -98,9 +96,7 @@ class March:
     Attributes:
         pieces: intervals of time within which all motion laws of the drivers are smooth.
         times: times of the samples [s], from 0.
-        progress: called with the time reached [s], or None.
-        compiled: (order of pivots of a chart, index of the piece) -> code of the Taylor series that was compiled for them.
-        steps: number of steps of the Taylor series so far.
+        compiled: (order of pivots of a chart, index of the piece) -> code that was compiled for them.
         longest: length of the longest step so far, repeated steps included [s].
     """
 

@@ -3,12 +3,11 @@
     P = sum_k c_k l_k e_k,    e_k = exp(i theta_k)
 
 Vectors of the plane are complex numbers: c_k is a constant, l_k a displacement or 1, and theta_k the angle of a group of links that
-slides connect, which turn together. A term that does not turn has e_k = 1. A link that is not connected to the ground has two
-displacements of its own. Every slide has a displacement s along its guide. A spanning tree, built breadth first from the ground
-with slides before pins, gives the position of each link; each joint outside the tree closes a loop:
+slides connect, which turn together, or zero. A spanning tree, built breadth first from the ground with slides before pins, gives
+the position of each link; each joint outside the tree closes a loop:
 
     pin:     P_b - P_a = 0
-    slide:   P_block - P_guide - (s + i offset) u = 0, with u the unit vector along the guide
+    slide:   P_block - P_guide - (s + i offset) u = 0, with s the displacement along the guide and u its unit vector
 
 An `Instant` evaluates such sums, their first-order changes and their second time derivatives:
 
