@@ -155,15 +155,6 @@ def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: st
         assert np.abs(left).max() < 1e-12 * scale
 
 
-def test_starts_are_held_at_the_decimals_of_the_file() -> None:
-    hy = needs("heyoka")
-    found = motion("five_bar", "spring", ["0"])
-    degree = hy.real128("3.14159265358979323846264338327950288419716939937510") / 180
-    assert off(found.q[0, [2, 11]], np.array([100 * degree, 80 * degree])) < 1e-33
-    assert off(found.v[0, [2, 11]], np.array([hy.real128("2"), hy.real128("-1")])) < 1e-32
-    assert max(found.drift) < 1e-32
-
-
 @pytest.mark.long
 def test_a_singular_position_is_never_passed() -> None:
     found = motion("n_four_bar_2", "fall", decimals("10", 100))

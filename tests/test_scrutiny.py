@@ -440,15 +440,6 @@ def test_of_a_long_run_the_first_part_is_repeated() -> None:
     assert len(scrutiny.first_part(times, 1e6, 60.0)) == 2
 
 
-def test_bits_that_stay_are_a_repetition_of_what_rests_alone() -> None:
-    t, rest = np.arange(3.0), np.zeros((3, 3))
-    resting = Trajectory(t, rest, rest, rest, 2)
-    moving = replace(resting, v=rest + 1.0)
-    assert not scrutiny.is_same_run(resting, resting)
-    assert scrutiny.is_same_run(moving, moving)
-    assert not scrutiny.is_same_run(moving, replace(moving, q=rest + 1e-16))
-
-
 @pytest.mark.parametrize(
     ("subjects", "stabilized", "adaptive", "said"),
     [
