@@ -79,7 +79,7 @@ class _Engine:
         adaptive: its integrators that choose their own steps.
         options: name of the settings -> options of the engine.
         trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
-        ended: variant -> why its search ended; cut: whether one ended because its time was over.
+        cut: whether the search of a variant ended because its time was over.
         busy: whether a thread runs a variant now.
         longest: the largest time limit of a run so far [s].
         refused: the status and the reason if the engine cannot run the linkage.
@@ -93,7 +93,6 @@ class _Engine:
     variants: int = 0
     options: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     trials: dict[Way, list[Trial]] = field(default_factory=dict)
-    ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
     longest: float = 0.0
@@ -107,6 +106,7 @@ class _Engine:
 
     @property
     def is_open(self) -> bool:
+        """Whether variants are left to be tried, and the engine does not refuse the linkage."""
         return bool(self.left) and self.refused is None
 
     @property
@@ -128,6 +128,7 @@ class _Engine:
         return {way._replace(size=trial.size): trial for way, trial in by_work}  # size: step or tolerance
 
     def best(self) -> tuple[Way, Trial] | None:
+        """Return the setting with the least work that meets the requirement so far, or None."""
         return next(iter(self.passing().items()), None)
 
     def nearest(self) -> tuple[Way, Trial] | None:
@@ -337,9 +338,9 @@ class Recommender:
             # begin with coarser sizes as long as these are accurate enough
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
-            _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
+            explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
-            engine.cut, engine.ended[way] = True, "its time for searching ended"
+            engine.cut = True
         if trials and not engine.has_run:  # the engine refused the linkage in every trial so far
             self._choose_after_refusal(engine, trials[-1])
         self._report_change(engine, before)

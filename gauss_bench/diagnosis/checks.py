@@ -105,6 +105,11 @@ def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
+def delay(x: Any, late: float) -> Any:
+    """Return a motion with the states at the times t + late [s], by Taylor's series to second order."""
+    return replace(x, q=x.q + late * x.v + late**2 / 2 * x.a, v=x.v + late * x.a)
+
+
 def off(figure: Any, expected: float, tolerance: float) -> bool:
     """Tell whether a number, or the largest of several, differs from its expected value by more than the tolerance; NaN differs.
 
@@ -150,14 +155,12 @@ def check_sample_times(late: float) -> str | None:
     """Ask the gate about a correct motion whose samples are `late` [s] too late; return its message, or None."""
     reference = truth(FOUR_BAR)
     correct = reference.samples
-    # the states at the time t + late, by Taylor's series to second order
-    delayed = replace(correct, q=correct.q + late * correct.v + late**2 / 2 * correct.a, v=correct.v + late * correct.a)
 
     def measure_errors(x: Trajectory) -> Figures:
         errors = metrics.state_errors(load(*FOUR_BAR), x, reference)
         return {"position_error": float(errors.position.max()), "velocity_error": float(errors.velocity.max())}
 
-    return ask_gate(measure_errors(delayed), measure_errors(correct))
+    return ask_gate(measure_errors(delay(correct, late)), measure_errors(correct))
 
 
 # formulations and integrators
@@ -342,7 +345,7 @@ def check_certificate(
     x = replace(whole, **{name: getattr(whole, name)[:FIRST_SAMPLES] for name in ARRAYS})
     for level, by in (nudge or {}).items():
         if level == "late":
-            x = replace(x, q=x.q + by * x.v + by**2 / 2 * x.a, v=x.v + by * x.a)
+            x = delay(x, by)
         else:
             values = getattr(x, level).copy()
             at = len(values) // 2

@@ -19,7 +19,7 @@ from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
-from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
+from gauss_bench.terms import Array, Solution, Terms, baumgarte, recover_multipliers
 from gauss_bench.trajectory import Trajectory
 
 TABLES: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_name("planted.toml").read_text(encoding="utf-8"))
@@ -180,12 +180,11 @@ def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) 
     return replace(terms, gamma=gamma)
 
 
-def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: float = 0.5, rate: float = 50.0) -> Solution:
-    """Solve with regularised constraints, J a = gamma + epsilon lambda; gamma has Baumgarte's terms with the rate `rate` [1/s]."""
+def compliant(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
+    """Solve with regularised constraints, J a = gamma + lambda / 2; gamma has Baumgarte's terms with a rate of 50 1/s."""
     n, m = len(terms.Q), len(terms.gamma)
-    gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
-    K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
-    x = np.linalg.solve(K, np.concatenate([terms.Q, gamma]))
+    K = np.block([[terms.M, terms.J.T], [terms.J, -0.5 * np.eye(m)]])
+    x = np.linalg.solve(K, np.concatenate([terms.Q, baumgarte(terms, 50.0, 50.0).gamma]))
     return Solution(x[:n], x[n:], m)
 
 

@@ -106,22 +106,20 @@ def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = FO
 PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
 
 
-def smallest(check: Callable[[float], str | None], sound: float = 1e-17, seen: float = 1e-2, factor: float = 1.05) -> float:
-    """Return the smallest size of a fault that a check detects, up to a factor, by bisection on a logarithmic scale.
+def smallest(check: Callable[[float], str | None]) -> float:
+    """Return the smallest size of a fault that a check detects, to 5 %, by bisection on a logarithmic scale.
 
-    The check returns a sentence if it detects a fault of a given size. It detects the size `seen`, and not the size `sound`.
+    The check returns a sentence if it detects a fault of a given size, and otherwise None.
 
     Raises:
-        ValueError: the check does not detect a fault of the size `seen`, or detects one of the size `sound`.
+        ValueError: the check does not detect a fault of the size 1e-2, or detects one of the size 1e-17.
     """
+    sound, seen = 1e-17, 1e-2
     if check(seen) is None or check(sound) is not None:
         raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
-    while seen > sound * factor:
+    while seen > 1.05 * sound:
         middle = float(np.sqrt(sound * seen))
-        if check(middle) is None:
-            sound = middle
-        else:
-            seen = middle
+        sound, seen = (middle, seen) if check(middle) is None else (sound, middle)
     return seen
 
 

@@ -55,7 +55,11 @@ class Tableau:
 @lru_cache
 def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
     """Return the coefficients of Gauss-Legendre collocation with `stages` stages, as numbers of the numpy type `dtype`."""
-    x = legendre_roots(stages, dtype)
+    x = legendre.leggauss(stages)[0].astype(dtype)  # roots of P_s, corrected by Newton's method
+    for _ in range(NEWTON_STEPS):
+        P = legendre_values(x, stages + 1)
+        x = x - P[stages] * (x * x - 1) / (stages * (x * P[stages] - P[stages - 1]))
+    x = (x - x[::-1]) / 2
     P = legendre_values(x, stages + 1)
     odd = 2 * np.arange(stages, dtype=dtype) + 1  # 2 k + 1
     b = 1 / (odd @ P[:-1] ** 2)
@@ -68,15 +72,6 @@ def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
 def legendre_values(x: Array, count: int) -> Array:
     """Return the Legendre polynomials P_0 to P_(count - 1) at x (s,), as an array (count, s) of the number type of x."""
     return np.asarray(legendre.legvander(x, count - 1).T)
-
-
-def legendre_roots(count: int, dtype: Any = np.float64) -> Array:
-    """Return the roots (count,) of the Legendre polynomial P_count, ascending and symmetric about zero."""
-    x = legendre.leggauss(count)[0].astype(dtype)
-    for _ in range(NEWTON_STEPS):
-        P = legendre_values(x, count + 1)
-        x = x - P[count] * (x * x - 1) / (count * (x * P[count] - P[count - 1]))
-    return np.asarray((x - x[::-1]) / 2)
 
 
 class NoConvergence(ArithmeticError):
