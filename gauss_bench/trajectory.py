@@ -216,7 +216,7 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
 
 def finite(*samples: Array, below: float = np.inf) -> int:
     """Return how many samples (k, n) come before the first with a number in any array that is NaN, or not smaller than `below`."""
-    is_finite = (np.abs(np.hstack(samples)) < below).all(axis=1)
+    is_finite = np.asarray((np.abs(np.hstack(samples)) < below).all(axis=1))
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
 
