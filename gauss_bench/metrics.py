@@ -26,12 +26,9 @@ SAME_TIME = 1e-9  # [s] two times less than this apart are the same sample time
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """The distance of each sample from the constraints.
+    """The distance of each sample from the constraints: (k,) largest |phi|, |J v + phi_t| and |J a - gamma|.
 
-    Attributes:
-        position: (k,) max |phi| [m, rad] of the rows that have a position level.
-        velocity: (k,) max |J v + phi_t| [m/s, rad/s].
-        acceleration: (k,) max |J a - gamma| [m/s^2, rad/s^2].
+    Rows without a position level do not count in `position`.
     """
 
     position: Array
@@ -227,7 +224,7 @@ def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
     """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
 
-    The magnitude of a slide's force has the key `normal`, because `force` is the key of the force of a slide's driver.
+    The magnitude of a slide's force has the key `normal`, because `force` is that of its driver.
     """
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
@@ -363,7 +360,7 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def without_loss(t: Array, energy_error: Array, spacing: float) -> Array:
-    """Return `energy_error` (k,) [J] without its drops between neighbouring samples that are more than `spacing` [s] apart.
+    """Return `energy_error` (k,) [J] without its drops between samples that are more than `spacing` [s] apart.
 
     There a damper may dissipate energy that no sample shows.
     """

@@ -12,10 +12,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """The ways in which a run ends. A run has all its samples only if its status is OK or INVALID.
-
-    A run with any other status than OK has a message with the reason.
-    """
+    """The ways in which a run ends. Only OK and INVALID runs have all samples; all but OK have a message with the reason."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, but the judge found an error
@@ -57,12 +54,7 @@ class States:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """States with their accelerations, in the absolute coordinates of a mechanism.
-
-    Attributes:
-        t: (k,) times [s].
-        q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
-    """
+    """States with their accelerations, in absolute coordinates: times t (k,) [s], and q, v, a (k, n); angles unwrapped."""
 
     t: Array
     q: Array
@@ -75,8 +67,7 @@ class Trajectory(Samples):
     """The samples of a run.
 
     Attributes:
-        steps: number of integration steps, or None if the engine does not count them.
-        evaluations: number of evaluations of the accelerations, or None if the engine does not count them.
+        steps, evaluations: number of integration steps and of evaluations of the accelerations; None if not counted.
         note: a remark on a run that is sound nevertheless, such as that the integrator chose its own steps.
     """
 
@@ -116,8 +107,7 @@ class Reference(Samples):
 
     Attributes:
         error_q, error_v, error_a: (k,) error bars: the largest disagreement of two integrations at each time.
-        floor_q, floor_v, floor_a: (k,) largest change up to each time if the numbers of the linkage change by a relative 1e-16, as
-            by rounding to doubles; zero if it was not computed.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time if the numbers of the linkage are rounded to doubles.
         method: one line that names both integrations.
         certified: whether two independent derivations of the equations of motion agree on it.
     """
@@ -176,12 +166,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The curves of a run.
-
-    Attributes:
-        t: (k,) times of the samples [s].
-        curves: sorted by group, then by the order of the linkage file, then by key.
-    """
+    """The curves of a run at the times t (k,) [s], sorted by group, then by the order of the linkage file, then by key."""
 
     t: Array
     curves: tuple[Curve, ...]
@@ -195,8 +180,7 @@ class Caption:
     """The sentences that stand beside the curves of a run.
 
     Attributes:
-        title: names linkage and scenario.
-        how: names engine, integrator and step.
+        title, how: name linkage and scenario, and engine, integrator and step.
         verdict: the judge's objections, or the failure of the run; empty for a valid run.
         until: end of the run that the user asked for [s].
         trusted: the last time up to which the judge has no objection [s]; None if there is no objection up to `until`.

@@ -133,9 +133,7 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
 def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained | None:
     """Fit the amount of a possible fault to errors of accelerations; return None if the fault has no effect or does not fit.
 
-    Args:
-        target: (k n,) errors of the accelerations, times the square roots `root` (n,) of the masses.
-        norm: size of all accelerations, weighted like `target`, by which the residual is divided.
+    `target` (k n,) are the errors times the square roots `root` (n,) of the masses, and `norm` is the size of all accelerations.
     """
 
     def effect(amount: float) -> Array:
@@ -177,10 +175,7 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which a parameter of a link, of gravity or of a force is wrong.
-
-    Their effects are changes of the accelerations at the states x. The amount is the relative error of the parameter.
-    """
+    """Yield the possible faults with a wrong relative amount of a parameter of a link, gravity or a force, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
@@ -240,10 +235,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which one force, all forces of a kind, or all forces have a wrong factor or sign.
-
-    The amount is the relative change of the force: with 1 the force is counted twice, with -1 it is left out.
-    """
+    """Yield the possible faults in which one force or a sum of forces has a wrong factor; an amount of -1 leaves it out."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
@@ -262,10 +254,7 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which entries, rows or velocity terms of the constraints are multiplied by a wrong factor.
-
-    The amount is the relative change of the wrong entries: with -1 they are left out.
-    """
+    """Yield the possible faults with a wrong factor on entries, rows or velocity terms; an amount of -1 leaves them out."""
     mechanism, parts = own.mechanism, own.parts(x)
     # names of the rows of J, in the order of the evaluator
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
@@ -295,10 +284,9 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which an engine treats constraints wrongly.
+    """Yield the possible faults in which an engine leaves out constraints or terms of them, or uses those of another state.
 
-    It may leave out constraints, the second time derivative of a driver's motion law, or velocity terms -J' v, or use the Jacobian
-    or gamma of another state. The amount of data of an earlier step is their age in steps; all other faults are present or not.
+    The amount of data of an earlier step is their age in steps; all other faults are present or not.
 
     Args:
         x: states at which the accelerations are compared; before: states one step earlier.

@@ -106,9 +106,9 @@ def observe(
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
     """Run the engine with each setting, up to the time `until` [s].
 
-    The first result has a burst for every run that reached a checkpoint; the second result has all runs. If a run failed, its
-    samples before the failure are used. If the first run ends before its first checkpoint, no further runs are made. The step of
-    the first setting determines the checkpoints of all runs.
+    The first result has a burst for every run that reached a checkpoint, also before a failure; the second result has all runs. If
+    the first run reaches no checkpoint, no further runs are made. The step of the first setting determines the checkpoints of all
+    runs.
     """
     checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:

@@ -201,13 +201,7 @@ def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:
 
 @dataclass(frozen=True)
 class Misplaced:
-    """A displaced pin of a link.
-
-    Attributes:
-        joint, link: names of the pin and of the link.
-        off: displacement (2,) [m] of the pin in the frame of the link.
-        share: share of the sum of all squared gaps that this displacement explains.
-    """
+    """A displaced pin of a link: by `off` (2,) [m] in the frame of the link, which explains a share of all squared gaps."""
 
     joint: str
     link: str

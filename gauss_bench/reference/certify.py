@@ -179,8 +179,7 @@ def _collocate(
 ) -> tuple[Motion, float]:
     """Integrate by collocation with shorter and shorter steps; return the best motion and its step [s].
 
-    Steps, the first from the last time of `first`, are halved until the disagreement with `truth` is rounding, or no longer falls
-    to a quarter.
+    Steps are halved until the disagreement with `truth` is rounding, or no longer falls to a quarter.
     """
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step

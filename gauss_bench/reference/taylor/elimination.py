@@ -1,8 +1,8 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order of pivots is chosen at one state in double precision, and then used for all states near it. Among the entries that are not
-small in their row, each pivot is the one with the least fill-in (Markowitz). In a system A x = b of full row rank with more
-unknowns than rows, the unknowns u without a pivot are free, and the general solution is x = x0 + N u:
+The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, each pivot is
+the one with the least fill-in (Markowitz). In a system A x = b of full row rank with more unknowns than rows, the unknowns u
+without a pivot are free, and the general solution is x = x0 + N u:
 
     x0:   the solution in which all free unknowns are zero
     N:    each column solves A N = 0 with one free unknown equal to one and all other free unknowns zero

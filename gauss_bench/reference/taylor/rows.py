@@ -162,11 +162,11 @@ def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
 
 
 def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
-    """Return the constraint rows of the mechanism together with the rows of its start, and the right-hand sides at t = 0.
+    """Return the constraint rows of the mechanism and its start, and their right-hand sides at t = 0.
 
     Returns:
-        held: all these rows, in the order: loops, points, drivers, angles and slides of the start, knife edges.
-        laws: value, rate and second rate of every prescribed quantity at t = 0, those of the drivers first.
+        held: the rows, in the order: loops, points, drivers, angles and slides of the start, knife edges.
+        laws: value, rate and second rate of every prescribed quantity, those of the drivers first.
         rates: the right-hand side b of A x' = b.
     """
     coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
