@@ -1,8 +1,7 @@
 """The command line: it runs a verb, prints results on stdout and everything else on stderr, and returns the exit code.
 
 Exit codes: 0 done, 1 an accuracy regression or a failed case, 2 bad usage or bad input, 70 a fault of this program itself, 74
-stdout is closed or full, 130 interrupted. `api/verbs.toml` names the function of every verb, which is imported only when the verb
-is used, so that help is printed at once.
+stdout is closed or full, 130 interrupted.
 """
 
 import argparse
@@ -122,7 +121,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("error: there is not enough memory for this request", file=sys.stderr)
         return BAD_INPUT
     except (BadInput, OSError) as error:
-        print(harmless(f"error: {describe_fault(error)}"), file=sys.stderr)
+        if isinstance(error, OSError) and error.filename is not None:
+            message = f"{error.filename}: {error.strerror}"
+        else:  # str() of a KeyError puts its message in quotes
+            message = str(error.args[0] if isinstance(error, KeyError) else error)
+        print(harmless(f"error: {message}"), file=sys.stderr)
         return BAD_INPUT
     except Exception as error:
         if TRACE in os.environ:
@@ -135,15 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return OWN_FAULT
     finally:
-        no_longer()  # cancel the progress messages that wait for their time
-
-
-def describe_fault(error: BadInput | OSError) -> str:
-    """Return the message of an error that the user can correct; the message of an OSError begins with the name of its file."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
-    # str() of a KeyError puts its message in quotes
-    return str(error.args[0] if isinstance(error, KeyError) else error)
+        no_longer()
 
 
 def check_start(arguments: Sequence[str]) -> None:
@@ -181,26 +176,15 @@ def check_memory() -> None:
 
 
 def perform(name: str, options: argparse.Namespace) -> int:
-    """Call the function of the verb `name`, print its answer and return the exit code.
-
-    `VERBS[name]` is the table of the verb in `api/verbs.toml`. Its keys that are used here:
-    - `call`: the function of the verb, as "module:name". It is called with those options of the command that are also its
-      parameters.
-    - `files`: options that name a file to write -> allowed endings of the file's name.
-    - `printed`: value of an option in `files` that stands for stdout.
-    - `write`: the function that writes the files from the answer.
-    - `quick`: progress is reported only if the command takes long.
-    - `instead_of_json`: an option in `files`; if its file is written, no text is printed.
-    """
+    """Call the function of the verb `name`, print its answer and return the exit code; `verbs.toml` explains the keys of a verb."""
     verb, given = VERBS[name], vars(options)
-    endings = verb.get("files", {})  # option that names a file -> allowed endings
+    endings = verb.get("files", {})
     to_stdout = {x: given[x] for x in endings if str(given[x]) == verb.get("printed")}
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
     # told: function that prints progress; whole: a file has all samples of a run, even if the report has only some times
     available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
-    # pass the options that are parameters of the function
     answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
     if files:
         resolve_name(verb["write"])(answer, files)

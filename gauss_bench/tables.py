@@ -1,14 +1,12 @@
 """Read and write the tables of a run by the schema in `tables.toml`, which describes each column.
 
-A row is a mapping from column to value: a text, a number or a flag, as the schema declares it. A missing text is empty, a missing
-number NaN, a missing flag None. Writing refuses a column that the schema does not have; reading ignores it. The folder of a run has
-the number of the format and the schema in `tables.json`, and the checksums of all files in `checksums.json`. A folder without
-`tables.json` is of format 1. Rows of older formats are converted while they are read (`migrate_row`); newer formats are refused.
+A row maps column to value: a text, a number or a flag. A missing text is empty, a missing number NaN, a missing flag None. Writing
+refuses a column that the schema does not have; reading ignores it. A folder without `tables.json`, which has the number of the
+format, is of format 1. Rows of older formats are converted while they are read (`migrate_row`); newer formats are refused.
 
-Timed columns, which depend on measured times, are stored in separate files of the same names in the folder `times`. Timed numbers
-are rounded to the digits that are significant in view of their spread. A repeated run therefore changes these files, and in other
-files only rows whose numbers changed. Reading a table joins its two files, that of the timed columns and that of all others. Date,
-machine and versions of a run are in `environment.json` alone.
+Timed columns, which depend on measured times, are stored in files of the same names in the folder `times`, and rounded to the
+digits that are significant in view of their spread. A repeated run therefore changes these files, and in others only rows whose
+numbers changed.
 """
 
 import csv
@@ -104,11 +102,7 @@ class Table:
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`.
-
-        Columns that depend on measured time are in a separate file in `times`, which repeats the key of each row. If measured times
-        decide which rows the table has (`timed`), all its columns are in one file in `times`.
-        """
+        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`."""
         if self.timed:
             return {TIMES: self.columns}
         parts = {"": tuple(c for c in self.columns if not c.timed)}
@@ -207,7 +201,7 @@ def print_value(column: Column, value: Any, digits: int = DIGITS) -> str:
 
 
 def round_times(table: Table, row: Row) -> dict[str, Any]:
-    """Return a typed row (one whose values have the types of their columns) with rounded times and ratios of times.
+    """Return a typed row with rounded times and ratios of times.
 
     A value and the two ends of its range are rounded to multiples of the largest power of ten that is at most a hundredth of the
     width of the range. The value keeps at least four significant digits, and exactly four if no range is known. Reports print only
@@ -238,9 +232,8 @@ def csv_text(columns: Sequence[Column], rows: Iterable[Row], digits: int = DIGIT
 
 
 def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...]:
-    """Write a table of the schema into a folder, each of its files atomically, and return the paths of the files.
+    """Write the files of a table into a folder, each atomically, and return their paths.
 
-    A table has a main file and, if rows have measured times, a file in the folder `times` with the keys and times of these rows.
     Equal rows give equal bytes. Files of this table that an earlier format stored under other paths are removed.
 
     Raises:
@@ -336,7 +329,7 @@ def write_schema(folder: Path, names: Iterable[str] = ()) -> None:
 
 
 def read_environment(folder: Path) -> dict[str, Any]:
-    """Return the content of `environment.json` in the folder of a run; empty if there is no such file.
+    """Return the content of `environment.json` of a run; empty without such a file.
 
     Raises:
         TableError: the file is damaged.
@@ -352,7 +345,7 @@ def read_environment(folder: Path) -> dict[str, Any]:
 
 
 def format_of(folder: Path) -> int:
-    """Return the number of the format of the tables in a folder; the number is 1 if the folder has no `tables.json`.
+    """Return the format of the tables in a folder; 1 without `tables.json`.
 
     Raises:
         TableError: the format is later than FORMAT, the latest one that this version reads, or `tables.json` is damaged.
@@ -382,8 +375,6 @@ def refuse_later(version: int, path: Path) -> None:
 
 def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     """Return the typed rows of a table in the folder of a run, in the order of the file; none if there is no such file.
-
-    Since format APART, the columns that depend on measured time are in a separate file, and are joined to the rows by key.
 
     Raises:
         TableError: a file is damaged, lacks a column, has a value of the wrong type, or is of a later format; or the file of
@@ -417,9 +408,8 @@ def read_file(
 
     Args:
         version: number of the file's format; by default the number in the file's column `format`.
-        columns: the table's columns that this file should have, by default all. In the returned rows the values of other columns
-            are missing. A file of the present format must have these columns, except those with the attribute `added`; a file of an
-            older format may lack them.
+        columns: the table's columns that this file should have, by default all; only a file of an older format, or columns with the
+            attribute `added`, may be missing. In the returned rows the values of other columns are missing.
 
     Raises:
         TableError: for the same reasons as in `read_table`.
@@ -452,7 +442,7 @@ def read_file(
 
 
 def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]:
-    """Convert a line of a file of an older format: rename its columns, and leave out values whose meaning has changed since."""
+    """Convert a line of an older format: rename columns, and leave out values whose meaning has changed."""
     names = SCHEMA["renamed"]
     fresh = {names.get(k, k): x for k, x in line.items()}
     if "measured" in TABLES[name].names:
@@ -472,9 +462,7 @@ def migrate_row(name: str, line: dict[str, Any], version: int) -> dict[str, Any]
 def migrate(folder: Path) -> tuple[Path, ...]:
     """Bring every table in the folder of a run, and a baseline in it, to the present format, and return the written files.
 
-    Nothing is written before all tables are read. Values of text columns stay unchanged, and measured times are rounded to the
-    digits that their spread justifies. If an older format stored a table under other paths, or as both CSV and Parquet, these files
-    are removed.
+    Nothing is written before all tables are read. Measured times are rounded to the digits that their spread justifies.
 
     Raises:
         TableError: for the same reasons as in `read_table`.
@@ -515,9 +503,6 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
 
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Check that only files which gauss-bench wrote itself would be overwritten.
-
-    Args:
-        signs: path of a file -> a text that the file contains if gauss-bench wrote it.
 
     Raises:
         FileExistsError: a file exists and does not contain its text in `signs`; the message names the file.

@@ -2,28 +2,23 @@
 
 import tomllib
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from gauss_bench import metrics
 from gauss_bench.engines.base import Choice, Engine
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import build_reference
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Samples, Trajectory
-from tests.conftest import DATA, exhaustive
+from tests.conftest import DATA
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
 DRIVEN = [(name, law) for name in ("four_bar", "six_bar", "eight_bar", "shaper") for law in ("driven", "cycloid")]
 DRIVEN += [("crank_slider", "driven")]
 QUICK = (("crank_slider", "driven"), ("four_bar", "cycloid"), ("shaper", "cycloid"))  # a slide, a law that ends, a guide that moves
-# For what runs a whole turn: where a law speeds up and slows down, a wrong torque shows that a steady one would show too.
-TURNS = exhaustive([x for x in DRIVEN if x[1] == "cycloid" or x in QUICK], QUICK[2])
 
 
 def document(name: str) -> dict[str, Any]:
@@ -61,21 +56,6 @@ def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, sta
     model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
     pairs = zip(states.t, states.q, states.v, states.a, strict=True)
     return np.array([relative_error(model.acceleration(t, q, v), a) for t, q, v, a in pairs])
-
-
-@lru_cache(maxsize=1)
-def true_torques(mechanism: Mechanism) -> tuple[Array, Array]:
-    """Return the times [s] of one turn and the true driving forces at these times; computed once for all runs of a linkage."""
-    exact = build_reference(mechanism, mechanism.duration)
-    return exact.t, metrics.driving_forces(Evaluator(mechanism), Trajectory(exact.t, exact.q, exact.v, exact.a, 0))
-
-
-def torque_error(engine: Engine, mechanism: Mechanism, settled: float = 0.0, **choice: Any) -> float:
-    """Return the largest error of the driving torque after the time `settled` [s], relative to the largest torque of one turn."""
-    t, true = true_torques(mechanism)
-    found = ran(engine, mechanism, t, **choice)
-    error = np.abs(metrics.driving_forces(Evaluator(mechanism), found) - true)[t >= settled]
-    return float(error.max() / np.abs(true).max())
 
 
 def open_by(mechanism: Mechanism, trajectory: Trajectory) -> float:

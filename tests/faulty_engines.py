@@ -145,14 +145,10 @@ class Springs(Regular):
         return wrapped
 
 
-def without_gamma(terms: Terms) -> Terms:
-    return replace(terms, gamma=0.0 * terms.gamma)
-
-
 class Gammaless(Sound):
     """Leaves out the velocity term of its constraints, and declares soft loops."""
 
-    terms = staticmethod(without_gamma)
+    terms = staticmethod(lambda x: replace(x, gamma=0.0 * x.gamma))
     soft: ClassVar = {"default": "an excuse that is long enough to be read"}
 
 

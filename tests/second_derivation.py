@@ -15,59 +15,31 @@ import casadi as ca
 import numpy as np
 
 from gauss_bench.engines.casadi.equations import Equations
-from gauss_bench.mechanism.model import (
-    GROUND,
-    Along,
-    Angle,
-    AxisSpringDamper,
-    Coordinate,
-    Distance,
-    Force,
-    Joint,
-    JointDamping,
-    KnifeEdge,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    Revolute,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
-)
+from gauss_bench.mechanism import model
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
 Symbol = Any  # casadi.SX, which has no types
 
 
-def equations(mechanism: Mechanism) -> Equations:
+def equations(mechanism: model.Mechanism) -> Equations:
     """The equations of a mechanism, whose numbers may be symbols too; dry friction is not among them."""
     t, q, v = ca.SX.sym("t"), ca.SX.sym("q", mechanism.n), ca.SX.sym("v", mechanism.n)
     rows = [row for joint in mechanism.joints for row in joint_rows(joint, q)]
-    phi = stacked([*rows, *(value(driver.coordinate, q) - prescribed(driver.law, t) for driver in mechanism.drivers)])
+    rows += [value(driver.coordinate, q) - prescribed(driver.law, t) for driver in mechanism.drivers]
+    phi = ca.vertcat(ca.SX(0, 1), *rows)
     c = ca.vertcat(rate(phi, q, v) + ca.jacobian(phi, t), *(sideways(edge, q, v) for edge in mechanism.knife_edges))
     gravity = ca.vertcat(*mechanism.gravity)
     V = -sum((link.mass * ca.dot(gravity, q[3 * i : 3 * i + 2]) for i, link in enumerate(mechanism.links)), ca.SX(0))
     V += sum((potential(f, q) for f in mechanism.forces), ca.SX(0))
-    R = sum((dissipation(f, q, v) for f in mechanism.forces), ca.SX(0))
+    # Rayleigh's function: half the power lost in dampers
+    dampers = [(x, c) for f in mechanism.forces for x, _, c, _ in sprung(f)]
+    R = sum((c * rate(value(x, q), q, v) ** 2 / 2 for x, c in dampers), ca.SX(0))
     neither = sum((without_potential(f, q) for f in mechanism.forces), ca.SX(mechanism.n, 1))
-    return Equations(
-        t,
-        q,
-        v,
-        phi,
-        c,
-        ca.vertcat(*(x for link in mechanism.links for x in (link.mass, link.mass, link.inertia))),
-        ca.jacobian(c, v),
-        -(rate(c, q, v) + ca.jacobian(c, t)),
-        -ca.gradient(V, q) - ca.gradient(R, v) + neither,
-        V,
-        ca.dot(neither, v) - 2 * R,
-    )
-
-
-def stacked(rows: list[Symbol]) -> Symbol:
-    return ca.vertcat(ca.SX(0, 1), *rows)
+    mass = ca.vertcat(*(x for link in mechanism.links for x in (link.mass, link.mass, link.inertia)))
+    gamma = -(rate(c, q, v) + ca.jacobian(c, t))
+    Q = -ca.gradient(V, q) - ca.gradient(R, v) + neither
+    return Equations(t, q, v, phi, c, mass, ca.jacobian(c, v), gamma, Q, V, ca.dot(neither, v) - 2 * R)
 
 
 def rate(x: Symbol, q: Symbol, v: Symbol) -> Symbol:
@@ -83,88 +55,77 @@ def angle(q: Symbol, link: int) -> Symbol:
     return ca.SX(0) if link == GROUND else q[3 * link + 2]
 
 
-def position(q: Symbol, point: Point) -> Symbol:
+def position(q: Symbol, point: model.Point) -> Symbol:
     """(2,) [m]."""
     if point.link == GROUND:
         return ca.SX(ca.DM(point.local))
     return q[3 * point.link : 3 * point.link + 2] + rotate(point.local, angle(q, point.link))
 
 
-def value(x: Coordinate, q: Symbol) -> Symbol:
+def value(x: model.Coordinate, q: Symbol) -> Symbol:
     """A scalar coordinate [rad, m]."""
     match x:
-        case Angle():
+        case model.Angle():
             return angle(q, x.b) - angle(q, x.a)
-        case Along():
+        case model.Along():
             axis = rotate((1.0, 0.0), angle(q, x.origin.link) + x.angle)
             return ca.dot(axis, position(q, x.point) - position(q, x.origin))
-        case Distance():
+        case model.Distance():
             return ca.sqrt(ca.sumsqr(position(q, x.b) - position(q, x.a)))
     assert_never(x)
 
 
-def joint_rows(joint: Joint, q: Symbol) -> tuple[Symbol, Symbol]:
+def joint_rows(joint: model.Joint, q: Symbol) -> tuple[Symbol, Symbol]:
     """The two residuals of a joint."""
-    match joint:
-        case Revolute():
-            gap = position(q, joint.b) - position(q, joint.a)
-            return gap[0], gap[1]
-        case Prismatic():
-            left = value(Along(joint.guide, joint.block, joint.angle + np.pi / 2), q)
-            return left - joint.offset, value(Angle(joint.guide.link, joint.block.link), q) - joint.turn
-    assert_never(joint)
+    if isinstance(joint, model.Revolute):
+        gap = position(q, joint.b) - position(q, joint.a)
+        return gap[0], gap[1]
+    left = value(model.Along(joint.guide, joint.block, joint.angle + np.pi / 2), q)
+    return left - joint.offset, value(model.Angle(joint.guide.link, joint.block.link), q) - joint.turn
 
 
-def freedom(joint: Joint) -> Coordinate:
+def freedom(joint: model.Joint) -> model.Coordinate:
     """The coordinate that a joint leaves free: the angle of a pin, or the distance along a slide."""
-    match joint:
-        case Revolute():
-            return Angle(joint.a.link, joint.b.link)
-        case Prismatic():
-            return Along(joint.guide, joint.block, joint.angle)
-    assert_never(joint)
+    if isinstance(joint, model.Revolute):
+        return model.Angle(joint.a.link, joint.b.link)
+    return model.Along(joint.guide, joint.block, joint.angle)
 
 
-def sideways(edge: KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
+def sideways(edge: model.KnifeEdge, q: Symbol, v: Symbol) -> Symbol:
     """Velocity of a knife edge across its direction."""
     across = rotate((0.0, 1.0), angle(q, edge.point.link) + edge.angle)
     return ca.dot(across, rate(position(q, edge.point), q, v))
 
 
-def sprung(f: Force) -> list[tuple[Coordinate, Any, Any, Any]]:
+def sprung(f: model.Force) -> list[tuple[model.Coordinate, Any, Any, Any]]:
     """The coordinates x of springs and dampers, with k, c and rest: V = k (x - rest)^2 / 2, R = c x'^2 / 2."""
     match f:
-        case SpringDamper():
-            return [(Distance(f.a, f.b), f.k, f.c, f.rest)]
-        case AxisSpringDamper():
-            return [(Along(f.origin, f.point, f.angle), f.k, f.c, f.rest)]
-        case RotationalSpringDamper():
-            return [(Angle(f.a, f.b), f.k, f.c, f.rest)]
-        case JointDamping():
+        case model.SpringDamper():
+            return [(model.Distance(f.a, f.b), f.k, f.c, f.rest)]
+        case model.AxisSpringDamper():
+            return [(model.Along(f.origin, f.point, f.angle), f.k, f.c, f.rest)]
+        case model.RotationalSpringDamper():
+            return [(model.Angle(f.a, f.b), f.k, f.c, f.rest)]
+        case model.JointDamping():
             return [(freedom(pair), 0.0, f.c, 0.0) for pair in f.pairs]
-        case Torque() | PointForce():
+        case model.Torque() | model.PointForce():
             return []
     assert_never(f)
 
 
-def potential(f: Force, q: Symbol) -> Symbol:
+def potential(f: model.Force, q: Symbol) -> Symbol:
     """Potential energy of one force [J]."""
     match f:
-        case Torque():
-            return -f.value * value(Angle(f.reaction, f.link), q)
-        case PointForce() if f.frame == GROUND:
+        case model.Torque():
+            return -f.value * value(model.Angle(f.reaction, f.link), q)
+        case model.PointForce() if f.frame == GROUND:
             return -ca.dot(ca.vertcat(*f.value), position(q, f.point))
     return sum((k * (value(x, q) - rest) ** 2 / 2 for x, k, _, rest in sprung(f)), ca.SX(0))
 
 
-def dissipation(f: Force, q: Symbol, v: Symbol) -> Symbol:
-    """Rayleigh's function of one force [W]."""
-    return sum((c * rate(value(x, q), q, v) ** 2 / 2 for x, _, c, _ in sprung(f)), ca.SX(0))
-
-
-def without_potential(f: Force, q: Symbol) -> Symbol:
+def without_potential(f: model.Force, q: Symbol) -> Symbol:
     """Generalised force (n,) of a force that turns with a link."""
-    if isinstance(f, PointForce) and f.frame != GROUND:
+    if isinstance(f, model.PointForce) and f.frame != GROUND:
         return ca.jacobian(position(q, f.point), q).T @ rotate(f.value, angle(q, f.frame))
     return ca.SX(*q.shape)
 

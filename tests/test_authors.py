@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.api.recommend import list_owned
-from gauss_bench.bench.measurements.search import exact_tasks
-from gauss_bench.bench.tasks import Context
-from gauss_bench.bench.ways import Way, loop_of
 from gauss_bench.cli import main
 from gauss_bench.engines import authors
 from gauss_bench.engines.authors import ROOMS, SettingsFault, candidates_of, read_settings
@@ -19,9 +15,8 @@ from gauss_bench.engines.own_options import OptionTable, write_options
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.suites.read import read_suite
-from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.verbs.suites import with_authors
-from tests.conftest import DATA, needs
+from tests.conftest import DATA
 
 SOUND = DATA / "settings" / "minimal.toml"
 TEXT = SOUND.read_text(encoding="utf-8")
@@ -30,25 +25,18 @@ FAULTS = [
     ('"gauss-bench-settings/1"', '"gauss-bench-settings/9"', "format: must be 'gauss-bench-settings/1'"),
     ('engine = "minimal"', 'engine = "nobody"', "engine: 'nobody' has no variants.toml"),
     ('"Those who wrote it"', '" "', "authors: must be a text of 1 to 200 characters in one line"),
-    ('authors = "Those who wrote it"\n', "", "authors: must be a text"),
     ('"https://example.org/them"', '"ask around"', "contact: must be an address"),
     ("2026-11-26", '"2026-11-26"', "date: must be a date"),
     ("2026-11-26", "9999-01-01", "date: 9999-01-01 has not come yet"),
     ("date =", "day =", "day: no such field; there are format, engine"),
-    ('source = "https://example.org/integrators"\n', "", "knobs.integrator.source: must be a text"),
     ("tight enough for what is asked", "because", "knobs.dop853_rtol.why: must be a sentence of 20 characters at least"),
-    ("[knobs.dop853_rtol]", "[knobs.speed]", "knobs.speed: minimal has no such knob; it has integrator"),
     ("[knobs.dop853_rtol]", "[knobs.dop853_atol]", "settings.tight.dop853_rtol: has no source"),
     ("dop853_rtol = 1e-11", "speed = 3", "settings.tight.speed: minimal has no such knob"),
     ("dop853_rtol = 1e-11", 'dop853_rtol = "small"', "settings.tight.dop853_rtol: the option 'dop853_rtol' takes a number"),
     ("dop853_rtol = 1e-11", "dop853_rtol = 1.5", "settings.tight.dop853_rtol: must be in the range 0 to 1, not 1.5"),
     ("dop853_rtol = 1e-11\n", "", "settings.tight: changes no knob"),
     ('integrator = "dop853"\n', "", "settings.tight.integrator: is missing; minimal has"),
-    (
-        'integrator = "dop853"\n',
-        'integrator = "dop853"\nstabilization = "hope"\n',
-        "settings.tight.stabilization: no stabilization",
-    ),
+    ('integrator = "dop853"\n', 'integrator = "hope"\n', "settings.tight.integrator: no integrator 'hope'; there are rk4"),
     ('base = "default"', 'base = "best"', "settings.equal.base: no settings 'best'; there are default"),
     ("[settings.tight]", "[settings.tight", "TOML syntax"),
 ]
@@ -74,24 +62,11 @@ def test_a_faulty_file_is_refused_by_name_and_field(
 
 @pytest.mark.parametrize("room", sorted(x.parent for x in ROOMS.glob("*/variants.toml")), ids=lambda x: x.name)
 def test_a_knob_that_takes_numbers_has_a_range(room: Path) -> None:
-    for key, knob in read_variants(room).knobs.items():
-        assert all(np.isfinite(knob.range)) or not takes_numbers(room, key), key
-
-
-def takes_numbers(room: Path, key: str) -> bool:
-    """Tell whether a knob has a number, or a list of them, in any settings of its file."""
-    values = [x.get(key) for x in read_variants(room).settings.values()]
-    return any(isinstance(x, int | float | list | tuple) and not isinstance(x, bool) for x in values)
-
-
-def test_an_engine_with_one_integrator_needs_none_to_be_named(tmp_path: Path) -> None:
-    text = TEXT.replace('"minimal"', '"dart"').replace("dop853_rtol", "erp").replace('base = "default"', 'base = "shut"')
-    text = text.replace("erp = 1e-11", "erp = 0.7").replace('integrator = "dop853"\n', "")
-    text = text[: text.index("[settings.equal]")].replace("[knobs.integrator]", "[knobs.cfm]") + "cfm = 1e-8\n"
-    (found,) = candidates_of("dart", [saved(tmp_path, text)])
-    assert (found.name, found.integrator) == ("default,erp=0.7,cfm=1e-08", "semi_implicit_euler")
-    with pytest.raises(SettingsFault, match=r"erp: must be in the range 0 to 1, not 7.0"):
-        read_settings(saved(tmp_path, text.replace("erp = 0.7", "erp = 7.0")))
+    found = read_variants(room)
+    for key, knob in found.knobs.items():
+        values = [x.get(key) for x in found.settings.values()]
+        takes_numbers = any(isinstance(x, int | float | list) and not isinstance(x, bool) for x in values)
+        assert all(np.isfinite(knob.range)) or not takes_numbers, key
 
 
 @pytest.mark.parametrize(("path", "said"), [(".", "Is a directory"), ("none.toml", "No such file"), ("long.toml", "larger than")])
@@ -143,56 +118,10 @@ def test_the_text_of_a_setting_has_the_same_values_bit_for_bit() -> None:
     assert table.resolve(write_options("base", changes)) == changes
 
 
-def test_a_search_asks_their_settings_as_it_asks_ours(tmp_path: Path) -> None:
-    """Same function, same part of the suite, same store: the budget is the same because the argument is the same."""
-    needs("llvmlite")
-    part = Search(
-        linkages={"four_bar": "torque"},
-        engines=("minimal",),
-        own=("minimal",),
-        until=0.1,
-        position=(1e-3,),
-        budget=5,
-        most_steps=99,
-        rounds=2,
-        lead=0.1,
-        authors=(str(SOUND),),
-    )
-    tasks = exact_tasks(Suite(format="gauss-bench-suite/1", title="one", search=(part,)), Context(str(tmp_path), ""))
-    asked = {task.arguments[3].name: task for task in tasks}
-    theirs, ours = asked.pop(TIGHT), asked["adaptive"]
-    assert theirs.function is ours.function
-    assert theirs.arguments[4] == ours.arguments[4] == part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
-    assert (theirs.start["owner"], "owner" in ours.start) == ("Those who wrote it", False)
-    assert len(tasks) == 5
-    assert loop_of(Way("minimal", TIGHT, "dop853", "none", 0.0)) == ""
-
-
 def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: the suite searches no settings of minimal"):
         with_authors(read_suite("quick"), [SOUND])
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines of this search, gauss"):
         list_owned(["gauss"], [SOUND])
-    with pytest.raises(ChoiceError, match="give one of them"):
-        gauss_bench.recommend("four_bar", 1e-3, engines=["minimal"], settings="default", authors=[SOUND])
     (part,) = (x for x in with_authors(read_suite("search"), [SOUND]).search)
     assert part.authors == (str(SOUND),)
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_a_recommendation_has_an_answer_of_theirs_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    needs("llvmlite")
-    found = gauss_bench.recommend("crank_slider", 1e-6, until=0.2, engines=["minimal"], authors=[SOUND], budget=600.0)
-    ours, theirs = sorted(found.answers, key=lambda x: x.owner)
-    assert (ours.owner, theirs.owner) == ("", "Those who wrote it")
-    assert theirs.settings in (TIGHT, EQUAL)
-    assert ours.settings not in (TIGHT, EQUAL)
-    assert (ours.variants, theirs.variants) == (3, 2)
-    for answer in (ours, theirs):
-        assert answer.status == "ok"
-        assert 0 < answer.errors["position"] <= 0.5e-6
-        assert answer.ratio is not None
-    assert theirs.options["dop853_rtol"] == float(theirs.settings.partition("=")[2])
-    assert ", by its authors" in found.text
-    assert f"settings='{theirs.settings}'" in theirs.snippet

@@ -102,12 +102,3 @@ def test_what_cannot_be_asked_ends_with_2_is_told_and_writes_nothing(
     assert REFUSED[asked] in told.err
     assert told.out == ""
     assert [x.read_text() for x in tmp_path.iterdir()] == ["mine"]
-
-
-def test_a_users_file_works_like_a_built_in_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(built_in()["four_bar"].read_text(encoding="utf-8").replace('"four_bar"', '"mine"'), encoding="utf-8")
-    mine = said(capsys, "simulate", str(path), "--at", "0.2", "--json")
-    theirs = said(capsys, "simulate", "four_bar", "--at", "0.2", "--json")
-    assert mine["mechanism"] == "mine"
-    assert mine["links"] == theirs["links"]

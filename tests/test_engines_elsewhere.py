@@ -47,10 +47,8 @@ def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install
     (tmp_path / "engines.toml").write_text('[opensim]\npython = "/nowhere/python"\n')  # which needs no class
     assert "opensim" in names()
     assert type(get("opensim")).__name__ == "OpenSim"
-    mechanism = load("four_bar")
-    assert in_python("opensim", mechanism, Choice()) == ""
     (tmp_path / "engines.toml").write_text('[opensim]\nclass = "my_engine:Other"\npython = "/nowhere/python"\n')
-    assert in_python("opensim", mechanism, Choice()) == NOT_TOLD  # and that class is not imported here
+    assert in_python("opensim", load("four_bar"), Choice()) == NOT_TOLD  # and that class is not imported here
 
 
 def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +89,7 @@ REFUSED = [  # engine, linkage, scenario, settings -> words of the refusal; None
     *((x, "four_bar", "cycloid", "", "not the motion law sine") for x in ("mjx", "opensim")),
     *((x, "four_bar", "cycloid", "", None) for x in ("bullet", "dart")),
     *((x, "crank_slider", "paper", "", None) for x in ELSEWHERE),
-    *(("mjx", x, None, "", None) for x in ("eight_bar", "parallelogram", "jansen", "shaper")),
+    *(("mjx", x, None, "", None) for x in ("parallelogram", "shaper")),
     *(("newton", x, y, "", "would not follow its law") for x, y in (("four_bar", "driven"), ("excavator", None))),
     ("newton", "sleigh", None, "", "Newton has no constraint on velocities alone"),
     *(("newton", x, None, "", None) for x in ("parallelogram", "jansen")),
@@ -181,53 +179,31 @@ def test_libraries_have_springs_on_one_coordinate_of_the_tree_alone() -> None:
     assert not on_one_joint(OnJoints(np.array([1.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
 
 
-def test_python_code_of_a_run_is_named() -> None:
-    dart = adapter("dart")
-    assert dart.in_python(load("parallelogram", "torque"), Choice("default")) == ""
-    assert "forces" in dart.in_python(load("crank_slider", "paper"), Choice("explicit"))
-    assert dart.in_python(load("four_bar", "cycloid"), Choice("default")).startswith("motion laws")
-
-
 # errors of the crank after 1 s, Newton's after 0.1 s [rad]: linkage, scenario, settings, step [s], and the measured error
 MEASURED = {
     "bullet": [  # damping=0.04 is Bullet's own, which slows every link
-        ("crank_slider", "paper", "default", 1e-3, 0.0935),
-        ("eight_bar", "torque", "default", 1e-3, 0.0626),
         ("parallelogram", "torque", "default", 1e-3, 0.0324),
         ("crank_slider", "paper", "damping=0.04", 1e-3, 0.963),
         ("eight_bar", "torque", "bodies_direct/DANTZIG", 1e-3, 0.00287),
     ],
     "dart": [
-        ("crank_slider", "paper", "explicit", 1e-3, 0.0904),
         ("eight_bar", "torque", "explicit", 1e-3, 0.0537),
-        ("parallelogram", "torque", "explicit", 1e-3, 0.0326),
         ("parallelogram", "torque", "explicit", 1e-4, 0.00326),
-        ("crank_slider", "paper", "shut", 1e-3, 0.0553),
         ("crank_slider", "paper", "default", 1e-3, 0.0614),
     ],
     "drake": [  # steps of a millisecond are so coarse that the judge calls two of these runs invalid
-        ("crank_slider", "paper", "default", 1e-3, 9.951e-2),
         ("crank_slider", "paper", "default", 1e-4, 1.005e-2),
         ("eight_bar", "torque", "default", 1e-3, 5.111e-2),
-        ("parallelogram", "torque", "default", 1e-3, 3.801e-3),
         ("crank_slider", "paper", "bushing_runge_kutta_adaptive/0.003", 1e-3, 1.423e-3),
     ],
     "mjx": [("crank_slider", "paper", "tuned", 1e-3, 6.4e-3), ("eight_bar", "torque", "tuned", 1e-3, 1.7e-2)],
-    "newton": [
-        ("crank_slider", "paper", "default", 1e-3, 4.6e-3),
-        ("crank_slider", "paper", "dvi", 1e-3, 4.8e-3),
-        ("four_bar", "torque", "dvi", 1e-3, 3.8e-3),
-    ],
+    "newton": [("crank_slider", "paper", "default", 1e-3, 4.6e-3), ("four_bar", "torque", "dvi", 1e-3, 3.8e-3)],
     "opensim": [  # on redundant rows (the parallelogram) the error of the default is noise, 4e-8 to 2e-6
-        ("crank_slider", "paper", "default", 1e-3, 1.5e-8),
         ("eight_bar", "torque", "default", 1e-3, 9.0e-8),
-        ("crank_slider", "paper", "tight", 1e-3, 8.1e-9),
-        ("eight_bar", "torque", "tight", 1e-3, 8.1e-8),
         ("parallelogram", "torque", "tight", 1e-3, 9.8e-11),
     ],
 }
-SHARE = {"bullet": (0.9, 1.1), "dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim": (0.5, 1.2)}
-SHARE["newton"] = (0.9, 1.1)
+SHARE = {"dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim": (0.5, 1.2)}
 
 
 @pytest.fixture
@@ -256,40 +232,5 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, float(certified.t[at])])
     assert run.status == "ok" or (engine in ("bullet", "dart", "drake", "newton") and run.status == "invalid"), run.message
     error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certified.q[at, 3 * crank + 2])
-    low, high = SHARE[engine]
+    low, high = SHARE.get(engine, (0.9, 1.1))
     assert low * measured < error < high * measured
-
-
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize(
-    ("engine", "name", "scenario", "settings", "angle", "speed"),
-    [
-        *((x, y, "driven", "default", 1e-12, 1e-12) for x in ("dart", "opensim") for y in ("crank_slider", "four_bar")),
-        *(
-            ("bullet", name, scenario, *most)
-            for name, scenario in (("crank_slider", "driven"), ("four_bar", "cycloid"))
-            for most in (("default", 1e-6, np.inf), ("converged", 1e-12, np.inf))  # by default a speed may be 3e-4 rad/s off
-        ),
-        ("dart", "four_bar", "cycloid", "default", 1e-4, 1e-9),  # its place to first order in the step
-    ],
-)
-def test_a_driven_crank_follows_its_law(engine: str, name: str, scenario: str, settings: str, angle: float, speed: float) -> None:
-    run = gauss_bench.simulate(name, engine, scenario, settings, at=[0.0, 0.1])
-    (driver,) = load(name, scenario).drivers
-    value, rate, _ = driver.law(0.1)
-    assert abs(run.links["crank"]["theta"][-1] - float(value)) < angle * max(1.0, float(rate))
-    assert abs(run.links["crank"]["omega"][-1] - float(rate)) < speed
-
-
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize(
-    ("engine", "settings", "integrator", "tolerances"),
-    [("opensim", None, "rk_merson_adaptive", (1e-5, 1e-9)), ("drake", "bushing", "radau3_adaptive", (1e-3, 1e-6))],
-)
-def test_steps_that_an_engine_chooses_are_counted_and_follow_the_tolerance(
-    engine: str, settings: str | None, integrator: str, tolerances: tuple[float, float]
-) -> None:
-    runs = [
-        gauss_bench.simulate("four_bar", engine, "torque", settings, integrator, tolerance=x, at=[0.0, 0.1]) for x in tolerances
-    ]
-    assert 0 < runs[0].metrics["steps"] < runs[1].metrics["steps"]

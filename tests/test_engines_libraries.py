@@ -12,7 +12,7 @@ from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import random_states
 from tests.conftest import DATA, exhaustive, needs
-from tests.engine_runs import DRIVEN, LINKAGES, QUICK, TURNS, acceleration_errors, by_gauss, linkage, ran, torque_error
+from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, by_gauss, linkage, ran
 
 # settings, the most exact of each
 BEST = {"pinocchio": "default", "exudyn": "tuned", "mujoco": "rigid", "casadi": "interpreted/rk4"}
@@ -72,22 +72,6 @@ def test_samples_are_where_they_were_asked_for(name: str) -> None:
     assert turned[-1] < -4 * np.pi
 
 
-@ENGINES
-def test_a_model_can_be_run_again_and_a_single_time_is_the_start(name: str) -> None:
-    mechanism = load("six_bar", "torque")
-    model = get(name).build(mechanism, Choice(BEST[name], EQUAL[name]))
-    runs = []
-    for times in ([0.0, 0.1], [0.0, 0.033, 0.1], [0.0], [0.0, 0.1]):
-        model.prepare(np.array(times))
-        model.acceleration(0.0, mechanism.q0, np.zeros(mechanism.n))  # a look elsewhere
-        model.prepare(np.array(times))
-        model.run()
-        runs.append(model.read())
-    np.testing.assert_array_equal(runs[0].q, runs[3].q)
-    assert (runs[2].steps, runs[2].q.shape) == (0, (1, mechanism.n))
-    np.testing.assert_allclose(runs[2].q[0], mechanism.q0, rtol=0, atol=1e-12)
-
-
 REFUSED = {  # linkage, scenario -> a word of the reason
     "pinocchio": {("everything", "free"): "knife edge", ("wedge", None): "loop of slides"},
     "exudyn": {("sleigh", "glide"): "knife"},
@@ -111,26 +95,3 @@ def test_a_linkage_is_refused_with_a_reason_even_if_the_library_is_missing(name:
         assert get(name).skip(load(kind, scenario), choice) is None
     if name != "casadi":
         assert get(name).skip(load("parallelogram", "torque"), choice) is None
-
-
-ACCURACY = [  # stabilisation or settings, integrator -> largest relative error of driving torques over a turn, at a millisecond
-    ("pinocchio", {"stabilization": "projection"}, 1e-11),  # the driver's row included, only geometry is left
-    ("pinocchio", {"stabilization": "baumgarte"}, 1e-7),  # RK4 at 1 ms against 20 rad/s: 7e-9 at most
-    ("pinocchio", {}, 1e-8),  # 8e-10 at most
-    ("pinocchio", {"integrator": "dop853"}, 1e-8),  # rtol 1e-10 over one second
-    ("exudyn", {"settings": "tuned", "integrator": "trapezoidal_index2"}, 1e-4),  # order two: 6e-5 at most
-    ("exudyn", {"settings": "tuned"}, 2e-2),  # its algorithmic accelerations start half a step off, which is damped
-    ("exudyn", {"settings": "tuned", "settled": 0.1}, 1e-3),
-    ("mujoco", {"settings": "rigid"}, 1e-6),  # RK4 against the 0.02 s in which closures are drawn shut: 2e-7 at most
-    ("mujoco", {"settings": "tuned"}, 1e-2),  # soft closures
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "scenario"), TURNS)
-@pytest.mark.parametrize("name", ["pinocchio", "exudyn", "mujoco"])
-def test_driving_torques_over_a_turn(name: str, kind: str, scenario: str) -> None:
-    mechanism = load(kind, scenario)
-    for engine, choice, limit in ACCURACY:
-        if engine == name:
-            assert torque_error(get(name), mechanism, **choice) < limit, choice

@@ -10,7 +10,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import AGREEMENT, VARIANTS, Mujoco, MujocoModel
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, VARIANTS, Mujoco
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_model import verify
 from gauss_bench.formulations.gauss import gauss
@@ -19,7 +19,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import exhaustive, needs
-from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, by_gauss, linkage, ran
+from tests.engine_runs import DRIVEN, LINKAGES, QUICK, acceleration_errors, linkage, ran
 
 mujoco = needs("mujoco")
 
@@ -34,27 +34,18 @@ def trajectory(mechanism, times, settings="rigid", **choice):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda m: m.opt.gravity.__setitem__(0, -m.opt.gravity[0]),
         lambda m: m.body_mass.__setitem__(-1, 1.001 * m.body_mass[-1]),
         lambda m: m.tendon_stiffness.__imul__(1.01),
-        lambda m: m.tendon_damping.__imul__(-1.0),
         lambda m: m.dof_damping.__imul__(2.0),
         lambda m: m.actuator_gear.__imul__(-1.0),
-        lambda m: m.actuator_biasprm.__imul__(0.99),
         lambda m: m.site_pos.__setitem__(0, m.site_pos[0] + [1e-6, 0.0, 0.0]),
-        lambda m: m.qpos_spring.__imul__(-1.0),
     ],
 )
 def test_a_spoiled_model_is_refused(spoil):
-    model = ENGINE.build(linkage("loaded"), Choice())
-    compare(model)
+    model = ENGINE.build(linkage("loaded"), Choice())  # which compares it with the linkage
     spoil(model.still)
     with pytest.raises(RunFailure, match="differs from the linkage"):
-        compare(model)
-
-
-def compare(model: MujocoModel) -> None:
-    verify(model.mechanism, model.tree, model.describe, AGREEMENT)
+        verify(model.mechanism, model.tree, model.describe, AGREEMENT)
 
 
 def test_default_is_what_mujoco_ships():
@@ -82,15 +73,6 @@ def test_accelerations_are_as_exact_as_the_setting_is_rigid(name, scenario):
     assert rigid.max() < 1e-7  # states of small acceleration inflate a relative error
 
 
-def test_what_a_driver_leaves_is_the_load_over_the_armature(monkeypatch):
-    mechanism = load("shaper", "driven")
-    errors = []
-    for armature in (1e4, 1e6):
-        monkeypatch.setitem(VARIANTS.settings["rigid"], "armature_of_a_driven_hinge_over_inertia", armature)
-        errors.append(np.median(acceleration_errors(ENGINE, mechanism, "rigid", random_states(mechanism, 10))))
-    assert errors[0] == pytest.approx(100 * errors[1], rel=0.01)
-
-
 @pytest.mark.parametrize("native", [True, False])
 def test_a_driven_crank_follows_its_law_at_every_stage_of_a_step(native):
     mechanism, times = load("six_bar", "cycloid"), np.array([0.0, 0.1, 0.2345, 0.6])
@@ -98,16 +80,6 @@ def test_a_driven_crank_follows_its_law_at_every_stage_of_a_step(native):
     assert np.abs(found.q[:, 2] - mechanism.driver.law(times)[0]).max() < 1e-8  # a torque held over the step leaves 1e-3
     assert "law" in found.note
     assert mujoco.get_mjcb_control() is None
-
-
-def test_accelerations_do_not_depend_on_integrator_step_or_history():
-    mechanism = linkage("loaded")  # with dampers, which MuJoCo's Euler method takes implicitly
-    (q, other_q), (v, other_v) = (getattr(random_states(mechanism, 2), x) for x in "qv")
-    expected = ENGINE.build(mechanism, Choice("rigid")).acceleration(0.0, q, v)
-    for integrator in ENGINE.integrators:
-        model = ENGINE.build(mechanism, Choice("rigid", integrator, "none", 1e-2))
-        model.acceleration(0.0, other_q, other_v)
-        assert (model.acceleration(0.0, q, v) == expected).all()
 
 
 @pytest.mark.parametrize("integrator", ENGINE.integrators)
@@ -136,28 +108,21 @@ def test_warnings_are_refused():
     model = ENGINE.build(linkage("four_bar"), Choice())
     model.prepare(np.array([0.0, 0.1]))
     model.run()
-    model.read()
     model.data.warning[mujoco.mjtWarning.mjWARN_CNSTRFULL].number += 1
     with pytest.raises(RunFailure, match="warned") as failure:
         model.read()
     assert failure.value.status is Status.WARNING
 
 
-def test_a_feature_that_a_model_uses_stays_on(monkeypatch):
-    mechanism, times = linkage("loaded"), np.linspace(0.0, 0.05, 3)
-    lean = trajectory(mechanism, times)
-    with monkeypatch.context() as patch:
-        patch.setitem(VARIANTS.settings["rigid"], "unused_features", "on")
-        np.testing.assert_array_equal(lean.q, trajectory(mechanism, times).q)  # unused features do not move a digit
-    model = ENGINE.build(load("four_bar"), Choice()).model
+def test_a_feature_that_a_model_uses_stays_on():
+    model = ENGINE.build(load("four_bar"), Choice("default")).model
     bits = mujoco.mjtDisableBit
+    assert model.opt.disableflags == bits.mjDSBL_AUTORESET  # as shipped, but for that
     for limited, expected in ((False, True), (True, False)):
         model.jnt_limited[0], model.opt.disableflags = limited, 0
         configure(mujoco, model, VARIANTS.settings["tuned"], 1e-3)
         assert bool(model.opt.disableflags & bits.mjDSBL_LIMIT) is expected
         assert model.opt.disableflags & bits.mjDSBL_ISLAND
-    configured = ENGINE.build(load("four_bar"), Choice("default")).model.opt.disableflags
-    assert configured == bits.mjDSBL_AUTORESET  # as shipped, but for that
 
 
 @pytest.mark.parametrize(("name", "home"), forces.MOVED.items())
@@ -166,32 +131,8 @@ def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name:
         assert getattr(forces, name) is getattr(home, name)
 
 
-def test_default_softness_does_not_converge_with_the_step():
-    mechanism, times = linkage("crank_slider"), [0.0, 0.5]
-    exact = by_gauss(mechanism, times).q[-1]
-    errors = {
-        label: [np.abs(trajectory(mechanism, times, label, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3)]
-        for label in VARIANTS.settings
-    }
-    assert errors["default"][1] == pytest.approx(errors["default"][0], rel=0.05)
-    assert errors["default"][1] > 1e-3
-    assert errors["tuned"][1] < 0.5 * errors["tuned"][0]
-    assert errors["rigid"][1] < errors["tuned"][1] < 1e-4 * errors["default"][1]
-
-
-@pytest.mark.parametrize("integrator", ["euler", "implicitfast", "discrete"])
-def test_single_step_integrators_are_of_first_order(integrator):
-    mechanism, times = linkage("four_bar"), [0.0, 0.2]
-    exact = by_gauss(mechanism, times).q[-1]
-    coarse, fine = (np.abs(trajectory(mechanism, times, integrator=integrator, step=h).q[-1] - exact).max() for h in (2e-3, 1e-3))
-    assert 1.7 < coarse / fine < 2.3
-
-
 def test_free_flight_is_a_parabola():
-    times = np.array([0.0, 0.3, 1.0, 2.0])
-    found = trajectory(linkage("puck"), times, step=0.1)  # RK4 is exact for constant acceleration
-    t = times[:, None]
-    a = np.array([3.0 / 2, 1.0 / 2 - 2.0, 0.4 / 0.05])
-    expected = [2.0, 1.0, 0.5] + [1.0, -1.0, 3.0] * t + a * t**2 / 2
+    t = np.array([[0.0], [0.3], [1.0], [2.0]])
+    found = trajectory(linkage("puck"), t[:, 0], step=0.1)  # RK4 is exact for constant acceleration
+    expected = [2.0, 1.0, 0.5] + [1.0, -1.0, 3.0] * t + np.array([3.0 / 2, 1.0 / 2 - 2.0, 0.4 / 0.05]) * t**2 / 2
     np.testing.assert_allclose(found.q, expected, rtol=0, atol=1e-12)  # rounding of 20 steps at 25 rad
-    np.testing.assert_allclose(found.a, np.tile(a, (4, 1)), rtol=0, atol=1e-12)

@@ -62,12 +62,6 @@ def test_a_tolerance_given_as_an_option_is_the_one_that_is_used(engine: str) -> 
     assert count_evaluations("dop853_rtol=1e-4,dop853_atol=1e-6") < 0.7 * count_evaluations("default")
 
 
-def test_a_tolerance_is_for_integrators_that_choose_their_steps() -> None:
-    loose, exact = (gauss_bench.simulate("four_bar", integrator="dop853", at=[0.0, 0.2], tolerance=x) for x in (1e-4, None))
-    assert loose.valid
-    assert loose.metrics["evaluations"] < exact.metrics["evaluations"]
-
-
 def test_the_rate_of_baumgarte_given_as_an_option_closes_gaps_sooner() -> None:
     def drift(rate: str) -> float:
         settings = f"baumgarte_alpha_beta_per_s={rate}"

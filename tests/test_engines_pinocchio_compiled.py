@@ -124,19 +124,17 @@ def test_a_loop_is_built_once_with_generic_alignment_and_bounded_memory(own_cach
     assert not ENGINE.unbuilt(COMPILED)
 
 
-@pytest.mark.parametrize("part", ["flags", "source", "compiler"])
-def test_another_source_flag_or_compiler_is_another_loop(part: str, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_source_flag_or_compiler_is_another_loop(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler_in(own_cache, monkeypatch, WRITES)
     building.build_loop()
     source = own_cache / "loop.cpp"
     source.write_text("// another")
-    others: dict[str, tuple[str, Any]] = {
-        "flags": ("FLAGS", (*building.FLAGS, "-g")),
-        "source": ("SOURCE", source),
-        "compiler": ("_describe_compiler", lambda program: "stand-in 2"),
-    }
-    monkeypatch.setattr(building, *others[part])
-    assert building.absent()
+    others = {"FLAGS": (*building.FLAGS, "-g"), "SOURCE": source, "_describe_compiler": lambda program: "stand-in 2"}
+    for name, other in others.items():
+        assert not building.absent()
+        with monkeypatch.context() as patch:
+            patch.setattr(building, name, other)
+            assert building.absent()
 
 
 @pytest.mark.parametrize(("body", "said"), [('sys.exit("no such header")', "no such header"), ("time.sleep(60)", "did not finish")])

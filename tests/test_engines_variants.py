@@ -58,9 +58,7 @@ def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp
     ("old", "new", "said"),
     [
         ("the loops are springs of some stiffness", "so it is", r"settings\.default\.soft: gives no cause"),
-        ("\nrounds = 1\ncause", "\nlaps = 1\ncause", "unfinished: laps is no knob"),
         ("one round is too few from a cold start", "short", r"unfinished\.cause: gives no cause"),
-        ("[[unfinished]]", "[unfinished]", "unfinished: a list of tables is wanted"),
     ],
 )
 def test_what_is_inexact_needs_a_cause(old: str, new: str, said: str, tmp_path: Path) -> None:

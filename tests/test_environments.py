@@ -12,10 +12,10 @@ from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measurements.growth import exact_state
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.cli import main
-from gauss_bench.engines import FILE, EnvironmentFault, environment_of, get, names, read_environments
+from gauss_bench.engines import FILE, EnvironmentFault, names, read_environments
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.blocks import BlockElsewhere, call_of
+from gauss_bench.runs.blocks import call_of
 from gauss_bench.runs.offers import in_python, offer
 from gauss_bench.trajectory import RunFailure
 
@@ -95,8 +95,6 @@ def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_on
 def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python: Path, engines: Path) -> None:
     engines.write_text(f'[trees]\nclass = "my_trees:Trees"\npython = "{python}"\n')
     checks = {x.name: x.passed for x in conformance("trees")}
-    assert checks["every kind of force acts as defined"]
-    assert checks["joint forces follow from the accelerations"]
     assert len(checks) > 30
     assert False not in checks.values()
     assert [*checks.values()].count(None) == 1  # driven motions
@@ -107,7 +105,6 @@ def test_an_engine_of_another_environment_offers_all_that_engines_may(
 ) -> None:
     """Its program, the calls of its library and the versions of its packages come from there."""
     engines.write_text(f'[helpful]\nclass = "stand_in:Helpful"\npython = "{python}"\n')
-    assert offer("helpful").packages == {"twin-library": "2.5", "gone": "not installed"}
     assert package_versions()["twin-library"] == "2.5"
     mechanism, file = load("four_bar"), tmp_path / "four_bar.py"
     assert in_python("helpful", mechanism, Choice(integrator="rk4")) == "all of it"
@@ -117,9 +114,7 @@ def test_an_engine_of_another_environment_offers_all_that_engines_may(
     assert "exudyn, casadi, c, helpful" in capsys.readouterr().err
     wanted = exact_state(2)
     made = call_of("helpful", "solve", wanted.mechanism, wanted.q, wanted.v)
-    assert isinstance(made.block, BlockElsewhere)
     assert wanted.error(made.acceleration) < 1e-9
-    assert 0 < made.block.seconds() < 1
     with pytest.raises(RunFailure, match="one window is too few"):
         call_of("helpful", "solve", load("n_four_bar_1"), wanted.q, wanted.v)
 
@@ -144,23 +139,14 @@ def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path: Path, 
         assert words in found.reason
 
 
-def test_an_engine_of_this_package_keeps_its_environment(engines: Path) -> None:
-    engines.write_text('[gauss]\nclass = "other:Gauss"\npython = "/usr/bin/python3"\n')
-    with pytest.raises(EnvironmentFault, match="gauss: is an engine of this package"):
-        names()
-    assert environment_of("gauss") is None
-    assert get("gauss").name == "gauss"
-
-
 @pytest.mark.parametrize(
     ("text", "where"),
     [
         ("x", "engines.toml: "),
+        ('[gauss]\nclass = "other:Gauss"\npython = "/p"', "gauss: is an engine of this package"),
         ("a = 1", "a: must be a table"),
         ('["a b"]\nclass = "m:C"\npython = "/p"', "a b: an engine's name"),
-        ('[a]\npython = "/p"', "a.class: must be MODULE:CLASS"),
         ('[a]\nclass = "m"\npython = "/p"', "a.class: must be MODULE:CLASS"),
-        ('[a]\nclass = "m:C"', "a.python: must be the absolute path"),
         ('[a]\nclass = "m:C"\npython = "p"', "a.python: must be the absolute path"),
         ('[a]\nclass = "m:C"\npython = "/p"\nmemory = "x"', "a.memory: must be a number"),
         ('[a]\nclass = "m:C"\npython = "/p"\nmemory = 1e9', "a.memory: must be 0.5 to 1024 GiB"),

@@ -14,10 +14,9 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in, load, load_document, merge
-from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -91,16 +90,6 @@ def test_a_block_slides_down_at_the_textbook_acceleration(name: str) -> None:
     assert np.abs(way - (found.t + expected * found.t**2 / 2)).max() < 1e-12  # RK4 is exact for a parabola
 
 
-@pytest.mark.slow
-def test_a_block_below_the_friction_angle_creeps_at_the_speed_of_the_regularised_law() -> None:
-    slope, mu, speed = np.radians(10.0), 0.3, 0.05
-    found = run(block(10.0, mu, speed), h=4e-3, times=[0.0, 1.5])
-    # driving and resisting forces balance: sin = mu cos tanh(s / speed)
-    creep = speed * np.arctanh(np.tan(slope) / mu)
-    down = np.array([np.cos(slope), -np.sin(slope)])
-    assert found.v[-1, :2] @ down == pytest.approx(creep, rel=1e-9)  # the transient decays within some 10 ms, a few steps
-
-
 @pytest.mark.parametrize(("theta", "w"), [(-0.4, 3.0), (-1.2, -5.0), (2.0, 0.3), (-np.pi / 2, 8.0)])
 def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: float) -> None:
     mu, radius, speed = 0.4, 0.1, 0.5
@@ -121,20 +110,6 @@ def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: 
     assert MinimalCoordinate(mechanism).acceleration(np.array([theta]), np.array([w]))[0] == pytest.approx(alpha, rel=1e-11)
 
 
-def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.Generator) -> None:
-    """W . u is the law times the relative speed in u: what makes it a torque, or a force and its reaction on one line."""
-    mechanism = rubbing("everything", "free")  # a multiple pin, and a guide on a moving link
-    friction = Evaluator(mechanism).friction
-    assert [pair.name for _, pair in friction.acting] == ["O", "B", "B.001", "slot", "rail"]
-    for _ in range(10):
-        q, v, u = rng.normal(size=(3, mechanism.n))
-        W = friction.directions(q, v)
-        for k, (f, pair) in enumerate(friction.acting):
-            arm = f.mu if isinstance(pair, Prismatic) else f.mu * f.radius
-            law = -arm * np.tanh(rate(pair.motion, q, v) / f.speed)
-            assert W[:, k] @ u == pytest.approx(float(law * rate(pair.motion, q, u)), abs=1e-14)
-
-
 # The fixed point --------------------------------------------------------------------------------------------------------
 
 
@@ -149,14 +124,6 @@ def test_all_formulations_and_both_references_agree(linkage: str, scenario: str)
         assert np.abs(absolute[k] - a).max() < 1e-11 * scale  # the fixed point's 1e-13 times what is left of its contraction
         for name in SOUND:
             assert np.abs(found[name].acceleration(float(t), q, v) - a).max() < 1e-11 * scale
-
-
-def test_joint_forces_leave_friction_out() -> None:
-    mechanism, slope = block(30.0, 0.3, 1e-3), np.radians(30.0)
-    found = metrics.joint_forces(Evaluator(mechanism), run(mechanism, t=0.01))["slope"]
-    normal = 2.0 * GRAVITY * np.cos(slope)
-    assert found["fx"] == pytest.approx(normal * np.sin(slope), rel=1e-12)
-    assert found["fy"] == pytest.approx(normal * np.cos(slope), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["gauss", "lagrange"])
@@ -188,12 +155,6 @@ def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> Non
 # Work -------------------------------------------------------------------------------------------------------------------
 
 
-def test_friction_never_does_positive_work() -> None:
-    mechanism = rubbing("shaper", "torque")
-    states = random_states(mechanism, 50)
-    assert (metrics.friction_power(Evaluator(mechanism), as_trajectory(states)) < 0).all()
-
-
 # Files ------------------------------------------------------------------------------------------------------------------
 
 FAULTS = tomllib.loads((DATA / "faults" / "linkages.toml").read_text(encoding="utf-8"))["friction"]
@@ -207,17 +168,6 @@ def test_a_fault_is_named_by_table_and_field(name: str) -> None:
     with pytest.raises(LinkageError) as caught:
         load_document(tomllib.loads(text.replace(old, new, 1)), "torque")
     assert any(expected in str(fault) for fault in caught.value.faults), caught.value.faults
-
-
-def test_the_multipliers_explain_the_motion_with_the_friction_they_cause() -> None:
-    mechanism = crank_slider()
-    evaluator, states = Evaluator(mechanism), random_states(mechanism, 40)
-    found = metrics.reactions(evaluator, as_trajectory(states))
-    J = evaluator.constraints(states.t, states.q, states.v).J
-    acting = evaluator.applied.generalised(states.q, states.v) + evaluator.friction.generalised(states.q, states.v, found)
-    rest = states.a * evaluator.mass + (np.swapaxes(J, -1, -2) @ found[..., None])[..., 0] - acting
-    assert np.abs(rest).max() < 1e-11 * np.abs(found).max()
-    assert np.abs(evaluator.friction.generalised(states.q, states.v, found)).max() > 1e-2 * np.abs(acting).max()  # not a trifle
 
 
 def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:

@@ -61,11 +61,6 @@ def test_a_search_that_another_thread_ends_is_over_at_once() -> None:
         singular_positions(load("four_bar"), ended)
 
 
-def test_more_freedom_than_one_is_refused() -> None:
-    with pytest.raises(ValueError, match="2 degrees of freedom"):
-        singular_positions(load("five_bar"))
-
-
 def without_crank(measure: dict[str, Any] | None, first: str) -> dict[str, Any]:
     """Return a crank-rocker without the key `crank`, its links listed from `first` on; it may name the measured coordinate."""
     document = four_bar(0.12, 0.36, 0.30, 0.40)

@@ -1,8 +1,6 @@
 """Four-bars through three poses: against known linkages, and for branch and order against a walk along the motion."""
 
 from cmath import phase, rect
-from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,19 +47,14 @@ def test_a_pin_whose_places_lie_on_a_line_slides_and_a_pin_that_nearly_does_is_r
     """A crank-slider: the second pin on the line y = 0.02."""
 
     def slid(rise: float = 0.0) -> list[Pose]:
-        found = []
-        for k, angle in enumerate((0.3, 0.9, 1.4)):
-            pin = rect(0.1, angle)
-            height = 0.02 + rise * (k == 1) - pin.imag
-            found.append((pin, float(np.arcsin(height / 0.3))))
-        return found
+        pins = [rect(0.1, angle) for angle in (0.3, 0.9, 1.4)]
+        return [(pin, float(np.arcsin((0.02 + rise * (k == 1) - pin.imag) / 0.3))) for k, pin in enumerate(pins)]
 
     found = four_bar_of_pins(slid(), [0j, 0.3 + 0j])
     first, second = found.connections
     assert first.pivot == pytest.approx(0, abs=1e-9)
     assert second.direction is not None
     assert abs(second.direction.imag) < 1e-9
-    assert [x.imag for x in second.places] == pytest.approx([0.02] * 3)
     assert found.drives[0].fault == "" == found.drives[1].fault
     with pytest.raises(NoFourBar, match="the second pin moves almost along a line"):
         four_bar_of_pins(slid(1e-6), [0j, 0.3 + 0j])
@@ -81,27 +74,11 @@ def test_poses_without_a_four_bar_are_refused_with_the_reason() -> None:
         four_bar_of_pivots(shifted, [0j, 0.3 + 0j])
 
 
-@pytest.mark.parametrize("angles", [*permutations((0.5, 2.0, 4.0))])
-def test_a_crank_takes_any_order_one_way_round(angles: tuple[float, ...]) -> None:
-    way = 1 if np.mod(angles[1] - angles[0], 2 * np.pi) < np.mod(angles[2] - angles[0], 2 * np.pi) else -1
-    for lengths in (CRANK_ROCKER, DOUBLE_CRANK):
-        found = drive(lengths, angles)
-        assert (found.fault, np.sign(found.travel)) == ("", way)
-        assert found.travel == pytest.approx(way * np.mod(way * (angles[2] - angles[0]), 2 * np.pi))
-
-
 def test_poses_of_two_branches_are_said_to_be() -> None:
     found = drive(CRANK_ROCKER, (0.5, 2.0, 4.0), (1, 1, -1))
     assert found.fault == "branch"
     assert "the third is on the other branch" in found.text
     assert "the second is on" in drive(CRANK_ROCKER, (0.5, 2.0, 4.0), (-1, 1, -1)).text
-
-
-@pytest.mark.parametrize("angles", [(0.5, 0.8, 1.0), (0.5, 1.0, 0.8), (0.8, 0.5, 1.0), (1.0, 0.8, 0.5)])
-def test_a_rocker_that_turns_back_meets_an_order_defect(angles: tuple[float, ...]) -> None:
-    first, second, third = angles
-    fault = "" if (second - first) * (third - second) > 0 else "order"
-    assert drive(TRIPLE_ROCKER, angles).fault == fault
 
 
 @pytest.mark.slow
@@ -142,26 +119,3 @@ def walk(lengths: tuple[float, ...], start: float, way: int, goals: list[tuple[f
             end = 2 * np.pi * k / steps
             break
     return sorted((i for i, (_, same) in enumerate(goals) if same and ahead[i] < end), key=lambda i: ahead[i])
-
-
-def test_the_studio_draws_it_as_one_step_that_takes_all_poses(tmp_path: Path) -> None:
-    """A slide, driven as far as the answer says, is in the third pose; one undo removes the whole four-bar."""
-    pytest.importorskip("tomlkit")
-    from tests.studio import Pen
-
-    pen = Pen(tmp_path)
-    assert "three poses" in pen.refused("synthesize", poses=[[0, 0, 0]])
-    straight = {"poses": [[0, 0, 0], [0.1, 0, 20], [0.3, 0, 50]], "pins": [[0, 0], [0.2, 0]]}
-    travel = pen.ask("four_bar", **straight)["drives"][0]["travel"]
-    assert not pen.now["links"]
-    made = pen.ask("synthesize", **straight)["made"]
-    (slide,) = pen.now["slides"]
-    assert (pen.now["status"]["dof"], pen.now["status"]["loops"]) == (1, 1)
-    pen.ask("drive", coordinate=slide["id"], law="sine", travel=travel, time=1.0)
-    moved = pen.ask("motion", samples=50)
-    coupler = [x.removeprefix("links.") for x in made if x.startswith("links.") and "block" not in x][-1]
-    turned = np.degrees(np.array(moved["poses"][coupler])[:, 2])
-    assert turned[-1] - turned[0] == pytest.approx(50, abs=1e-6)
-    pen.ask("undo")
-    pen.ask("undo")
-    assert not pen.now["links"]

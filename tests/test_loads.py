@@ -65,16 +65,6 @@ def test_loads_of_a_crank_slider_are_those_of_newton_on_paper() -> None:
     assert (found.acting, found.until, found.determined) == (("gravity", "spring"), 1.0, True)
 
 
-def test_a_mean_over_time_does_not_count_crowded_samples_twice() -> None:
-    even = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, forces=True).loads
-    crowded = [*np.linspace(0.1, 0.102, 40)]
-    uneven = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, at=crowded, forces=True).loads
-    assert even is not None
-    assert uneven is not None
-    for name, peak in even.peaks.items():
-        assert uneven.peaks[name].mean == pytest.approx(peak.mean, rel=1e-4), name
-
-
 def test_what_is_held_carries_the_weight_beyond_it() -> None:
     """The arm stands still: held pins carry all beyond them, and held angles the moment about their pins."""
     still = "constant:joint=lift,start=1.2,speed=0"
@@ -92,21 +82,6 @@ def test_what_is_held_carries_the_weight_beyond_it() -> None:
     assert peaks["bucket.torque"].largest == pytest.approx(abs(moment), rel=1e-9)
     assert "pin_T" not in found.loads.acting, "a pin that is held does not turn: its damping exerts nothing"
     assert set(found.loads.acting) == {"gravity", "pin_E", "oil"}
-
-
-def test_a_driver_in_place_of_the_scenarios_own_leaves_its_forces_and_changes(tmp_path: Path) -> None:
-    path = tmp_path / "crank_slider.toml"
-    text = (Path(gauss_bench.load("crank_slider").source)).read_text(encoding="utf-8")
-    changed = text.replace('forces   = ["spring"]\n', 'forces   = ["spring"]\noverride.forces.spring.k = 50.0\n', 1)
-    assert changed != text
-    path.write_text(changed, encoding="utf-8")
-    own = gauss_bench.kinematics(str(path), intervals=4, forces=True).loads
-    replaced = gauss_bench.kinematics(str(path), driver=f"constant:speed={2 * np.pi}", intervals=4, forces=True).loads
-    assert own is not None
-    assert replaced is not None
-    assert replaced.acting == own.acting == ("gravity", "spring")
-    assert replaced.peaks["B.force"].largest == pytest.approx(own.peaks["B.force"].largest, rel=1e-9)
-    assert own.peaks["B.force"].largest > 10.0  # 3.9 N with the weak spring
 
 
 def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks() -> None:
@@ -142,30 +117,6 @@ def columns(path: Path) -> dict[str, Array]:
     return {name: np.array([float(row[k] or "nan") for row in rows]) for k, name in enumerate(heading)}
 
 
-@pytest.mark.parametrize(
-    ("linkage", "arguments", "expected"),
-    [
-        ("four_bar", [], {"crank.angle [rad]", "crank.speed [rad/s]", "crank.acceleration [rad/s^2]", "coupler.P.vx [m/s]"}),
-        (str(DATA / "pushed.toml"), ["--driver", "constant:joint=guide,start=0.4,speed=0.05"], {"guide.position [m]"}),
-    ],
-)
-def test_a_table_of_kinematics_names_what_is_driven_and_every_unit(
-    linkage: str, arguments: list[str], expected: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "motion.csv"
-    assert main(["kinematics", linkage, *arguments, "--intervals", "4", "--out", str(path)]) == 0
-    assert "columns of the table now name their units" in capsys.readouterr().err
-    found = columns(path)
-    assert expected <= set(found)
-    assert all(name.endswith("]") for name in found)
-    assert next(iter(found)) == "t [s]"
-    assert not [x for x in found if ".angle" in x and linkage != "four_bar"]
-    assert main(["kinematics", linkage, *arguments, "--intervals", "4", "--json"]) == 0
-    driver = json.loads(capsys.readouterr().out)["driver"]
-    (name,) = (x for x in expected if x.split(" ")[0].endswith((".angle", ".length", ".position")))
-    assert driver["angle"] == driver[name.split(" ")[0].rpartition(".")[2]] == pytest.approx(found[name].tolist())
-
-
 def end_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[list[float], Any]:
     assert main(["simulate", "four_bar", "--step", "1e-2", "--scenario", "driven", *arguments, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -184,16 +135,3 @@ def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(
     later = duration + 0.5
     assert end_of(capsys, "--at", f"0.1,{later}", "--out", str(out), "--replace") == ([0.1, later], later)
     assert columns(out)["t [s]"][-1] == later
-
-
-@pytest.mark.long
-def test_a_simulated_drive_has_the_loads_of_the_prescribed_motion() -> None:
-    simulated = gauss_bench.simulate("crank_slider", scenario="driven", at=[0.25], forces=True)
-    prescribed = gauss_bench.kinematics("crank_slider", intervals=1000, forces=True)
-    assert simulated.loads is not None
-    assert prescribed.loads is not None
-    assert simulated.t.tolist() == [0.25]
-    assert simulated.loads.until == 1.0
-    for name, peak in prescribed.loads.peaks.items():
-        same = simulated.loads.peaks[name]
-        assert (same.largest, same.mean, same.rms) == pytest.approx((peak.largest, peak.mean, peak.rms), rel=1e-5, abs=1e-7), name

@@ -1,6 +1,5 @@
 """A linkage file is read completely, or refused with all its faults, each named by file, table and field."""
 
-import copy
 import tomllib
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document, override_faults
+from gauss_bench.linkage.load import MAX_BYTES, built_in, load, load_document
 from tests.conftest import DATA
 
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
@@ -104,14 +103,6 @@ def test_a_link_that_cannot_turn_over_may_start_whole_turns_from_the_sketch(turn
     assert there.q0 == pytest.approx(here.q0 + moved, abs=1e-12)
 
 
-def test_an_override_of_a_length_moves_the_start() -> None:
-    document = tomllib.loads(FOUR_BAR)
-    longer = copy.deepcopy(document)
-    longer["scenarios"]["torque"]["override"] = {"links": {"crank": {"points": {"B": [0.13, 0.0]}}}}
-    assert load_document(longer, "torque").q0[0] == pytest.approx(0.065, abs=1e-15)
-    assert load_document(document, "torque").q0[0] == pytest.approx(0.06, abs=1e-15)
-
-
 def test_a_multiple_joint_is_pairs_in_list_order() -> None:
     document = tomllib.loads(FOUR_BAR)
     document["links"]["flag"] = {"points": {"B": [0.0, 0.0], "E": [0.1, 0.0]}, "bars": [["B", "E"]], "mass": 0.1}
@@ -131,13 +122,3 @@ def test_a_mechanism_that_others_are_given_too_cannot_be_written_into() -> None:
     for array in (mechanism.q0, mechanism.v0, mechanism.gravity):
         with pytest.raises(ValueError, match="read-only"):
             array[0] += 1.0
-
-
-def test_a_link_may_be_called_override_and_its_points_too() -> None:
-    """Only the first level of an override has keys that may not change."""
-    document, override = (
-        {"links": {"override": {"points": {"name": [0.1, 0.0]}}}},
-        {"links": {"override": {"points": {"name": [0.2, 0.0]}}}},
-    )
-    assert override_faults(document, override, "run.override") == []
-    assert len(override_faults(document, {"name": "other"}, "run.override")) == 1

@@ -10,12 +10,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from gauss_bench.engines.casadi import functions
 from gauss_bench.linkage.load import built_in, document_of, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
-from tests.conftest import DATA, everything, redundant
+from tests.conftest import DATA, redundant
 from tests.second_derivation import equations
 
 FILES = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
@@ -58,32 +57,6 @@ def test_redundant_rows_too(rng: np.random.Generator) -> None:
     check(redundant(), rng)
 
 
-def test_a_fault_in_any_number_of_a_force_shows(rng: np.random.Generator) -> None:
-    """The comparison fails if one number of one force is off by a thousandth."""
-    mechanism = everything()
-    numbers = ("c", "k", "rest", "value", "value.x", "value.y")
-    names = [f"forces.{f.name}.{x}" for f in mechanism.forces for x in numbers if np.size(getattr(f, x[:5], ())) == 1 + ("." in x)]
-    opened = functions(mechanism, names)
-    q, v = rng.normal(size=mechanism.n), rng.normal(0.0, 5.0, mechanism.n)
-    own = Evaluator(mechanism).terms(0.0, q, v).Q
-    assert np.abs(np.array(opened.forces(q, v, opened.values))[:, 0] - own).max() < 1e-9
-    assert len(names) > 10
-    for k, name in enumerate(names):
-        faulty = [x * 1.001 if i == k else x for i, x in enumerate(opened.values)]
-        if opened.values[k]:
-            assert np.abs(np.array(opened.forces(q, v, faulty))[:, 0] - own).max() > 1e-5, name
-
-
-def test_a_batch_of_states_is_the_states_one_by_one(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
-    evaluator = Evaluator(any_mechanism)
-    q, v = rng.normal(size=(2, 3, any_mechanism.n)), rng.normal(size=(2, 3, any_mechanism.n))
-    rows = evaluator.constraints(0.0, q, v)
-    for k in np.ndindex(2, 3):
-        one = evaluator.constraints(0.0, q[k], v[k])
-        for batch, single in ((rows.phi, one.phi), (rows.J, one.J), (rows.gamma, one.gamma)):
-            np.testing.assert_array_equal(batch[k], single)
-
-
 def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
     """Below FEW states the equations run on floats, from there on arrays; sines of both round differently in the last bit."""
     evaluator = Evaluator(any_mechanism)
@@ -91,15 +64,3 @@ def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: 
     many, few = evaluator.constraints(0.0, q, v), evaluator.constraints(0.0, q[1:], v[1:])
     for name in ("phi", "J", "gamma", "phi_t"):
         np.testing.assert_allclose(getattr(many, name)[1:], getattr(few, name), rtol=1e-12, atol=1e-12)
-
-
-def test_active_bars_keep_their_lengths_and_do_the_work() -> None:
-    from gauss_bench.api.simulate import simulate
-
-    found = simulate("excavator", "gauss", stabilization="projection", at=[0.0, 0.5])
-    assert found["status"] == "ok"
-    assert found["metrics"]["position_drift"] < 1e-14
-    # RK4 at a millisecond leaves some 1e-9 J; where a law ends, its jerk jumps and the quadrature's bar is as large
-    assert found["metrics"]["energy_error"] < 1e-9 + 2 * found["metrics"]["energy_error_bar"]
-    assert found["metrics"]["energy_error_bar"] < 1e-7
-    assert set(found["drivers"]) == {"ground.P-boom.A", "boom.Q-bucket.R"}

@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.measurements.geometry import geometry
 from gauss_bench.cli import main
-from gauss_bench.suites.read import read_suite
-from gauss_bench.suites.schema import Geometry
-from tests.conftest import exhaustive
 
 DATA = Path(__file__).parent / "data"
 
@@ -20,16 +16,6 @@ DATA = Path(__file__).parent / "data"
 def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
     assert main(["kinematics", *arguments, "--json"]) == code
     return json.loads(capsys.readouterr().out)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("linkage", exhaustive(read_suite("quick").geometry[0].linkages, "shaper"))
-def test_three_independent_ways_tell_one_motion(linkage: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gauss_bench.bench.measurements.geometry.POSITIONS", 73)  # every five degrees
-    for row in geometry(linkage, "driven", Geometry(linkages={}))["agreement"]:
-        assert row["position"] < 1e-12, row
-        assert row["velocity"] < 1e-11, row
-        assert row["acceleration"] < 1e-10, row
 
 
 @pytest.mark.parametrize(

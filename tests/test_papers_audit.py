@@ -55,13 +55,6 @@ def test_wrong_corrections_are_found_out_and_so_is_another_verdict(name: str) ->
         assert all(list_faults(line.verdict, x, y, tolerance) for x, y in ((right, right), (off, off), (right, off)))
 
 
-def test_one_mistake_is_one_cause_however_many_lines_it_spoils() -> None:
-    causes = {(row["paper"], row["cause"]) for row in audited() if row["cause"]}
-    assert len(causes) == sum(len(paper["cause"]) for paper in PAPER_FILES)
-    assert {row["cause"] for row in audited() if row["verdict"] == "wrong"} == {"inverse of a projector"}
-    assert all(row["doubt"] for row in audited() if row["verdict"] == "unreadable")
-
-
 def test_the_verdict_of_a_row_is_measured_and_not_read() -> None:
     blamed = measure_line(replace(LINES["velocities"], verdict=Verdict.MISPRINT))
     assert (blamed["verdict"], blamed["stands"]) == ("ok", False)
@@ -73,16 +66,6 @@ def test_a_line_is_right_as_printed_or_has_a_cause_and_both_forms() -> None:
     corrected = {"intended", "cause", "printed_form", "intended_form"}
     for _, _, line in ENTRIES:
         assert corrected & line.keys() == (set() if "form" in line else corrected), line["name"]
-
-
-def test_everything_that_the_data_files_define_serves_a_line() -> None:
-    for paper in PAPER_FILES:
-        of_paper = [line for p, _, line in ENTRIES if p is paper]
-        for table in ("tolerance", "cause"):
-            assert {line[table] for line in of_paper if table in line} == paper[table].keys()
-        assert {line["example"]["number"] for line in of_paper if "example" in line} == paper.get("number", {}).keys()
-        assert {line["measure"] for line in of_paper} == {x for chapter in paper["chapter"] for x in chapter["measure"]}
-        assert all(chapter.get("over", {}).keys() <= chapter["measure"].keys() for chapter in paper["chapter"])
 
 
 def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:

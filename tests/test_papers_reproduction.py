@@ -1,26 +1,19 @@
 """Compare the paper's crank-slider with the general library and with the energy, also with data for which it stops."""
 
-import math
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
-from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism, Torque
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, motion_of
+from gauss_bench.papers import crank_motion
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
-from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics, with_inertias
-from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
-from gauss_bench.papers.running import first_turn, turn
-from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.papers.reproduction import formulas, paper_motion, reproduction, running, statics
 from gauss_bench.tables import read_table
 from gauss_bench.trajectory import Reference
 
@@ -29,7 +22,7 @@ ROUNDING = 1e-12  # relative: accelerations of the general library are closed to
 
 @pytest.fixture(scope="module")
 def motion() -> CrankMotion:
-    return motion_of(linkage())
+    return crank_motion.motion_of(linkage())
 
 
 @pytest.fixture(scope="module")
@@ -47,34 +40,13 @@ def test_the_published_rows_are_computed_again(rows: dict[str, dict[str, Any]]) 
 
 
 def check_again(published: dict[str, Any], value: float | None, bracket: float | None) -> None:
-    expected = None if value is None else pytest.approx(value, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12)
-    assert published["value"] == expected, published["key"]
+    expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
+    assert published["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), published["key"]
 
 
 @pytest.fixture(scope="module")
 def reference() -> Reference:
     return reference_motion()
-
-
-def twisted(torque: float) -> Mechanism:
-    """Return the linkage file with another torque."""
-    mechanism = linkage()
-    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
-    return replace(mechanism, forces=forces)
-
-
-def comes_round(mechanism: Mechanism) -> bool:
-    """Tell whether the crank of the general library completes a turn from rest within 10 s."""
-    general = MinimalCoordinate(mechanism)
-
-    def rate(t: float, y: np.ndarray) -> list[float]:
-        return [y[1], float(general.acceleration(y[:1], y[1:])[0])]
-
-    def decided(t: float, y: np.ndarray) -> float:
-        return min(-y[1], 2 * np.pi + y[0]) if t > 0.01 else 1.0
-
-    decided.terminal = True  # type: ignore[attr-defined]
-    return bool(solve_ivp(rate, (0.0, 10.0), [0.0, 0.0], rtol=1e-9, atol=1e-11, events=decided).y[0, -1] < -6.0)
 
 
 def test_the_closed_form_is_the_linkage_file(motion: CrankMotion) -> None:
@@ -91,7 +63,7 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankM
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
         for formula, full in (
             (EQ_16, yuan_ge_eq16(problem.terms).a),
-            (EQS_10_11, least_squares.acceleration(problem, (-0.5, -0.5))),
+            (EQS_10_11, least_squares.printed_exponents(problem)),
         ):
             found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3
@@ -101,13 +73,6 @@ def test_the_motion_is_that_of_the_reference(motion: CrankMotion, reference: Ref
     course = motion.run(SHOWN)
     assert course.theta[-1] == pytest.approx(reference.q[-1, 2], abs=1e-9)  # the tolerance, a few steps
     assert course.w[-1] == pytest.approx(reference.v[-1, 2], abs=1e-7)
-
-
-def test_static_torque_is_the_slope_of_the_energy(motion: CrankMotion) -> None:
-    evaluator, general, h = Evaluator(linkage()), MinimalCoordinate(linkage()), 1e-5
-    theta = np.linspace(-3.0, 3.0, 13)
-    V = [np.array([evaluator.energy(general.geometry(np.array([x]))[0][0], np.zeros(9)) for x in theta + s * h]) for s in (1, -1)]
-    assert np.abs(motion.static_torque(theta) + (V[0] - V[1]) / (2 * h)).max() < 1e-9  # differences of second order: h^2
 
 
 def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
@@ -132,22 +97,6 @@ def test_the_published_numbers_that_take_seconds_are_computed_again(motion: Cran
     assert {key: rows[key]["verdict"] == "holds" for key in ("stops", "rests")} == {"stops": settles(motion), "rests": True}
 
 
-@pytest.mark.long("-0.0001")
-@pytest.mark.slow
-@pytest.mark.parametrize("side", [1e-4, -1e-4])
-def test_the_bound_of_the_torque_is_that_of_the_general_library(
-    motion: CrankMotion, rows: dict[str, dict[str, Any]], side: float
-) -> None:
-    bound = rows["settles_above"]["value"]
-    assert comes_round(twisted(bound + side)) == (side < 0)
-    found, width = find_bound(lambda torque: replace(motion, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
-    assert found == pytest.approx(bound, abs=width)
-
-
-def test_the_upper_bound_is_the_static_one(rows: dict[str, dict[str, Any]]) -> None:
-    assert rows["settles_below"]["value"] == pytest.approx(-rows["force_least"]["value"], abs=2 * rows["settles_below"]["bracket"])
-
-
 @pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
 def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, stops: bool) -> None:
     other = replace(motion, torque=torque, c=c)
@@ -155,13 +104,12 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
     if stops:
         course = other.run(120.0, rtol=1e-7)
         (place,) = (p.theta for p in equilibria(other) if p.stable)
-        assert abs(course.w[-1]) < 1e-3
-        assert course.theta[-1] == pytest.approx(place, abs=1e-3)
+        assert (course.theta[-1], course.w[-1]) == pytest.approx((place, 0.0), abs=1e-3)
     else:
-        speeds = [0.0, abs(first_turn(other)[1])]
+        speeds = [0.0, abs(crank_motion.first_turn(other)[1])]
         while len(speeds) < 8:
-            speeds.append(float(turn(other, -speeds[-1])[0, -1]))
-        assert all(later > earlier for earlier, later in pairwise(speeds))
+            speeds.append(float(crank_motion.turn(other, -speeds[-1])[0, -1]))
+        assert speeds == sorted(speeds)
 
 
 def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
@@ -171,50 +119,12 @@ def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
     course = motion.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
     assert 10 / (round_at[1] - round_at[0]) == pytest.approx(1 / value["period"], rel=2e-3)  # not quite steady yet
-    assert value["mean"] == pytest.approx(-2 * np.pi / value["period"], rel=1e-9)  # both are published with ten digits
     assert value["slowest"] > value["mean"] > value["fastest"]
-    assert value["taken"] == pytest.approx(2 * math.pi * 0.5, rel=1e-9)
     assert value["lost"] == pytest.approx(value["taken"], abs=2 * rows["lost"]["bracket"])
 
 
-def test_the_damper_that_makes_it_stop(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
-    c, bracket = rows["damping"]["value"], rows["damping"]["bracket"]
-    assert settles(replace(motion, c=c + 10 * bracket))
-    assert not settles(replace(motion, c=c - 10 * bracket))
-    assert all(settles(replace(motion, c=more)) for more in (5.0, 20.0, 50.0, 100.0))
-
-
-def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
-    with pytest.raises(ValueError, match="no bound"):
-        find_bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
-
-
-def test_no_inertia_of_the_rods_makes_it_stop(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
-    low, high = (rows[f"settles_above_{x}"]["value"] for x in ("lowest", "highest"))
-    assert motion.torque < low < rows["settles_above"]["value"] < high
-    rng = np.random.default_rng(5)
-    for crank, rod in rng.uniform(0.0, 3.0, size=(5, 2)):
-        assert settles(with_inertias(motion, crank, rod, high + 1e-3))
-        assert not settles(with_inertias(motion, crank, rod, low - 1e-3))
-
-
-def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:
-    printed, other = claims(motion), claims(replace(motion, torque=-motion.torque))
-    assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
-    assert other["stops"]
-    assert other["decreases"]
-    assert not other["any_inertia"]
-    assert not claims(replace(motion, torque=-1.0))["rests"]
-
-
-def test_the_table_of_the_figures_is_the_reference(motion: CrankMotion, reference: Reference) -> None:
-    table = paper_motion(linkage(), reference)["paper_motion"]
-    last = table[-1]
+def test_the_table_of_the_figures_is_the_reference(reference: Reference) -> None:
+    last = paper_motion(linkage(), reference)["paper_motion"][-1]
     assert last["t"] == reference.t[-1]
-    found = [last[key] for key in ("x1", "x1_rate", "y1", "theta1", "theta1_rate", "x3", "x3_rate")]
-    expected = [x[-1, k] for x, k in zip("qvqqvqv", (0, 0, 1, 2, 2, 6, 6), strict=True) for x in (getattr(reference, x),)]
-    assert found == pytest.approx(expected, abs=1e-12)
-    between = table[len(table) // 3]
-    course = motion.run(between["t"])
-    assert between["theta1"] == pytest.approx(course.theta[-1], abs=1e-7)  # the pen's width is 1e-3
-    assert between["theta1_rate"] == pytest.approx(course.w[-1], abs=1e-4)
+    for k, name in ((0, "x1"), (1, "y1"), (2, "theta1"), (6, "x3")):
+        assert (last[name], last[f"{name}_rate"]) == pytest.approx((reference.q[-1, k], reference.v[-1, k]), abs=1e-12)

@@ -12,8 +12,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.site.motion import find_turn, in_pixels
-from gauss_bench.report.site.playback import play_pair
+from gauss_bench.report.site.playback import find_turn, in_pixels, play_pair
 from gauss_bench.tables import KEY, write_schema, write_table
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory

@@ -34,8 +34,8 @@ from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.toml import toml
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
-from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import LimitOfMotion, SingularPosition
 from gauss_bench.linkage.digest import content_digest
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.evaluate import Evaluator

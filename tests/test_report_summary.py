@@ -8,6 +8,7 @@ from gauss_bench.report.content import Bullets, Finding, Section, Table
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
 from gauss_bench.report.summary import summary
+from tests.headlines import compared, with_raw_rows
 from tests.published import REPORTS, published, published_findings
 
 LIMIT = 30_000  # bytes that a reviewer reads
@@ -22,6 +23,11 @@ def test_the_published_summary_follows_from_the_published_rows() -> None:
     page = markdown_page(published(), summary(published(), published_findings()))
     assert (REPORTS / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
     assert len(page.encode()) <= LIMIT
+
+
+@pytest.mark.long
+def test_every_published_headline_is_that_of_the_raw_rows() -> None:
+    assert set(compared(with_raw_rows(REPORTS))) == {"steps", "one_value", "costs", "claim", "search"}
 
 
 def test_defeats_come_first_in_the_summary() -> None:

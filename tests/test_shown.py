@@ -83,14 +83,6 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
         assert all(b[0] >= 0 and b[1] >= 0 and b[2] <= width and b[3] <= height for _, b in boxes), name
 
 
-def test_springs_motors_and_cylinders_are_drawn() -> None:
-    """They are in the drawings beside the linkage files; another test checks that these are up to date."""
-    jansen, excavator = (built_in()[name].with_suffix(".svg").read_text() for name in ("jansen", "excavator"))
-    assert all(f">{name}</text>" in jansen for name in ("cord", "cross", "coil", "motor", "load"))
-    assert jansen.count("non-scaling-stroke") > excavator.count("non-scaling-stroke") > 0
-    assert "boom.Q-bucket.R" in excavator
-
-
 def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
     mechanism, _, trace = pose_links("jansen")
     assert trace is not None

@@ -11,7 +11,7 @@ import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.studio.document import parse_text
-from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Refused
 from gauss_bench.untrusted import DEEPEST, TooDeep, check_depth, parse_toml
 
 MANY = 40_000

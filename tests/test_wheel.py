@@ -100,17 +100,8 @@ def test_verbs_that_need_an_extra_name_it(what: str, environment: Bare) -> None:
 
 
 def test_every_verb_is_tried_here() -> None:
-    assert set(VERBS) == {
-        *(words(x)[0] for x in WORKING.values()),
-        "run",
-        "report",
-        "check",
-        "certify",
-        "sweep",
-        "studio",
-        "tune",
-        "releases",
-    }
+    elsewhere = {"run", "report", "check", "certify", "sweep", "studio", "tune", "releases"}
+    assert set(VERBS) == {words(x)[0] for x in WORKING.values()} | elsewhere
 
 
 @pytest.mark.slow

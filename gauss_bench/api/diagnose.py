@@ -136,14 +136,23 @@ def diagnose(
         KeyError: the engine is unknown.
     """
     required = {} if position is None and angle is None else list_requirements(position=position, angle=angle)
-    file = read_file(linkage, tuple(close))
+    file = None
+    if is_model_file(linkage):
+        with Worker() as worker:
+            file = read_own_file(linkage, tuple(close), worker)
+    elif close:
+        raise ChoiceError("--close: only a URDF file needs it; a linkage file names its joints")
     if file is not None and scenario is not None:
         raise ChoiceError("--scenario: a model file has no scenarios; it starts at its keyframe")
     mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
         subject = subject_as_it_stands(file, integrator, stabilization, step)
     else:
-        subject = subject_with_settings(engine, settings, integrator, stabilization, step)
+        if engine is None:
+            raise ChoiceError("--engine: name the engine to diagnose")
+        offered = offer(engine)
+        choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+        subject = Subject(engine, engine, choice.settings, choice, offered)
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     check_size(subject.choice.step, end)
@@ -159,26 +168,14 @@ def diagnose(
         question = ask_along(mechanism, reference)
         verdict, first = run_ladder(linkage, mechanism, subject, end, reference, deadline, worker, told, question)
     remarks = [] if subject.file is None else describe_closures(subject.file.settings)
-    remarks += describe_forces(*question.compare(None if first is None else first.answer))
+    error, largest = question.compare(None if first is None else first.answer)  # [N, N m]; NaN if the engine reports no forces
+    if not np.isnan(error):
+        remarks.append(
+            f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"
+        )
     if required and first is not None and first.trajectory is not None:
         remarks += compare_errors(mechanism, first.trajectory, reference, required)
     return make_diagnosis(mechanism, subject, end, verdict, reference.method, remarks)
-
-
-def subject_with_settings(
-    engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
-) -> Subject:
-    """Return an engine with the given settings; a setting that is None takes the engine's default.
-
-    Raises:
-        ChoiceError: no engine is named, or the named engine does not offer a setting.
-        KeyError: the engine is unknown.
-    """
-    if engine is None:
-        raise ChoiceError("--engine: name the engine to diagnose")
-    offered = offer(engine)
-    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
-    return Subject(engine, engine, choice.settings, choice, offered)
 
 
 def run_ladder(
@@ -195,14 +192,8 @@ def run_ladder(
     """Diagnose runs with finer and finer steps or tolerances; return the verdict, and the first run or None if none was needed.
 
     Args:
-        linkage, mechanism: path or name of the linkage, and the linkage in its scenario.
-        subject: the engine and the setting of the first run.
         end: duration of the runs [s].
-        reference: the motion with which the runs are compared.
         deadline: time of the monotonic clock [s] by which the last run ends.
-        worker: process in which the engine runs.
-        told: function that is called with each sentence of progress.
-        question: the states at which the first run also asks the engine for its own joint forces.
     """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
 
@@ -210,7 +201,7 @@ def run_ladder(
         """Run the engine once with the setting `chosen` within the time that is left, and add the run to `runs`."""
         left = max(MIN_TIME, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
-        if not runs:  # the first run alone is asked for forces
+        if not runs:
             request = replace(request, ask=question.ask, answers=question.answers)
         runs.append(run_apart(request, mechanism, left, worker))
         return runs[-1]
@@ -244,35 +235,8 @@ def make_diagnosis(
     )
 
 
-def describe_forces(error: float, largest: float) -> list[str]:
-    """Return the sentence on the largest error of an engine's own joint forces [N, N m] and on the largest force.
-
-    The list is empty if the engine reports no forces; the error is then NaN.
-    """
-    if np.isnan(error):
-        return []
-    return [f"its own joint forces are off by {error:.1e} (N, N m) at the same states, where the largest is {largest:.1e}"]
-
-
-def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
-    """Return the model file with this name, or None if the name is that of a linkage.
-
-    Raises:
-        ExchangeError, MissingExtra: the model file cannot be read.
-        ChoiceError: `close` (the option --close, with pairs of points to be joined) is given, but the name is that of a linkage.
-    """
-    if is_model_file(name):
-        with Worker() as worker:
-            return read_own_file(name, close, worker)
-    if close:
-        raise ChoiceError("--close: only a URDF file needs it; a linkage file names its joints")
-    return None
-
-
 def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
     """Return MuJoCo with the settings of an MJCF file.
-
-    `integrator` and `step` [s] replace those of the file unless they are None. `stabilization` must be None or "none".
 
     Raises:
         ChoiceError: an MJCF file cannot express this integrator, stabilisation or step.

@@ -1,12 +1,14 @@
 """Build the mechanism for kinematics from a linkage file, a driver and a list of links, slides and pins that must not move."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import MotionError
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.closure import assemble, free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
@@ -19,17 +21,17 @@ from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, Sl
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.runs.offers import ChoiceError
+from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
 from gauss_bench.untrusted import read_bytes
 
 TURN = {"constant": {"speed": 2 * np.pi}}  # [rad/s] defaults of a law that is given by its name alone: one turn in a second
+UNDRIVEN = "drives nothing; name a driven scenario, or give a driver"
 RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 
 
 def driver_table(text: str) -> dict[str, Any]:
     """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
-
-    A motion law without keys has the values TURN or RISE: one turn in one second. The law "table" may name a file with its rows,
-    which are read.
 
     Raises:
         ChoiceError: in the driver's text LAW:OPTIONS, the part OPTIONS is not of the form key=value,key=value.
@@ -57,13 +59,7 @@ def _read_number(value: str) -> float | str:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law.
-
-    Commas or blanks separate numbers, and # starts a comment. The loader of linkages checks later that each row has two numbers.
-
-    Raises:
-        ChoiceError: the file cannot be read, is not UTF-8, or has a word that is not a number.
-    """
+    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law."""
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
         lines = [line.partition("#")[0].replace(",", " ").split() for line in content.splitlines()]
@@ -104,27 +100,26 @@ def load_with_drivers(
 ) -> Mechanism:
     """Return the mechanism of a driven scenario.
 
-    A held link or slide gets a driver with a constant value, and a held pin becomes a weld.
-
-    Args:
-        linkage: name of a built-in linkage, or a path.
-        scenario: name of a scenario; by default the first driven one.
-        driver: the driver as text; by default the scenario's own drivers.
-        hold: names of links, slides and pins, each with "=VALUE" or without; by default the scenario's own list.
-        with_forces: whether the scenario's forces act; positions do not depend on them. An unchanged scenario keeps its forces.
-
     Raises:
         LinkageError: the file or the driver has faults, named by table and field.
         ChoiceError: a name in `hold` cannot be held, or its value is not a number.
     """
     document, digest, path = document_of(linkage)
-    source = Source(document, digest, path, scenario or next(_find_driven_scenarios(document), None))
+    first = next((name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x), None)
+    source = Source(document, digest, path, scenario or first)
     if held := _read_holds(source, hold):
         return _load_held(source, driver, held, with_forces)
     own = source.load()  # reports faults of the file first, by the names in the file
     if driver is None:
         if not own.drivers:
-            raise source.refuse(own.scenario, _explain_undriven(own))
+            knives = ", ".join(x.name for x in own.knife_edges)
+            raise source.refuse(
+                own.scenario,
+                f"the knife edge {knives} holds a direction of motion and no position: the start and the forces decide where the "
+                f"linkage goes, and no law does; run `gauss-bench simulate {own.name} --scenario {own.scenario}`"
+                if knives
+                else UNDRIVEN,
+            )
         return own
     table, chosen = _place_driver(document, own, driver), document["scenarios"][own.scenario]
     acting = {"forces": chosen.get("forces", [])} if with_forces else {}
@@ -132,31 +127,8 @@ def load_with_drivers(
     return source.load_changed(moved, {"duration": float(table.get("time", 1.0)), "driver": table} | acting)
 
 
-def _explain_undriven(mechanism: Mechanism) -> str:
-    """Return a sentence on why a linkage without drivers has no kinematics, and what to do instead."""
-    if not mechanism.knife_edges:
-        return "drives nothing; name a driven scenario, or give a driver"
-    names = ", ".join(x.name for x in mechanism.knife_edges)
-    return (
-        f"the knife edge {names} holds a direction of motion and no position: the start and the forces decide where the linkage "
-        f"goes, and no law does; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
-    )
-
-
 def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """Return the driver table of a driver given as text.
-
-    If the text does not say what is driven, the driver moves the linkage's crank. If the text gives no start value, the law starts
-    at the value that the driven coordinate has at the start of the scenario.
-
-    Args:
-        document: content of the linkage file.
-        own: the mechanism of the file in its scenario, before the driver is added.
-        driver: the driver as text, as for `driver_table`.
-
-    Raises:
-        ChoiceError: the text names nothing to drive, and the linkage has no crank.
-    """
+    """Return the driver table of a driver given as text."""
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
         if "crank" not in document:
@@ -172,14 +144,7 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
 
 
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Return name of a link or joint -> value at which it is held [degrees or m].
-
-    The value None keeps the value that the link or joint has at the start of the scenario. `hold` lists texts "NAME" or
-    "NAME=VALUE"; None takes the names in the scenario's own list `hold`.
-
-    Raises:
-        ChoiceError: a VALUE is not a finite number.
-    """
+    """Return name of a link or joint -> value at which it is held [degrees or m]."""
     if hold is None:
         return dict.fromkeys(sequence(table(table(source.document, "scenarios"), source.scenario or ""), "hold"))
     held: dict[str, float | None] = {}
@@ -196,17 +161,20 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     """Return the driven mechanism in which some coordinates do not move.
 
     Args:
-        source: the linkage file and the scenario.
-        driver: the driver as text; None for the scenario's own drivers.
         held: name of a link, slide or pin -> the value at which it is held [deg], [m], or None for its value at the start.
-        with_forces: whether the forces of the scenario act.
     """
-    own = _load_own(source)
+    try:
+        own = source.load()
+    except LinkageError as error:  # if the start leaves some freedom open, the sketch in the file places the links
+        try:
+            own = source.load(place_by_sketch)
+        except LinkageError:
+            raise error from None
     chosen = source.document["scenarios"][own.scenario]
     moved = write_out(merge(source.document, chosen.get("override", {})))
     tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
     if not tables:
-        raise source.refuse(own.scenario, "drives nothing; name a driven scenario, or give a driver")
+        raise source.refuse(own.scenario, UNDRIVEN)
     # the start of a new scenario sets the held coordinates, and constant drivers keep them there
     start: dict[str, Any] = {"angles": {}, "slides": {}}
     for name, value in held.items():
@@ -227,26 +195,10 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
     return replace(mechanism, drivers=drivers, apart=apart, scenario=own.scenario, scenarios=own.scenarios)
 
 
-def _load_own(source: Source) -> Mechanism:
-    """Return the mechanism of the scenario as it is in the file.
-
-    If the scenario's start does not determine all degrees of freedom, the position is taken from the sketch in the file.
-    """
-    try:
-        return source.load()
-    except LinkageError as error:
-        try:
-            return source.load(place_by_sketch)
-        except LinkageError:
-            raise error from None
-
-
 def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) -> list[AngleDriver | SlideDriver]:
     """Return drivers that hold the angles and slides in `start` constant; the drivers act on the links of `bodies`.
 
     Args:
-        mechanism: gives the values of the coordinates.
-        bodies: the mechanism itself, or the same mechanism with welded links as separate bodies.
         start: {"angles": name -> value, "slides": name -> value}.
     """
     still: list[AngleDriver | SlideDriver] = []
@@ -263,14 +215,7 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
     """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
 
     Args:
-        moved: the content of the linkage file, in which this function replaces a held pin by a weld.
-        own: the mechanism of the file as it is, which gives the values at the start.
-        name: name of the link, slide or pin that is held.
         value: angle [deg] of the link or pin, or position [m] of the slide; None holds the angle or position of the start.
-        start: the scenario's table `start`, to which the held angle or slide is added.
-
-    Raises:
-        ChoiceError: there is no such link or joint, or it is a pin through more than two links.
     """
     joints = moved.get("joints", {})
     slide = next((x for x in own.slides if x.name == name), None)
@@ -290,11 +235,7 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
     """Hold a pin of two links by replacing the pin with a weld; if one link is the ground, hold the angle of the other link.
 
     Args:
-        moved: the content of the linkage file, which is changed.
-        own: the mechanism of the file as it is, which gives the values at the start.
-        name: name of the pin.
         value: held angle [deg] of the second link relative to the first; None holds the angle of the start.
-        start: the scenario's table `start`, to which the held angle of a link that is pinned to the ground is added.
     """
     near, far = moved["joints"][name]["at"]  # both as "link.point"
     near_link, far_link = (x.partition(".")[0] for x in (near, far))
@@ -319,17 +260,8 @@ def _start_angle(mechanism: Mechanism, name: str) -> float:
     return float(angle_at(mechanism.q0, body) + turn)
 
 
-def _find_driven_scenarios(document: dict[str, Any]) -> Iterator[str]:
-    """Return the names of the scenarios of a linkage file that have a driver."""
-    return (name for name, x in items(document, "scenarios") if "driver" in x or "drivers" in x)
-
-
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate.
-
-    If the scenario has its own driver of this coordinate, the start value is that driver's value at time 0. Otherwise it is the
-    value of the coordinate in the assembled position.
-    """
+    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate."""
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
     for driver in mechanism.drivers:
@@ -343,5 +275,30 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
 
 def free_at_start(mechanism: Mechanism) -> list[str]:
     """Return the names of angles and slides that, if all are held, fix the freedom that joints and drivers leave at the start."""
+    if mechanism.dof <= len(mechanism.drivers):
+        return []
     rows = Constraints(replace(mechanism, knife_edges=()))(0.0, mechanism.q0, mechanism.v0)
     return free_coordinates(mechanism, mechanism.q0, rows.J)
+
+
+def move_by_drivers(
+    mechanism: Mechanism, times: Array, method: Callable[..., Any] = loop_motion
+) -> tuple[Trajectory, Array | None, str]:
+    """Move a linkage by its drivers over times (k,) [s], up to the first position that cannot be reached.
+
+    Return the states, the solver's iterations at each time (None if the method does not count them), and why the motion stops
+    before the last time, or "".
+
+    Raises:
+        ChoiceError: the method does not cover the linkage, or the drivers do not fit its degrees of freedom.
+    """
+    stopped = ""
+    try:
+        motion = method(mechanism, times)
+    except MotionError as error:
+        stopped, motion = str(error), error.reached
+    except ValueError as error:
+        raise ChoiceError(str(error)) from error
+    count = len(motion.q)
+    states = Trajectory(times[:count], motion.q, motion.v, motion.a, steps=count - 1)
+    return states, getattr(motion, "iterations", None), stopped

@@ -69,7 +69,7 @@ class Tuning(Result):
     @property
     def met(self) -> bool:
         """Whether both errors are at most half of the required ones, and the error bar of the reference at most a tenth."""
-        is_precise = self.known <= self.motion_wanted / 10  # known: error bar of the reference
+        is_precise = self.known <= self.motion_wanted / 10
         return is_precise and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property
@@ -199,38 +199,38 @@ def export(
     answer = Export(engine, mechanism.name, mechanism.scenario, str(path), kind.what, 0, usual.step, (), None)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: the model")
     file = order.write(usual)  # raises ExchangeError, before any search, if the format cannot express the linkage
+    tuning, choice, warning = None, usual, ""
+    remarks: tuple[str, ...] = ()
     try:
-        setting = choose_setting(order, usual, tuned, wanted, seconds, told)
+        if tuned:
+            tuning = tune(order, seconds, told)
+            choice, remarks = kind.choose(tuning.step), tuning.sentences
+        elif wanted:
+            choice, remarks = find_setting(order, wanted, seconds, told)
     except NotReached as reason:
         return replace_fields(answer, refused=str(reason))
-    answer = replace_fields(answer, tuning=setting.tuning, step=setting.choice.step)
-    remarks, warning = setting.remarks, ""
+    answer = replace_fields(answer, tuning=tuning, step=choice.step)
     if kind.is_program:
         interpreter = None if kind.writer else interpreter_of(kind.engine)
         # a program that cannot run by itself is measured by the suite's own run with the same engine and setting
         runs_itself = engine == "c" or interpreter is not None
-        if runs_itself and setting.choice != usual:
-            file = order.write(setting.choice)
+        if runs_itself and choice != usual:
+            file = order.write(choice)
         source = file.text if runs_itself else ""
-        error = measure_program(linkage, mechanism, kind.engine, setting.choice, source, max(seconds, LIMIT), told, interpreter)
+        error = measure_program(linkage, mechanism, kind.engine, choice, source, max(seconds, LIMIT), told, interpreter)
         refused = name_missed(error, wanted) or ("" if error.is_valid or anyway else error.refusal)
         answer = replace_fields(answer, error=error, refused=refused)
         if refused:
             return answer
         remarks, warning = (*error.sentences, *remarks), error.warning
     if remarks:
-        file = order.write(setting.choice, remarks, warning)
+        file = order.write(choice, remarks, warning)
     write_text(path, file.text)
     return replace_fields(answer, bytes=len(file.text.encode()), left_out=file.left_out)
 
 
 def _check_step(engine: str, kind: Kind, step: float | None, tuned: bool) -> None:
-    """Check the arguments that determine the time step [s] of an exported file.
-
-    Raises:
-        ChoiceError: the step is not positive; or `step` and `tuned` are both given; or one of them is given although the integrator
-            of this kind of file chooses its own steps.
-    """
+    """Check the arguments that determine the time step [s] of an exported file."""
     if step is not None and not (np.isfinite(step) and step > 0):
         raise ChoiceError(f"the step must be a positive number of seconds, not {step:g}")
     if step is not None and tuned:
@@ -275,37 +275,6 @@ class Order:
         return export_program(self.mechanism, text, remarks, warning)
 
 
-@dataclass(frozen=True)
-class Setting:
-    """The setting of an exported file.
-
-    Attributes:
-        choice: settings, integrator, stabilisation and step with which the engine runs.
-        remarks: sentences for the header comment of the file, on how the setting was found.
-        tuning: how the step was found; None if the step was not tuned.
-    """
-
-    choice: Choice
-    remarks: tuple[str, ...] = ()
-    tuning: Tuning | None = None
-
-
-def choose_setting(order: Order, usual: Choice, tuned: bool, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the setting with which the engine runs in an exported file.
-
-    If `tuned`, the setting has the largest step that is accurate. If `wanted` (kind of error -> largest allowed error) has
-    requirements, the setting is the cheapest one that meets them. Otherwise the setting is `usual`.
-
-    Raises:
-        NotReached: no setting is known to meet the requirements.
-        ExchangeError: no step can be judged, because there is no reference.
-    """
-    if tuned:
-        tuning = tune(order, budget, told)
-        return Setting(order.kind.choose(tuning.step), tuning.sentences, tuning)
-    return find_setting(order, wanted, budget, told) if wanted else Setting(usual)
-
-
 def find_kind(name: str) -> Kind:
     """Return the kind of file with this name: one of KINDS, or a Python program if an engine of this name writes programs itself.
 
@@ -346,17 +315,11 @@ class NotReached(ArithmeticError):
     """No setting of an engine is known to meet the requirement."""
 
 
-def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> Setting:
-    """Return the engine's cheapest setting that meets the required accuracy over the scenario's duration.
-
-    Args:
-        order: the linkage and the kind of file.
-        wanted: kind of error -> largest allowed error [m], [rad], [N].
-        budget: time for the search [s].
-        told: function that is called with each sentence of progress.
+def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> tuple[Choice, tuple[str, ...]]:
+    """Return the engine's cheapest setting that is accurate enough over the scenario's duration, and a remark for the file.
 
     Raises:
-        NotReached: no setting that meets the required accuracy was found within the budget, or no reference is accurate enough.
+        NotReached: no such setting was found, or no reference is accurate enough.
     """
     engine, end = order.kind.engine, order.mechanism.duration
     # a program in C has only the integrators that are written in C
@@ -365,13 +328,13 @@ def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told:
     try:
         with Recommender(Run(order.linkage, order.mechanism, end), wanted, {engine: tried}, Budget(budget), told) as recommender:
             recommender.search()
-            (answer,) = recommender.answers(recommender.race())  # one engine was searched, so there is one answer
+            (answer,) = recommender.answers(recommender.race())
     except NoTruth as reason:
         raise NotReached(f"no setting can be judged: {reason}") from reason
     if answer.status != "ok":
         raise NotReached(f"no setting of {engine} is known to hold {limit} over {end:g} s: {answer.message}")
     reached = format_errors(answer.errors, wanted)
-    return Setting(answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {reached} in the search.",))
+    return answer.choose(end), (f"Found for at most {limit}: {setting_of(answer)} came to {reached} in the search.",)
 
 
 def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
@@ -387,8 +350,6 @@ def write_file(
     linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
 ) -> Exported:
     """Return an exported file of one of KINDS, with remarks and a warning in its header comment.
-
-    A worker process writes the text of the file; the caller stores it on disk.
 
     Raises:
         ExchangeError: the format cannot express a part of the linkage, which the message names.

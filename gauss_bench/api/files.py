@@ -24,14 +24,6 @@ def writable(
 ) -> Path:
     """Return the path `out` if a file may be written there.
 
-    Args:
-        out: path of the file to write.
-        replace: whether an existing file may be replaced.
-        option: the command-line option that named the path, for error texts.
-        usual: the default folder of such files; the subcommand creates it if only its parent exists.
-        suffix: ending of the kind of file to write; an existing file of another kind is never replaced.
-        source: path of the subcommand's input file, which is never replaced.
-
     Raises:
         FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
     """
@@ -83,11 +75,7 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 
 
 def _check_writable(folder: Path, named: str) -> None:
-    """Refuse a folder without write permission now, rather than after a long computation; `named` begins the message.
-
-    Raises:
-        FileRefused: there is no permission.
-    """
+    """Refuse a folder without write permission now, rather than after a long computation; `named` begins the message."""
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileRefused(f"{named}: nothing may be written into the folder {folder}")
 
@@ -100,8 +88,6 @@ def describe_files(
     Args:
         asked: name of an option -> path that the user gave for it.
         kinds: name of an option -> file endings that the option accepts.
-        replace: whether existing files may be replaced.
-        source: path of the subcommand's input file, which is never replaced.
 
     Raises:
         FileRefused: the ending of a file is unknown, a file is named twice, or `writable` refuses a file.

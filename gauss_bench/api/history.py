@@ -1,9 +1,7 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
-The groups of curves are observed links, observed points, energies, joint forces, motors and transmission angles. Within a group,
-the curves are in the order in which the linkage file lists the links, points or joints. If the file lists no observed points or
-links, all links are included. The signs of joint forces, and the points to which joint forces refer, are those of
-`gauss_bench.api.simulate.Simulation`.
+Groups: observed links, observed points, energies, joint forces, motors, transmission angles. If the file observes no point and no
+link, all links are included. Joint forces have the signs of `gauss_bench.api.simulate.Simulation`.
 """
 
 import csv
@@ -40,11 +38,7 @@ def history(result: Simulation) -> History:
 
 
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
-    """Yield every curve of a trajectory, in the order of the groups in this module's docstring.
-
-    The judge objects to all samples after the first `trusted` ones. Only over these first samples is the work done integrated,
-    which the curve of the gained energy needs.
-    """
+    """Yield every curve of a trajectory, in the order of the groups in this module's docstring."""
     # whole: the linkage with every link of the file, also those that are welded together; links: the motion of these links
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
     # angles are drawn for observed links, and for all links if the file lists neither observed links nor observed points
@@ -58,10 +52,7 @@ def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]
 
 
 def angular_curves(whole: Mechanism, links: Trajectory, indices: Iterable[int]) -> Iterator[Curve]:
-    """Yield the angle, angular velocity and angular acceleration of each link whose index is in `indices`.
-
-    `whole` is the linkage with every link of the file, and `links` is the motion of these links.
-    """
+    """Yield the angle, angular velocity and angular acceleration of each link whose index is in `indices`."""
     for i in indices:
         for key, unit, level in zip(("theta", "omega", "alpha"), LEVELS, (links.q, links.v, links.a), strict=True):
             yield Curve(Group.LINK, whole.link_name(i), key, f"rad{unit}", angle_at(level, i))

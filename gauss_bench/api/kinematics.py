@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 
 from gauss_bench import metrics
-from gauss_bench.api.driven import free_at_start, load_with_drivers
+from gauss_bench.api.driven import free_at_start, load_with_drivers, move_by_drivers
 from gauss_bench.api.simulate import LinkState, Observed, PointState, link_states, observe_names, point_states
 from gauss_bench.api.telling import HIDDEN, UNLESS_EMPTY, Result, Told, nobody
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.link_units import link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import LimitOfMotion, SingularPosition, describe_drivers
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
-from gauss_bench.kinematics.topology import LinkageGraph, find_graph
+from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism, Point, SlideDriver
@@ -205,25 +205,30 @@ def kinematics(
     if not 1 <= intervals <= MOST_INTERVALS:
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
-    _check_all_driven(mechanism)
+    if left := free_at_start(mechanism):
+        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
+        more = "; ".join(f"`--hold {x}`" for x in names)
+        raise ChoiceError(
+            f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
+            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
+        )
     shown = observe(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     _check_travel(mechanism, times)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
-    moved = move(mechanism, times, method)
-    return describe_motion(mechanism, moved, method, shown, _find_loads(mechanism, moved.states) if forces else ())
-
-
-def describe_motion(
-    mechanism: Mechanism, moved: "Moved", method: str, shown: tuple[Point, ...], curves: tuple[Curve, ...]
-) -> Kinematics:
-    """Return the public result of a motion; `curves` are its loads, or empty if they were not asked for."""
-    states = moved.states
-    driven_by = {x.name: driver_state(x, states.t) for x in mechanism.drivers}
+    states, iterations, stopped = move_by_drivers(mechanism, times, METHODS[method])
+    curves: tuple[Curve, ...] = ()
+    if forces:
+        try:
+            curves = tuple(metrics.load_curves(Evaluator(mechanism), states))
+        except ArithmeticError as error:  # dry friction leaves loads undetermined, or its iteration does not converge
+            raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
+    driven_by = {x.name: describe_driver(x, states.t) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), motion_of_links(mechanism, states)
+    types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
     return Kinematics(
-        status="stopped" if moved.stopped else "ok",
-        message=moved.stopped,
+        status="stopped" if stopped else "ok",
+        message=stopped,
         mechanism=mechanism.name,
         scenario=mechanism.scenario,
         method=method,
@@ -234,9 +239,9 @@ def describe_motion(
         points=point_states(shown, links),
         loops=[loop.joints for loop in graph.loops],
         branch=branch_of(mechanism, mechanism.q0),
-        iterations=moved.iterations,
+        iterations=iterations,
         singular=describe_singular(mechanism),
-        link_types=_link_types(mechanism, graph),
+        link_types=types | {"ground": link_type(graph.elements(GROUND), frame=True)},
         branch_changes=_changes(mechanism, states),
         observed=observe_names(mechanism, shown),
         model=mechanism,
@@ -245,53 +250,6 @@ def describe_motion(
         loads=metrics.summarise_loads(mechanism, states, curves) if curves else None,
         load_curves=curves,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """A driven motion, up to the last sample that could be reached.
-
-    Attributes:
-        states: states at the k times that were reached.
-        iterations: (k,) iterations of the solver at each time, or None if the method does not count them.
-        stopped: the reason why the motion ends before the last of the given times; empty if it reaches this time.
-    """
-
-    states: Trajectory
-    iterations: Array | None
-    stopped: str
-
-
-def move(mechanism: Mechanism, times: Array, method: str) -> Moved:
-    """Move a linkage by its drivers over the times (k,) [s] by one of METHODS.
-
-    The motion ends at the last time, or before the first position that cannot be reached.
-
-    Raises:
-        ChoiceError: the method does not cover the linkage, or the number of drivers differs from the number of degrees of freedom.
-    """
-    stopped = ""
-    try:
-        motion = METHODS[method](mechanism, times)
-    except MotionError as error:
-        stopped, motion = str(error), error.reached
-    except ValueError as error:
-        raise ChoiceError(str(error)) from error
-    count = len(motion.q)  # fewer than the given times if the motion stopped
-    states = Trajectory(times[:count], motion.q, motion.v, motion.a, steps=count - 1)
-    return Moved(states, getattr(motion, "iterations", None), stopped)
-
-
-def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
-    """Return the curves of all loads along a motion.
-
-    Raises:
-        ChoiceError: dry friction leaves the loads undetermined, or its iteration does not converge.
-    """
-    try:
-        return tuple(metrics.load_curves(Evaluator(mechanism), states))
-    except ArithmeticError as error:
-        raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
 
 
 def name_value(driver: Driver) -> str:
@@ -305,23 +263,15 @@ def name_value(driver: Driver) -> str:
             return "length"
 
 
-def driver_state(driver: Driver, times: Array) -> DriverState:
-    """Return the motion of a driver at times (k,) [s].
-
-    The driven value stands under two keys: under "angle", which older programs use, and under the key of linkage files, which is
-    "angle", "position" or "length".
-    """
+def describe_driver(driver: Driver, times: Array) -> DriverState:
+    """Return the motion of a driver at times (k,) [s], its value under the key of linkage files and under the older key "angle"."""
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
     return cast(DriverState, state | {name_value(driver): value})
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
-    """Check that no driver travels further than LONGEST_WAY over the times (k,) [s].
-
-    Raises:
-        ChoiceError: a driver travels further.
-    """
+    """Check that no driver travels further than LONGEST_WAY over the times (k,) [s]."""
     for driver in mechanism.drivers:
         with np.errstate(all="ignore"):
             travel = float(np.abs(np.diff(driver.law(times)[0])).sum())
@@ -332,37 +282,15 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
             )
 
 
-def _check_all_driven(mechanism: Mechanism) -> None:
-    """Check that the drivers leave no coordinate free.
-
-    Raises:
-        ChoiceError: some coordinates are free; the message says which coordinates to hold.
-    """
-    left = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
-    if left:
-        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
-        more = "; ".join(f"`--hold {x}`" for x in names)
-        raise ChoiceError(
-            f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
-            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
-        )
-
-
-def _link_types(mechanism: Mechanism, graph: LinkageGraph) -> dict[str, str]:
-    """Return name of a link, or "ground" -> type of the link in Wang's notation of link units (see `kinematics/link_units.py`)."""
-    types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
-    return types | {"ground": link_type(graph.elements(GROUND), frame=True)}
-
-
 def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
     """Return the changes of assembly branch (a group of links and its mirror image) between neighbouring samples of a motion."""
     branches = [branch_of(mechanism, q) for q in states.q]
-    changes: list[BranchChange] = []
-    for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True):
-        for group, side in before.items():
-            if side != after[group]:
-                changes.append({"t": t, "group": group, "before": side, "after": after[group]})
-    return changes
+    return [
+        BranchChange(t=t, group=group, before=side, after=after[group])
+        for t, (before, after) in zip(states.t[1:].tolist(), pairwise(branches), strict=True)
+        for group, side in before.items()
+        if side != after[group]
+    ]
 
 
 def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
@@ -379,7 +307,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
     sweep = closure.sweep(*levels)
-    loss = sweep.loss  # why and where the motion ended early
+    loss = sweep.loss
     if loss is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion
@@ -397,7 +325,7 @@ def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
     yield "t [s]", result.t
     for driver in result.model.drivers:
         unit, state = "rad" if isinstance(driver, AngleDriver) else "m", cast(Mapping[str, Array], result.drivers[driver.name])
-        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):  # per: end of the unit
+        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):
             yield f"{driver.name}.{key} [{unit}{per}]", state[key]
     for group in (result.links, result.points):
         for name, values in group.items():
@@ -420,14 +348,14 @@ def describe_singular(mechanism: Mechanism) -> list[DescribedSingular] | str:
     except (ValueError, ChangePoint) as error:
         return str(error)
     return [
-        {
-            "coordinate": s.coordinate,
-            "kind": s.kind,
-            "value": s.value,
-            "crank": s.crank,
-            "crank_deg": float(np.degrees(s.crank)),
-            "input": s.driving.name,
-            "input_value": s.input,
-        }
+        DescribedSingular(
+            coordinate=s.coordinate,
+            kind=s.kind,
+            value=s.value,
+            crank=s.crank,
+            crank_deg=float(np.degrees(s.crank)),
+            input=s.driving.name,
+            input_value=s.input,
+        )
         for s in positions
     ]

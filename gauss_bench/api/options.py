@@ -22,10 +22,7 @@ EXIT_CODES = (
 
 
 def read_verbs() -> dict[str, dict[str, Any]]:
-    """Return name of a subcommand -> its table in `verbs.toml`.
-
-    Where the file names a shared option by a word, the word is replaced by the table of that option.
-    """
+    """Return name of a subcommand -> its table in `verbs.toml`."""
     verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
     shared = verbs.pop("shared")
     for verb in verbs.values():
@@ -60,7 +57,7 @@ def parser(actions: Mapping[str, Verb]) -> argparse.ArgumentParser:
 def add_options(parser: argparse.ArgumentParser, verb: Mapping[str, Any]) -> None:
     """Add the options of a subcommand to its parser; `verb` is the subcommand's table in VERBS."""
     has_json = verb.get("json", True)
-    alternatives = parser.add_mutually_exclusive_group() if has_json else parser  # options that exclude --json, and --json
+    alternatives = parser.add_mutually_exclusive_group() if has_json else parser
     for names, option in verb.get("options", {}).items():
         given = {key: value for key, value in option.items() if key != "flag"}
         if "type" in given:
@@ -92,21 +89,18 @@ def numbers(text: str) -> list[float]:
 
 def times(text: str) -> list[float]:
     """Return the numbers in a comma-separated text; each must be finite and not negative."""
-    if not all(math.isfinite(x) and x >= 0 for x in numbers(text)):
+    found = numbers(text)
+    if not all(math.isfinite(x) and x >= 0 for x in found):
         raise argparse.ArgumentTypeError("times must be numbers that are not negative")
-    return numbers(text)
+    return found
 
 
 def steps(text: str) -> list[float]:
     """Return the numbers in a comma-separated text; each must be finite and positive."""
-    if not all(math.isfinite(x) and x > 0 for x in numbers(text)):
+    found = numbers(text)
+    if not all(math.isfinite(x) and x > 0 for x in found):
         raise argparse.ArgumentTypeError("steps must be positive numbers")
-    return numbers(text)
-
-
-def names(text: str) -> list[str]:
-    """Return the names in a comma-separated text."""
-    return text.split(",")
+    return found
 
 
 TYPES: dict[str, Callable[[str], Any]] = {
@@ -116,5 +110,5 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "jobs": jobs,
     "times": times,
     "steps": steps,
-    "names": names,
+    "names": lambda text: text.split(","),
 }

@@ -23,18 +23,11 @@ LARGEST = 30_000  # characters of a program in a report; `gauss-bench export` wr
 BEATS = 50  # samples that a program prints if its integrator chooses its own steps
 UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
 
-Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]  # calls a function with arguments in the process of an engine
+Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]
 
 
 def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, choice: Choice, remarks: tuple[str, ...]) -> str:
     """Return the text of a program that runs a mechanism over its duration in an engine.
-
-    Args:
-        call: function that calls another function with arguments in the engine's process.
-        linkage: name or path of the linkage, as the program states it.
-        mechanism: the linkage in its scenario.
-        engine, choice: the engine and its setting.
-        remarks: sentences for the header comment of the program.
 
     Raises:
         ExchangeError, RunFailure: a program cannot express the setting, or the engine refuses it.
@@ -59,8 +52,6 @@ def snippet_there(
 @lru_cache(maxsize=32)
 def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
     """Return a linkage in a scenario with the duration `until` [s].
-
-    The results are cached, because a report asks for the same linkage, scenario and duration many times.
 
     Raises:
         LinkageError: the file has faults.
@@ -99,7 +90,6 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
     load_until.cache_clear()  # a file may have changed since the last report
     with Worker() as worker:
         for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
-            # programs exist only for some integrators and stabilisations of an engine
             if not holds(x.engine, x.integrator, x.stabilization):
                 continue
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)

@@ -50,11 +50,7 @@ class Result:
         return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return name -> field, in order, as plain data and arrays, then the properties in `computed`.
-
-        A field is left out if the entry "told" of its metadata is "never" (HIDDEN). A field is left out if it is empty and the
-        entry is "unless empty" (UNLESS_EMPTY). Fields without this entry are always included.
-        """
+        """Return name -> field, in order, as plain data and arrays, then the properties in `computed`."""
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
             value, shown = getattr(self, x.name), x.metadata.get("told")

@@ -1,10 +1,7 @@
 """Write a copy of a user's MJCF file with settings that meet a required accuracy.
 
-The function `tune` returns the object that `gauss-bench tune --json` prints.
-
-Only attributes of MJCF are changed, in the text of the file. Every setting is first tried at the file's own timestep; with
-`allow_step` the timestep is then halved until a setting is accurate enough. The file that was written is compiled by MuJoCo and run
-again, and the errors of this run must meet the requirement too.
+Settings are tried at the file's own timestep first; with `allow_step` the timestep is then halved. The written file is compiled by
+MuJoCo and run again, and its errors must meet the requirement too.
 """
 
 import math
@@ -224,10 +221,6 @@ def find_reference(
 ) -> tuple[float, Truth]:
     """Return the end of the runs [s], and the reference motion until this end.
 
-    The error bars of the reference shall be at most KNOWN times the required errors. If `until` is None and the motion is chaotic,
-    shorter durations are tried until the error bars are small enough. If they never are, the last reference is returned; then no
-    setting can be shown to meet the requirement.
-
     Raises:
         ExchangeError: no reference could be computed, for any of the durations.
     """
@@ -250,11 +243,13 @@ def find_reference(
 
 
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
-    """Yield the changes (attribute -> value) that are tried at a timestep [s].
+    """Yield the changes (attribute -> value) that are tried at a timestep [s]."""
 
-    The first ones keep the closures of the file and change only the integrator; the later ones also make the closures stiff. Values
-    that the file already has are left out.
-    """
+    def has_other(key: str, wanted: Any) -> bool:
+        """Tell whether the file has another value of an option; an option of closures is a dictionary, closure -> value."""
+        value = file.settings[key]
+        return any(x != wanted for x in value.values()) if isinstance(value, dict) else bool(value != wanted)
+
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
     at = {} if step == file.settings["timestep"] else {"timestep": step}
@@ -263,29 +258,17 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     for closures in ({}, stiff):
         for integrator in integrators:
             changes = at | {"integrator": integrator} | closures
-            yield {key: x for key, x in changes.items() if key == "timestep" or not is_set(file.settings[key], x)}
-
-
-def is_set(value: Any, wanted: Any) -> bool:
-    """Return whether an option already has the wanted value.
-
-    `value` is a dictionary, name of a closure -> value, if each closure has its own value of the option.
-    """
-    return all(x == wanted for x in value.values()) if isinstance(value, dict) else bool(value == wanted)
+            yield {key: x for key, x in changes.items() if key == "timestep" or has_other(key, x)}
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors.
-
-    A setting is accurate if its `share`, the largest ratio of an error to the required error, is at most ACCEPTED_SHARE. `before`
-    is the setting of the file itself, which has been tried already.
-    """
+    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors."""
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before  # without changes it is the setting of the file
+            tried = judge.try_setting(changes) if changes else before
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
@@ -296,14 +279,11 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
 
 
 def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
-    """Write the edited file, run it in the folder in which it is written, and return its trial and its relative cost.
-
-    The cost is the processor time of the edited file for one second of motion, divided by that of the original file.
+    """Write the edited file, run it in its folder, and return its trial and its cost: processor time relative to the original file.
 
     Raises:
         ExchangeError: an attribute does not take effect, something else changed, included files are not found from the
             result's folder, or the written file does not meet the requirement.
-        OSError: the file cannot be written.
     """
     source = judge.file.path
     content = read_bytes(source, MAX_BYTES)
@@ -341,11 +321,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
-    """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`.
-
-    The timing alternates between blocks of steps of the two models, so that disturbances affect both alike. This function runs in a
-    worker process. `step_before` and `step_after` are the timesteps [s].
-    """
+    """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`."""
     engine, steps = get(ENGINE), (step_before, step_after)
     blocks = []
     for k, path in enumerate((before, after)):

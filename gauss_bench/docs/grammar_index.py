@@ -48,22 +48,21 @@ class Entry:
 
 
 def list_entries() -> list[Entry]:
-    """Return the tables of a linkage file, each before the tables inside it; a table that may stand at several paths comes once."""
+    """Return the tables of a linkage file, each once and before the tables inside it."""
     entries: dict[type[schema.Table], Entry] = {}
-    add_entry(entries, schema.LinkageTable, "", edition=1)
+
+    def add(table: type[schema.Table], place: str, edition: int) -> None:
+        """Add a table, which the grammar has since an edition, at a path, and its inner tables."""
+        entry = entries.setdefault(table, Entry(table, [], edition))
+        if place not in entry.places:
+            entry.places.append(place)
+            for name, info in table.model_fields.items():
+                key = schema.key_of(table, name)
+                for inner, inner_table in inner_tables(info.annotation, join(place, key)):
+                    add(inner_table, inner, edition_of(entry, key))
+
+    add(schema.LinkageTable, "", 1)
     return list(entries.values())
-
-
-def add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
-    """Add a table at the path `place`, and its inner tables, to `entries`; edition: first edition of the grammar with the table."""
-    entry = entries.setdefault(table, Entry(table, [], edition))
-    if place in entry.places:
-        return
-    entry.places.append(place)
-    for name, info in table.model_fields.items():
-        key = schema.key_of(table, name)
-        for inner, inner_table in inner_tables(info.annotation, join(place, key)):
-            add_entry(entries, inner_table, inner, edition_of(entry, key))
 
 
 def join(place: str, key: str) -> str:
@@ -94,12 +93,7 @@ def print_type(value: dict[str, Any], place: str) -> str:
     """Return a type of JSON Schema in words, such as "[number, number]".
 
     A text that names a part of the linkage is printed as the kind of this part, such as "link"; the table `named` in `grammar.toml`
-    gives the kind for each path.
-
-    Args:
-        value: a JSON Schema.
-        place: path of the value in a file, such as `links.*`. In paths `.*` is the value of any key of a table, `.~` the key
-            itself, and `[*]` any entry of a list.
+    gives the kind for each path. In paths `.*` is the value of any key of a table, `.~` the key itself, `[*]` any entry of a list.
     """
     named = schema.GRAMMAR["named"]
     alternatives = value.get("anyOf", value.get("oneOf", ()))
@@ -131,27 +125,16 @@ def print_default(default: Any) -> str:
     return "-" if default in (None, "", {}, []) or isinstance(default, schema.Table) else f"`{default}`"
 
 
-def explaining_headings() -> dict[str, str]:
-    """Return a dict: path of a table in a linkage file -> heading of the guide that explains it; "" stands for all other tables."""
-    headings = {"": TOP}
+def heading_of(place: str) -> str:
+    """Return the heading of the guide that explains the table at a path, or the innermost table around it."""
+    headings = {"": TOP}  # path of a table -> heading
     for heading in re.findall(r"^### (.+)$", GUIDE.read_text(encoding="utf-8"), re.MULTILINE):
         for name in re.findall(r"`([^`]+)`", heading):
             # a single capital, as in `links.L`, stands for any name
             headings[re.sub(r"\.[A-Z](?=\.|$)", ".*", name)] = heading
-    return headings
-
-
-def heading_of(place: str) -> str:
-    """Return the heading of the guide that explains the table at the path `place`, or else the innermost table around it."""
-    headings = explaining_headings()
     # the key "" stands for the whole file; the dots prevent that `links` encloses `links_other`
     enclosing = [outer for outer in headings if not outer or f"{place}.".startswith(f"{outer}.")]
     return headings[max(enclosing, key=len)]
-
-
-def heading_anchor(heading: str) -> str:
-    """Return the anchor that MkDocs gives to a heading."""
-    return re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
 def print_place(place: str) -> str:
@@ -160,13 +143,13 @@ def print_place(place: str) -> str:
 
 
 def describe_place(entry: Entry) -> str:
-    """Return the heading of a table of the grammar: all its paths, and the values of its key `type` or `law` if it has this key."""
+    """Return the heading of a table: all its paths, and the values of its key `type` or `law`."""
     words = " and ".join(f"`{print_place(x)}`" for x in entry.places if x) or "The file"
     return f"{words}, {entry.decides} {', '.join(f'`{x}`' for x in entry.kinds)}" if entry.decides else words
 
 
 def describe_key(entry: Entry, key: str) -> str:
-    """Return a key with its path, such as "links.NAME.mass", and with the `type` or `law` of its table."""
+    """Return a key with its path, such as "links.NAME.mass", and its `type` or `law`."""
     kinds = f" ({entry.decides} {', '.join(entry.kinds)})" if entry.decides else ""
     return join(print_place(entry.places[0]), key) + kinds
 
@@ -180,7 +163,7 @@ def list_keys() -> Iterator[tuple[Entry, str, str]]:
 
 
 def write_index() -> str:
-    """Return the Markdown of the page: for each table of the grammar a table of its keys, with anchors such as `links.mass`."""
+    """Return the Markdown of the page: a table of keys, with anchors such as `links.mass`, for each table."""
     lines: list[str] = []
     for entry, keys in groupby(list_keys(), key=itemgetter(0)):
         table, place = entry.table, entry.places[0]
@@ -188,7 +171,8 @@ def write_index() -> str:
         properties = table.model_json_schema()["properties"]
         defaults = {schema.key_of(table, name): info.default for name, info in table.model_fields.items()}
         lines += ["", f"## {describe_place(entry)} {{ #table.{entry.address or 'file'} }}", ""]
-        lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{heading_anchor(heading)}).", ""]
+        anchor = re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())  # as MkDocs makes it
+        lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{anchor}).", ""]
         lines += ["| key | type | unit | default | edition |", "| --- | --- | --- | --- | --- |"]
         for _, key, address in keys:
             kind, unit = print_type(properties[key], join(place, key)), table.units.get(key, "")

@@ -37,20 +37,14 @@ def on_files(files: Any, config: Any, **_: Any) -> Any:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return the Markdown of a page with the parts that are computed from code."""
-    match page.file.src_uri:
-        case "grammar.md":
-            return f"{markdown}\n{write_grammar()}"
-        case "keys.md":
-            return f"{markdown}\n{write_index()}"
-        case "commands.md":
-            return write_commands(markdown)
-        case "formats.md":
-            return f"{markdown}\n{write_formats()}"
-    return markdown
+    if page.file.src_uri == "commands.md":
+        return write_commands(markdown)
+    write = {"grammar.md": write_grammar, "keys.md": write_index, "formats.md": write_formats}.get(page.file.src_uri)
+    return f"{markdown}\n{write()}" if write else markdown
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the headings of a page to HEADINGS: for the index of keys its keys instead, for the page of commands also the options."""
+    """Add the headings of a page to HEADINGS, or the keys of the index, and the options of commands."""
     HEADINGS.append({"location": page.url, "title": page.title})
     found = [(heading.url, heading.title) for heading in flatten(page.toc)]
     if page.file.src_uri == "keys.md":
@@ -91,7 +85,7 @@ def write_grammar() -> str:
 
 
 def write_commands(page: str) -> str:
-    """Return the page of commands with the summary of each verb below its heading, and its help below its example."""
+    """Return the page of commands with summary and help of each verb."""
     os.environ["COLUMNS"] = "100"  # width of the help
     start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)  # then names and examples in turn
     lines = [start]

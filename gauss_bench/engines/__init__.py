@@ -1,18 +1,15 @@
 """All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
-The module of an engine's adapter is imported when the engine is first used. If a library is missing, the message names the extra of
-this package that installs the library.
-
-Some simulation libraries cannot be installed in one Python environment with the libraries of other engines. Engines with such a
-library run in Python environments of their own. The user's file of engines lists these environments, one table for each engine:
+The module of an adapter is imported when the engine is first used. Libraries that cannot be installed with those of other engines
+run in Python environments of their own, with Python >= 3.11 and numpy >= 2, but not necessarily this package. The user's file of
+engines lists them, one table for each engine:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
     python = "/home/me/heun/bin/python"          # the interpreter of the environment
     memory = 8                                   # [GiB] limit of a process, if the usual limit is too low
 
-The file is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names. The environment
-needs Python >= 3.11 and numpy >= 2 besides the engine's library. This package need not be installed in it.
+The file is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names.
 """
 
 import os
@@ -85,7 +82,6 @@ class Environment:
     """A Python environment in which one engine runs.
 
     Attributes:
-        engine: name of the engine.
         class_name: MODULE:CLASS of the engine's adapter.
         python: path of the environment's Python interpreter.
         memory: limit [bytes] of the memory of a process; 0 stands for the usual limit.
@@ -124,16 +120,14 @@ def get(name: str) -> Engine:
 
     Raises:
         UnknownEngine: no engine has that name.
-        ImportError: the engine's adapter cannot be imported. (An adapter imports its simulation library only when it builds a
-            model.)
+        ImportError: the engine's adapter cannot be imported; its library is imported only when it builds a model.
     """
     if name in (*OWN, *COMPILED):
         return resolve_name(OWN_CLASS if name in OWN else COMPILED_CLASS)(name)  # type: ignore[no-any-return]
     registered = {**DERIVED, **FOREIGN, **RIVALS}
-    if name in registered or is_class(name):
-        return resolve_name(registered.get(name, name))()  # type: ignore[no-any-return]
-    if environment := environment_of(name):  # the class can be imported only by a process of that environment
-        return resolve_name(environment.class_name)()  # type: ignore[no-any-return]
+    environment = environment_of(name)  # its class can be imported only by a process of that environment
+    if environment or name in registered or is_class(name):
+        return resolve_name(environment.class_name if environment else registered.get(name, name))()  # type: ignore[no-any-return]
     for point in _plug_ins():
         if point.name == name:
             return point.load()()  # type: ignore[no-any-return]
@@ -168,11 +162,7 @@ def not_installed(error: ImportError) -> str:
 
 
 def require(library: str) -> None:
-    """Check that an optional library, one of the keys of EXTRAS, is installed.
-
-    Raises:
-        MissingExtra: it is not installed.
-    """
+    """Check that an optional library, one of the keys of EXTRAS, is installed."""
     if find_spec(library) is None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
@@ -190,7 +180,6 @@ def read_environments() -> dict[str, Environment]:
     """Return engine -> environment, in the order of the user's file of engines; empty if there is no file.
 
     Raises:
-        EnvironmentFault: the file has a fault.
         OSError: the file cannot be read.
     """
     path = file_of_engines()
@@ -202,18 +191,13 @@ def read_environments() -> dict[str, Environment]:
         tables = parse_toml(content.decode())
     except ValueError as error:
         raise EnvironmentFault(f"{path}: {error}") from error
-    # SAFE: names of the engines of this package
     if taken := next((x for x in tables if x in SAFE), None):
         raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
     return {name: _read_table(path, name, table) for name, table in tables.items()}
 
 
 def _read_table(path: Path, name: str, table: Any) -> Environment:
-    """Return the environment that the table `name` of the file at `path` describes.
-
-    Raises:
-        EnvironmentFault: the table has a fault.
-    """
+    """Return the environment that the table `name` of the file at `path` describes."""
 
     def require(good: bool, place: str, otherwise: str) -> None:
         if not good:

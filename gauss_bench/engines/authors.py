@@ -17,9 +17,8 @@ The file is `authors.toml` in the engine's folder, or any file that a user names
     integrator = "rk4"                # may be left out if the engine has only one
     iterations = 2
 
-The engine's `variants.toml` defines the knobs (options of the engine), and the type and range of their values. A file for an engine
-may have at most as many settings as the search has variants of the same engine. Tables name a setting by the text of its options,
-such as "rigid,iterations=2", with which everybody can run it again (`own_options.py`).
+The engine's `variants.toml` defines the knobs. A file may have at most as many settings as the search has variants of the engine.
+Tables name a setting by the text of its options, such as "rigid,iterations=2".
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +32,7 @@ from gauss_bench.engines import ELSEWHERE, get
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import OptionError, write_options
 from gauss_bench.engines.variants import FILE as VARIANTS_FILE
-from gauss_bench.engines.variants import MIN_REASON_LENGTH, Variants, read_variants
+from gauss_bench.engines.variants import MIN_REASON_LENGTH, VariantError, Variants, read_variants, require
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent  # holds the folders of all engines
@@ -43,7 +42,6 @@ LARGEST = 1 << 16  # [bytes] largest file that is read
 LONGEST = 200  # characters of a name, a contact or a reason
 FIELDS = ("format", "engine", "authors", "contact", "date", "knobs", "settings")
 BASE = "base"
-ONE_DAY = timedelta(days=1)  # time zones: the authors' date may be a day ahead of the date here
 
 Line = Mapping[str, Any]
 
@@ -54,12 +52,7 @@ class SettingsFault(BadInput, ValueError):
 
 @dataclass(frozen=True)
 class Reason:
-    """The authors' reason for giving a value to a knob, an option of their engine.
-
-    Attributes:
-        source: address of the knob's documentation.
-        why: a sentence that states why the knob has its value.
-    """
+    """The address of a knob's documentation (`source`), and the authors' reason for its value, a sentence (`why`)."""
 
     source: str
     why: str
@@ -70,10 +63,7 @@ class AuthorsSettings:
     """A file of settings that has passed all checks.
 
     Attributes:
-        path: path of the file.
-        engine: name of the engine.
-        authors: names of the owners.
-        contact: address of the owners.
+        authors, contact: names and address of the owners.
         date: day on which the owners wrote the settings.
         most: largest number of settings that the file may have: the number of variants in the suite's own search.
         knobs: name of a knob -> the authors' reason for its value.
@@ -94,12 +84,11 @@ def read_settings(path: Path) -> AuthorsSettings:
     """Read a file of settings and check it.
 
     Raises:
-        SettingsFault: the file has a fault.
         OSError: the file cannot be read.
     """
     try:
         return _read(path, parse_toml(read_bytes(path, LARGEST).decode("utf-8")))
-    except SettingsFault as fault:
+    except (SettingsFault, VariantError) as fault:
         raise SettingsFault(f"{path}: {fault}") from fault
     except ValueError as error:
         raise SettingsFault(f"{path}: TOML syntax: {error}") from error
@@ -108,8 +97,8 @@ def read_settings(path: Path) -> AuthorsSettings:
 def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant]:
     """Return the candidate settings that the authors of an engine contribute, without duplicates.
 
-    The candidates in the `authors.toml` of the engine's folder come first, then the candidates in `files`; files of settings for
-    other engines are skipped.
+    The candidates in the `authors.toml` of the engine's folder come first, then those in `files`; files for other engines are
+    skipped.
 
     Raises:
         SettingsFault: a file has a fault.
@@ -127,118 +116,74 @@ def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant
 
 
 def _read(path: Path, file: Line) -> AuthorsSettings:
-    """Check a parsed file table by table, and return its content.
-
-    Raises:
-        SettingsFault: a table or field has a fault.
-    """
+    """Check a parsed file table by table, and return its content."""
     for key in file:
-        _require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
-    _require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
+        require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
+    require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
-    _require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
+    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
     written = file.get("date")
     if not isinstance(written, date) or isinstance(written, datetime):  # a datetime is a date too
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
-    _require(written <= date.today() + ONE_DAY, "date", f"{written} has not come yet")
+    # time zones: the authors' date may be a day ahead of the date here
+    require(written <= date.today() + timedelta(days=1), "date", f"{written} has not come yet")
     name = _read_text(file, "engine", "engine")
-    engine, variants = _find_engine(name)
+    there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
+    require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
+    engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)  # the library need not be installed
+    variants = read_variants(ROOMS / name)
     knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _table_of_tables(file, "knobs").items()}
     for key in knobs:
-        _require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
-    lines = _table_of_tables(file, "settings")
-    most = len(variants.space)
+        require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
+    lines, most = _table_of_tables(file, "settings"), len(variants.space)
     allowed = f"there may be {most}, as many as the search has variants of {name}"
-    _require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
+    require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
-    named: set[str] = set()
     for key, line in lines.items():
-        for knob in (x for x in line if x != BASE):
-            _require(knob in knobs, f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
-            named.add(knob)
+        for knob in line:
+            require(knob in (BASE, *knobs), f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
     for key in knobs:
-        _require(key in named, f"knobs.{key}", "no setting names it")
+        require(any(key in line for line in lines.values()), f"knobs.{key}", "no setting names it")
     return AuthorsSettings(str(path), name, authors, contact, str(written), most, knobs, candidates)
 
 
-def _find_engine(name: str) -> tuple[Any, Variants]:
-    """Return the adapter of an engine, and the content of the engine's `variants.toml`; the library need not be installed.
-
-    Raises:
-        SettingsFault: no engine of that name has a `variants.toml`.
-    """
-    there = sorted(x.parent.name for x in ROOMS.glob(f"*/{VARIANTS_FILE}"))
-    _require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
-    # ELSEWHERE: name of an engine that runs in another environment -> import path of its adapter's class
-    engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)
-    return engine, read_variants(ROOMS / name)
-
-
 def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
-    """Check one table [settings.NAME] of an authors' file and return it as a variant, a candidate of searches.
-
-    The table changes values of knobs (options of the engine). The field `base` names the settings of the suite that are changed; by
-    default they are the first settings in the engine's `variants.toml`.
-
-    Args:
-        place: name of the table in messages.
-        line: key -> value of the table.
-        engine: adapter of the engine.
-        variants: content of the engine's `variants.toml`.
-        owner: names of the authors.
-
-    Raises:
-        SettingsFault: the table has a fault.
-    """
+    """Check one table [settings.NAME], called `place` in messages, and return it as a variant of these owners."""
     base = line.get(BASE, next(iter(variants.settings)))
-    _require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
+    require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators
     named = "integrator" in line or len(offered) == 1
-    _require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
+    require(named, f"{place}.integrator", f"is missing; {engine.name} has {', '.join(offered)}")
     chosen = {"integrator": line.get("integrator", offered[0]), "stabilization": line.get("stabilization", "none")}
     for key, available in (("integrator", offered), ("stabilization", engine.stabilizations)):
-        _require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
+        require(chosen[key] in available, f"{place}.{key}", f"no {key} {chosen[key]!r}; there are {', '.join(available)}")
     changes = {}
-    for key, value in line.items():
-        if key not in (BASE, *CHOSEN):
-            _require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
-            changes[key] = _read_value(f"{place}.{key}", key, value, variants)
-    _require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
+    for key in (x for x in line if x not in (BASE, *CHOSEN)):
+        require(key in variants.knobs, f"{place}.{key}", f"{engine.name} has no such knob; it has {', '.join(variants.knobs)}")
+        try:
+            changes[key] = variants.table.check_value(key, line[key], repr(line[key]))
+        except OptionError as error:
+            raise SettingsFault(f"{place}.{key}: {error}") from error
+        least, most = variants.knobs[key].range
+        in_range = variants.knobs[key].allows(changes[key])
+        require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {line[key]!r}")
+    require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
     text = write_options(base, changes)
     return Variant(text, **chosen, options=variants.options(text), owner=owner)
-
-
-def _read_value(place: str, key: str, value: Any, variants: Variants) -> Any:
-    """Return the checked value of the option (knob) `key`; an integer becomes a float if the knob's values are floats.
-
-    Raises:
-        SettingsFault: the value does not have the type of the knob's values, or is out of the knob's range.
-    """
-    try:
-        checked = variants.table.check_value(key, value, repr(value))
-    except OptionError as error:
-        raise SettingsFault(f"{place}: {error}") from error
-    least, most = variants.knobs[key].range
-    _require(variants.knobs[key].allows(checked), place, f"must be in the range {least:g} to {most:g}, not {value!r}")
-    return checked
 
 
 def _read_reason(place: str, line: Line) -> Reason:
     """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence that gives the reason."""
     for key in line:
-        _require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
+        require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
-    _require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
-    _require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
+    require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
+    require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
     return Reason(source, why)
 
 
 def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
-    """Return the entry `name` of a parsed file: a table with at least one entry, all of whose entries are tables.
-
-    Raises:
-        SettingsFault: the entry is missing, or is no such table.
-    """
+    """Return the entry `name` of a file: a table with at least one entry, all of whose entries are tables; else a SettingsFault."""
     lines = file.get(name)
     if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
         raise SettingsFault(f"{name}: a table of tables is wanted")
@@ -246,21 +191,8 @@ def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return the text of the field `key` of a table; it must be printable, in one line, not empty and not longer than LONGEST.
-
-    Args:
-        place: name of the field in messages.
-
-    Raises:
-        SettingsFault: the field is missing, or does not meet these requirements.
-    """
+    """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a SettingsFault."""
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
-    _require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
+    require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
     return str(text).strip()
-
-
-def _require(good: bool, place: str, otherwise: str) -> None:
-    """If `good` is false, raise a SettingsFault whose message is the place in the file and the text `otherwise`."""
-    if not good:
-        raise SettingsFault(f"{place}: {otherwise}")

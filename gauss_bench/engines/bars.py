@@ -20,10 +20,9 @@ class Bar:
 
     Attributes:
         name: name of the bar; "twin" for the second of the two equal bars that make up a rod.
-        parent: index of the parent in the list of bars; -1 for the ground.
+        parent: index of the parent in the list of bars, where it stands before its children; -1 for the ground.
         at: place of the first pin [m] along the parent, or along the ground's x axis.
-        length: distance [m] from the first pin to the end.
-        centre: distance [m] from the first pin to the centre of mass.
+        length, centre: distances [m] from the first pin to the end and to the centre of mass.
         mass: [kg]; inertia: [kg m^2] about the centre of mass.
     """
 
@@ -58,10 +57,7 @@ RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the sec
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n).
-
-    A rod may be modelled as two bars that are fixed to each other; the second bar is then called "twin" and is the last of `bars`.
-    The arrays q and v and the result have no columns for the bar "twin".
+    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n); all three lack the columns of a "twin".
 
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
@@ -70,17 +66,15 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
     answers = []
     for state, rates in zip(q, v, strict=True):
         theta, w = angles_of(state, bars), angles_of(rates, bars)
-        alpha = sum_up(solve(relative(theta, bars), relative(w, bars)), bars)
-        with_twin = accelerations_of(theta, w, alpha, bars)
-        answers.append(with_twin[: q.shape[1]])  # a twin is the last bar
+        alpha = np.append(solve(relative(theta, bars), relative(w, bars)), 0.0)  # the last entry is the ground's, with index -1
+        for k, bar in enumerate(bars):
+            alpha[k] += alpha[bar.parent]
+        answers.append(accelerations_of(theta, w, alpha[:-1], bars)[: q.shape[1]])  # a twin is the last bar
     return np.array(answers)
 
 
 def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
-    """Return the angles of all bars (bars,) from q (n,), or their angular speeds from v (n,).
-
-    The bar "twin" is fixed to the bar "rod", so that its angle is that of the rod.
-    """
+    """Return the angles (bars,) from q (n,), or the angular speeds from v (n,); the bar "twin" has those of the bar "rod"."""
     by_name = dict(zip((bar.name for bar in bars), q[2::3], strict=False))
     return np.array([by_name["rod" if bar.name == "twin" else bar.name] for bar in bars])
 
@@ -89,17 +83,6 @@ def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
     """Return each bar's angle or angular speed (bars,) minus that of its parent, which is zero for the ground."""
     with_ground = np.append(absolute, 0.0)  # the index -1 of the ground is the last entry
     return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
-
-
-def sum_up(relative_to_parent: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute angles, speeds or accelerations (bars,) from those relative to the parents; undoes `relative`.
-
-    Every parent must stand before its children in `bars`.
-    """
-    absolute = np.zeros(len(bars) + 1)  # the last entry, which the ground's index -1 reads, stays zero
-    for k, bar in enumerate(bars):
-        absolute[k] = relative_to_parent[k] + absolute[bar.parent]
-    return absolute[:-1]
 
 
 def accelerations_of(theta: Array, w: Array, alpha: Array, bars: Sequence[Bar]) -> Array:

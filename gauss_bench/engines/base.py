@@ -1,7 +1,7 @@
 """The interface of every engine: it builds a mechanism as a model, runs the model, and reads the samples of the run.
 
-The bench times `run`, and never `prepare` and `read`. Only the engine translates between its own coordinates and the absolute
-coordinates of the mechanism. It reports failures as RunFailure. The bench, not the engine, judges whether results are right.
+The bench times `run` only, and judges whether results are right. Only the engine translates between its own coordinates and the
+absolute coordinates of the mechanism. It reports failures as RunFailure.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,10 +26,9 @@ class Choice:
     Attributes:
         settings: name of settings or of a variant of the engine, or options in the form of `own_options`.
         integrator: name of an integrator of the engine; "" stands for the engine's default.
-        stabilization: name of a stabilisation of the engine.
         step: step size [s] of a fixed-step integrator.
         tolerance: relative tolerance of an integrator that chooses its own steps; the absolute tolerance is a hundredth of it, in
-            SI units. If `tolerance` is None, the settings give both tolerances.
+            SI units. If it is None, the settings give both tolerances.
     """
 
     settings: str = "default"
@@ -48,8 +47,6 @@ class Variant:
     """A candidate of a search: a setting without its step size or tolerance, which the search chooses.
 
     Attributes:
-        name: name in tables and on the command line.
-        integrator, stabilization: names, as in `Choice`.
         options: knob -> value, for every knob except `integrator` and `stabilization`.
         owner: names of the engine's authors if they wrote the setting; empty if the suite's authors did.
     """
@@ -110,9 +107,7 @@ class Engine(Protocol):
     """An engine builds models of mechanisms. An engine may also have the optional members of `EngineDefaults`.
 
     Attributes:
-        name: name of the engine on the command line and in the tables.
         integrators: names of the engine's integrators; the first is the default.
-        stabilizations: names of the engine's constraint stabilisations.
         settings: label of settings -> (name of an option -> value), as printed in the report; the first label is the default.
         native_loop: whether the engine has a compiled loop over steps.
         python_loop: whether Python can call the engine for single steps.
@@ -138,7 +133,7 @@ class Engine(Protocol):
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         """Return the reason why the engine cannot simulate a mechanism with a given setting, or None if it can.
 
-        This method must not import the engine's library, because it is also called where the library is not installed.
+        This method is also called where the library is not installed, so it must not import the library.
         """
         ...
 
@@ -156,9 +151,8 @@ class LibraryCall:
     """One evaluation of a library's right-hand side, in the library's coordinates, as an expert of the library would call it.
 
     Attributes:
-        call: the function that is timed.
         acceleration: (n,) result of the call, translated to absolute coordinates.
-        ready: function that is called before every `call`, not timed; by default it does nothing.
+        ready: function that is called before every `call`, not timed.
         count: number of right-hand sides, or implicit steps, in one call.
     """
 
@@ -169,9 +163,7 @@ class LibraryCall:
 
 
 class EngineDefaults:
-    """All optional members of an engine, each with its default; `ask` returns the default if an engine lacks the member.
-
-    An engine need not inherit from this class.
+    """All optional members of an engine, each with its default; an engine need not inherit from this class.
 
     Attributes:
         adaptive: names of the integrators that choose their own steps; they use `Choice.tolerance` in place of `Choice.step`.
@@ -181,11 +173,9 @@ class EngineDefaults:
             can set each of these options alone (`--settings KNOB=VALUE`).
         options: names of options that users can set alone, for an engine that has no `knobs`.
         first: names of the variants that a search tries first if its time is short.
-        soft: name of settings or of a variant -> the reason why accelerations with this setting satisfy the constraints
-            J a = gamma only approximately.
+        soft: name of settings or of a variant -> the reason why its accelerations satisfy J a = gamma only approximately.
         unfinished: name of a variant -> the reason why the variant's solver stops before it has converged.
-        resizable: whether the engine's models use a new step or tolerance after the model's attribute `choice` was replaced
-            between two runs.
+        resizable: whether models use a new step or tolerance after their attribute `choice` was replaced between two runs.
         library_calls: name of a call -> function (mechanism, q, v) that returns the `LibraryCall` at a state q, v (n,); the
             subcommand `growth` times each of these calls.
         packages: names of installed packages whose versions are recorded with a run.
@@ -216,8 +206,6 @@ class EngineDefaults:
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         """Return a Python program, without this package, that runs the scenario over its duration with this choice.
 
-        `export` and `recommend --out` write the program to a file, below comments of their own.
-
         Raises:
             RunFailure: the engine cannot write a program for this mechanism or choice.
         """
@@ -225,16 +213,12 @@ class EngineDefaults:
 
 
 class ModelDefaults:
-    """All optional members of a model, each with its default; `ask` returns the default if a model lacks the member."""
+    """All optional members of a model, each with its default."""
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
         """Return name of a joint -> (3,) the engine's fx, fy [N] on the joint's second link and moment [N m] about its point.
 
-        Joints whose forces the engine does not compute are left out; by default all are.
-
-        Args:
-            t: time [s].
-            q, v: (n,) state in absolute coordinates.
+        Joints whose forces the engine does not compute at this time [s] and absolute state q, v (n,) are left out.
 
         Raises:
             RunFailure: the engine cannot compute joint forces at this state.
@@ -244,7 +228,7 @@ class ModelDefaults:
     def bare_calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
         """Return two functions: the library's own call alone, and a trivial call of the library, which shows the cost of calling.
 
-        A suite may list engines under `bare`; the benchmark then times both returned functions for each of these engines.
+        Both are timed for the engines that a suite lists under `bare`.
 
         Raises:
             RunFailure: the engine does not provide these two functions.
@@ -254,8 +238,7 @@ class ModelDefaults:
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
         """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
 
-        A suite may list engines under `batch`; the benchmark then times the function that this method returns for each of these
-        engines.
+        It is timed for the engines that a suite lists under `batch`.
 
         Raises:
             RunFailure: the engine cannot step many trajectories in one call.
@@ -263,12 +246,8 @@ class ModelDefaults:
         raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
 
 
-def _list_members(defaults: type) -> dict[str, type]:
-    """Return a dictionary that maps the name of each public member of a class to the class itself."""
-    return {name: defaults for name in vars(defaults) if not name.startswith("_")}
-
-
-OPTIONAL = {**_list_members(EngineDefaults), **_list_members(ModelDefaults)}
+# name of an optional member -> the class that has its default
+OPTIONAL = {name: kind for kind in (EngineDefaults, ModelDefaults) for name in vars(kind) if not name.startswith("_")}
 REQUIRED = ("version", "skip", "build")  # methods without which an object is no engine
 
 
@@ -282,11 +261,7 @@ def ask(asked: object, member: str) -> Any:
 
 
 def has_own(asked: object, member: str) -> bool:
-    """Tell whether an engine or model has an optional member other than an inherited default.
-
-    Raises:
-        KeyError: `member` is not the name of an optional member.
-    """
+    """Tell whether an engine or model has an optional member (else a KeyError) other than an inherited default."""
     default = getattr(OPTIONAL[member], member)
     return hasattr(asked, member) and getattr(type(asked), member, None) is not default
 

@@ -12,15 +12,12 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class BodyModel(ABC):
-    """A mechanism in a library of free bodies, run with one setting of the engine (`Choice`); a base class of models.
-
-    A subclass supplies `acceleration`, and `run`, which takes the steps of `plan` and stores states in `q` and `v`. The interface
-    of models is `Model` in `base.py`.
+    """Base class of models in a library of free bodies; a subclass supplies `acceleration` and `run`.
 
     Attributes:
         options: name of an option of the engine -> value.
-        plan: intervals of time, each with steps of equal size; `prepare` sets it.
-        q, v: (k, n) absolute states at the sample times.
+        plan: intervals of time, each with steps of equal size, which `run` takes.
+        q, v: (k, n) absolute states at the sample times, which `run` stores.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
@@ -37,7 +34,6 @@ class BodyModel(ABC):
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def count_steps(self) -> int:
-        """Return the number of steps of a run."""
         return sum(stretch.steps for stretch in self.plan)
 
     def note(self) -> str:
@@ -45,9 +41,7 @@ class BodyModel(ABC):
         return ""
 
     def read(self) -> Trajectory:
-        """Return the samples of the last run, with accelerations that are computed at each sample."""
-
-        def acceleration_of_sample(k: int) -> Array:
+        def accelerate(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.q[k], self.v[k])
 
-        return with_accelerations(self.times, self.q, self.v, acceleration_of_sample, self.count_steps(), note=self.note())
+        return with_accelerations(self.times, self.q, self.v, accelerate, self.count_steps(), note=self.note())

@@ -1,12 +1,11 @@
-"""Engines in C: find a compiler, generate fixed-step integrators that call an acceleration, compile both and call them.
+"""Engines in C: a compiler, fixed-step integrators that call an acceleration, and the compiled code of both.
 
 The engine's C source defines, with q, v and a of N numbers,
 
     static void acceleration(double t, const double *q, const double *v, double *a)
 
-This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators' methods are those
-of `integrate/fixed_step.py`. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use
-it.
+This function is compiled in one file with the integrators, whose methods are those of `integrate/fixed_step.py`, so that the
+compiler may inline it. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
 """
 
 import ctypes
@@ -34,8 +33,7 @@ METHODS = ("rk4", "dop853_fixed")
 
 def compiler() -> str | None:
     """Return the path of a C compiler, or None if there is none."""
-    found = (shutil.which(name) for name in ("cc", "gcc", "clang"))
-    return next((path for path in found if path), None)
+    return next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
 
 def write_steps(name: str) -> str:
@@ -64,14 +62,14 @@ def _write_sum(row: Array, name: str) -> str:
 
 
 class Code:
-    """A compiled C function for the acceleration of N coordinates, and the compiled fixed-step integrators that call it.
-
-    Raises:
-        RunFailure: there is no compiler, or it rejects the source.
-    """
+    """A compiled C function for the acceleration of N coordinates, and the compiled fixed-step integrators that call it."""
 
     def __init__(self, acceleration: str, n: int):
-        """Compile the C source `acceleration` of a function for n coordinates, together with one integrator for each of METHODS."""
+        """Compile the C source `acceleration` of a function for n coordinates, together with one integrator for each of METHODS.
+
+        Raises:
+            RunFailure: there is no compiler, or it rejects the source.
+        """
         self.n = n
         self.library = _library("\n".join([f"#define N {n}", acceleration, ACCELERATE, *map(write_steps, METHODS)]))
         # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
@@ -85,7 +83,6 @@ class Code:
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the acceleration (n,) at the time t [s] and the state q, v (n,)."""
         a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
         self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a
@@ -93,11 +90,6 @@ class Code:
 
 @lru_cache(maxsize=64)
 def _library(source: str) -> ctypes.CDLL:
-    """Compile and load a source.
-
-    Raises:
-        RunFailure: there is no compiler, or it rejects the source.
-    """
     program = compiler()
     if program is None:
         raise RunFailure(Status.SKIP, NO_COMPILER)
@@ -136,12 +128,10 @@ class CompiledSteps:
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; steps are always taken by the compiled loop, whatever `native` says."""
         self.times, self.plan = times, step_counts(times, self.choice.step)
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        """Take the steps from sample to sample, each interval in one call of compiled code."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gauss_bench import __version__
 from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.own_options import OptionTable
@@ -31,8 +32,6 @@ def compiler_version() -> str:
         MissingExtra: llvmlite is not installed.
     """
     from importlib.metadata import version
-
-    from gauss_bench import __version__
 
     require("llvmlite")
     return f"gauss-bench {__version__}, llvmlite {version('llvmlite')}"
@@ -59,7 +58,6 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why there is no native code for a mechanism, or None if there is."""
         return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
@@ -86,38 +84,23 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset the model to the start, and compile all code that the run needs, so that no timed run compiles.
-
-        Args:
-            times: (k,) times [s] of the samples.
-            native: whether compiled code also executes the loop over the steps between samples; otherwise Python calls compiled
-                code once for each step.
-        """
         self.kernel.prepare(self.choice.integrator)
         self.times, self.native = times, native
-        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, as `read` explains
+        # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so that the rank of the
+        # constraints was decided numerically
         self.steps = self.evaluations = self.switches = self.fallbacks = 0
         self.parts = equal_runs(times, self.choice.step)
-        self.planned = 0  # number of steps of the run
-        for part in self.parts:  # a part is a group of consecutive samples with steps of equal number and size between them
-            # a leg is a sequence of equal steps in a part; if a force jumps within a step, the kernel divides this step at the jump
-            legs = self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples)
-            self.planned += sum(leg.n for leg in legs)
+        # if a force jumps within a step of a part, the kernel divides this step, and the part into legs of equal steps
+        legs = (self.kernel.legs(float(times[part.row]), part.size, part.steps * part.samples) for part in self.parts)
+        self.planned = sum(leg.n for of_part in legs for leg in of_part)  # number of steps of the run
         self.q, self.v = sample_arrays(times, self.mechanism.q0, self.mechanism.v0)
 
     def run(self) -> None:
-        """Integrate with the chosen integrator, and store the samples."""
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
-        elif self.times[-1] > self.times[0]:
-            self._run_adaptive()
-
-    def _run_adaptive(self) -> None:
-        """Integrate by DOP853, which chooses its own steps, and store the samples.
-
-        The kernel counts changes of the independent coordinates (`switches`) and steps at which no choice of them was usable
-        (`fallbacks`).
-        """
+            return
+        if self.times[-1] == self.times[0]:
+            return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
         self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
@@ -145,7 +128,7 @@ class CompiledModel:
     def _roll(self, q: Array, v: Array, t: float, h: float, n: int, every: int | None) -> tuple[Array, Array]:
         """Take n steps of h [s] from q, v (n_q,) at time t [s], and add the kernel's counts to `switches` and `fallbacks`.
 
-        Return q, v after every `every`-th step, each (n / every, n_q). If `every` is None, return q, v (n_q,) after the last step.
+        Return q, v after every `every`-th step, each (n / every, n_q), or if `every` is None after the last step, each (n_q,).
         """
         samples = self.kernel.rollout(q, v, h, n, t, every=every, integrator=self.choice.integrator)
         self.switches += self.kernel.switches
@@ -157,11 +140,7 @@ class CompiledModel:
         return lambda: np.asarray(self.kernel.rollout(q, v, self.choice.step, count, integrator=self.choice.integrator)[0])
 
     def read(self) -> Trajectory:
-        """Return the samples.
-
-        The note counts changes of the independent coordinates, and steps at which none were usable, so that the rank of the
-        constraints was decided numerically.
-        """
+        """Return the samples, with the counts `switches` and `fallbacks` in the note."""
         reached, a = slice(finite(self.q, self.v)), np.full_like(self.q, np.nan)
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         note = ""

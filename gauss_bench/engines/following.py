@@ -13,14 +13,12 @@ PIECES = 720  # grid intervals in a turn: away from dead centres, no link turns 
 def follow(angles_of: Callable[[Array], Array], start: float, at: Array, angles: Array, length: float | None = None) -> Array:
     """Return approximate, unwrapped link angles (k, links) [rad] at the values `at` (k,) of the independent coordinate.
 
-    The angles are continuous in the coordinate and equal `angles` at `start`. They are interpolated in a table. The function `wind`
-    uses the interpolated angles only to add the right number of whole turns to exact angles; the table is accurate enough for that.
+    The angles are continuous in the coordinate, and interpolated in a table that is accurate enough for counting whole turns
+    (`wind`).
 
     Args:
         angles_of: function of values (j,) of the coordinate; it returns the exact angles (j, links), up to whole turns.
-        start: value of the coordinate at which the angles are known.
-        at: (k,) values of the coordinate at which the angles are wanted.
-        angles: (links,) angles at `start`.
+        start: value of the coordinate at which the angles are `angles` (links,).
         length: typical length [m] if the coordinate is a length; None if it is an angle.
     """
     low, high = min(start, at.min()), max(start, at.max())

@@ -25,16 +25,8 @@ def on_one_joint(load: OnJoints) -> bool:
     return int(np.count_nonzero(load.row)) <= 1
 
 
-def split_load(load: OnJoints) -> list[OnJoints]:
-    """Return the spring of a load and its damper as loads of their own; a load may have only one of them."""
-    return [x for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
-
-
 class GivenForces:
     """The forces that an adapter gives to its library, and the springs and dampers that are elements of the library.
-
-    A given force is one that the adapter computes in Python and passes to the library. Given forces of constant loads, springs and
-    dampers on the tree coordinates y are constant - stiffness y - damping y'.
 
     Attributes:
         own: springs and dampers that are elements of the library.
@@ -45,17 +37,14 @@ class GivenForces:
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, is_own: Callable[[OnJoints], bool]):
-        """Sort the forces of a mechanism; `is_own` tells whether the library has an element for a spring or damper.
-
-        `sort_loads` returns the forces that do not vary as loads of three kinds. `Steady` is a constant force on tree coordinates.
-        `OnJoints` is a spring and damper on a sum of tree coordinates. `OtherLoad` is any other load, which acts on links.
-        """
+        """Sort the forces of a mechanism; `is_own` tells whether the library has an element for a spring or damper."""
         loads = sort_loads(mechanism, tree)
         # A force may have several loads. If one of them is an OtherLoad, the whole force is given as a force on links. All other
         # springs and dampers are elements of the library (`own`), or are summed in `stiffness`, `damping` and `constant`.
         on_links = {x.name for x in loads if isinstance(x, OtherLoad)}
         on_joints = [x for x in loads if isinstance(x, OnJoints) and x.name not in on_links]
-        springs = [part for load in on_joints for part in split_load(load)]
+        # the spring and the damper of a load, each for itself
+        springs = [x for load in on_joints for x in (replace(load, c=0.0), replace(load, k=0.0)) if x.k or x.c]
         self.tree, self.own = tree, [x for x in springs if is_own(x)]
         self.constant, self.stiffness, self.damping = np.zeros(tree.n), np.zeros((tree.n, tree.n)), np.zeros((tree.n, tree.n))
         for load in loads:
@@ -92,8 +81,7 @@ class GivenForces:
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         """Return the generalised forces (n,) on tree coordinates of all given forces together, at time t [s] and y, dy (n,)."""
-        on_links = self.on_links(t, y, dy)
-        if on_links is None:
+        if self.others is None:
             return self.on_joints(y, dy)
-        q, _, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-        return np.asarray(self.on_joints(y, dy) + self.tree.forces(q, on_links))
+        q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
+        return np.asarray(self.on_joints(y, dy) + self.tree.forces(q, self.others.generalised(q, v, t)))

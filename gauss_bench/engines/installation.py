@@ -1,11 +1,9 @@
 """Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
-The environments are in a folder of the user's data. venv and pip make an environment from the engine's `requirements.txt`, and pip
-checks the hashes in this file. The environment is built in a hidden folder. When pip has succeeded, the hidden folder gets the name
-of the engine, and a table of the engine is added to the user's file of engines (`gauss_bench/engines/__init__.py` describes this
-file). An installation that fails or is interrupted leaves nothing behind. An installation that is killed leaves its hidden folder
-behind, and the next call of this module removes it. Apart from hidden folders, a folder is removed only if it contains the file
-MADE. The user's own tables in the file of engines stay as they are.
+venv and pip make an environment, with the hashes of the engine's `requirements.txt`, in a hidden folder. When pip has succeeded,
+this folder gets the name of the engine, and a table of the engine is added to the user's file of engines. An installation that
+fails or is interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, which the next call of this
+module removes. Apart from hidden folders, a folder is removed only if it contains the file MADE.
 """
 
 import contextlib
@@ -58,11 +56,7 @@ class Offered:
 
 
 def read_offered(name: str) -> Offered:
-    """Return the description of an engine's environment.
-
-    Raises:
-        UnknownEngine: no engine of ELSEWHERE has that name.
-    """
+    """Return the description of an engine's environment; an UnknownEngine if no engine of ELSEWHERE has that name."""
     if name not in ELSEWHERE:
         raise UnknownEngine(f"{name!r} is no engine that can be installed; there are {', '.join(ELSEWHERE)}")
     return Offered(**parse_toml((ROOMS / name / "environment.toml").read_text(encoding="utf-8")))
@@ -76,7 +70,6 @@ def home() -> Path:
 
 
 def interpreter_in(folder: Path) -> Path:
-    """Return the path of the interpreter of an environment."""
     return folder / "bin" / "python"
 
 
@@ -90,12 +83,9 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
     """Install the environment of an engine and add a table of the engine to the user's file of engines.
 
     Args:
-        why_unusable: function that is called with the engine's name after the packages are installed; it returns the reason why the
-            engine cannot be used, or an empty text if it can.
+        why_unusable: function of the engine's name, called after the packages are installed; it returns the reason why the engine
+            cannot be used, or an empty text if it can.
         told: function that shows the user one line of progress.
-
-    Raises:
-        InstallationFault: the environment cannot be installed, or the engine cannot be used.
     """
     offered, place = read_offered(name), home() / name
     home().mkdir(parents=True, exist_ok=True)
@@ -103,13 +93,9 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         require_free(name)
         told(f"{name}: installing {offered.library}, {offered.download:g} MB to download")
         failure = f"{offered.library} cannot be installed (there are wheels for {offered.pythons})"
-        requirements = ["--require-hashes", "-r", str(ROOMS / name / "requirements.txt")]
 
-        def fill(folder: Path) -> None:
-            """Install the engine's packages into the environment in a folder."""
-            run_program([*pip_of(folder), "install", *OPTIONS, *requirements], failure, told)
-
-        make_environment(place, fill, told)
+        packages = ("install", *OPTIONS, "--require-hashes", "-r", str(ROOMS / name / "requirements.txt"))
+        make_environment(place, lambda folder: run_program([*pip_of(folder), *packages], failure, told), told)
         try:
             _enter(name, interpreter_in(place))
             if reason := why_unusable(name):
@@ -120,14 +106,11 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
 
 
 def make_environment(place: Path, fill: Callable[[Path], object], told: Told, quiet: bool = False) -> None:
-    """Make an environment in a folder; if that fails, leave nothing behind. The caller must hold the lock of the parent folder.
-
-    `hold` locks the parent folder.
+    """Make an environment in the folder `place`; if that fails, leave nothing behind. The caller must `hold` the parent folder.
 
     Args:
         place: the folder; an environment that is already there is replaced.
         fill: function that installs the packages into a folder; the folder is the hidden one in which the environment is built.
-        told: function that shows the user one line of progress.
         quiet: whether the programs' output is kept from the terminal.
 
     Raises:
@@ -148,11 +131,7 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
 
 
 def remove(name: str) -> None:
-    """Remove an environment that `install` made, and its entry in the user's file of engines.
-
-    Raises:
-        InstallationFault: the engine has no environment that `install` made.
-    """
+    """Remove an environment that `install` made, and its entry in the user's file of engines."""
     read_offered(name)
     place = home() / name
     if not is_ours(place):
@@ -164,10 +143,7 @@ def remove(name: str) -> None:
 
 
 def _undo(name: str) -> None:
-    """Delete the environment of an engine.
-
-    If the user's file of engines has a table that names this environment, this table is removed as well.
-    """
+    """Delete the environment of an engine, and its table in the user's file of engines."""
     if is_installed_here(name):
         _take_out(name)
     _delete(home() / name)
@@ -183,11 +159,7 @@ def remove_leftovers() -> None:
 
 @contextlib.contextmanager
 def hold(environments: Path) -> Iterator[None]:
-    """Lock a folder of environments for this process, and remove the hidden folders of killed installations from it.
-
-    Raises:
-        InstallationFault: another process has locked it.
-    """
+    """Lock a folder of environments for this process, and remove the hidden folders of killed installations from it."""
     folder = os.open(environments, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         try:
@@ -203,15 +175,12 @@ def hold(environments: Path) -> Iterator[None]:
 
 
 def is_ours(folder: Path) -> bool:
-    """Tell whether this module made a folder."""
     return not folder.is_symlink() and (folder / MADE).is_file()
 
 
 def _make_hidden(place: Path) -> Path:
-    """Make a hidden folder with a new unique name in the folder that contains a path, and return it.
-
-    The name must be new, because the pip of an installation that was killed may still run and write into its own hidden folder.
-    """
+    """Make a hidden folder beside a path, and return it."""
+    # the name is unique, because the pip of an installation that was killed may still write into its own hidden folder
     folder = Path(tempfile.mkdtemp(prefix=f".{place.name}.part-", dir=place.parent))
     (folder / MADE).touch()  # marks a folder that gauss-bench made and may remove
     return folder
@@ -225,11 +194,7 @@ def _delete(place: Path) -> None:
 
 
 def require_free(name: str) -> None:
-    """Check that an engine can be installed: it is not installed yet, and the user has neither a table nor a folder of that name.
-
-    Raises:
-        InstallationFault: it cannot be installed.
-    """
+    """Check that an engine is not installed yet, and that the user has neither a table nor a folder of that name."""
     place = home() / name
     if is_installed_here(name):
         raise InstallationFault(f"{name} is installed, in {place}; `gauss-bench engines remove {name}` removes it")
@@ -249,11 +214,7 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
     Args:
         failure: beginning of the message if the program fails.
-        told: function that gets messages and, without a terminal, the lines of the output.
         quiet: whether `told` gets the output even if there is a terminal; if so, the message of a failure quotes the output.
-
-    Raises:
-        InstallationFault: the program fails.
     """
     at_terminal = sys.stderr.isatty() and not quiet
     process = subprocess.Popen(
@@ -283,7 +244,6 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
 
 
 def _read_file() -> str:
-    """Return the text of the user's file of engines; empty if there is none."""
     try:
         return read_bytes(file_of_engines(), LARGEST).decode()
     except FileNotFoundError:
@@ -291,13 +251,9 @@ def _read_file() -> str:
 
 
 def _enter(name: str, python: Path) -> None:
-    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines.
-
-    The text that the user wrote stays as it is, and an empty line separates the new table from it.
-    """
+    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines, after an empty line."""
     before = _read_file()
     gap = "\n" if before.endswith("\n") or not before else "\n\n"
-    # ELSEWHERE: engine -> class of its adapter; `_write_file` checks that the text contains exactly the given tables
     table = {"class": ELSEWHERE[name], "python": str(python)}
     lines = [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
     text = f"{before}{gap if before else ''}" + "\n".join(lines) + "\n"
@@ -305,10 +261,7 @@ def _enter(name: str, python: Path) -> None:
 
 
 def _take_out(name: str) -> None:
-    """Remove the table of an engine from the user's file of engines, with the empty line before it.
-
-    `_write_file` checks that the new text holds exactly the other tables.
-    """
+    """Remove the table of an engine from the user's file of engines, with the empty line before it."""
     before = _read_file()
     # an empty line, [name] with or without quotes, and the lines of the keys below it
     table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
@@ -317,15 +270,7 @@ def _take_out(name: str) -> None:
 
 
 def _write_file(text: str, tables: dict[str, object]) -> None:
-    """Replace the text of the user's file of engines; remove the file if the text is empty.
-
-    Args:
-        text: the new text.
-        tables: the parsed tables that the text must contain, in any order and with any comments.
-
-    Raises:
-        InstallationFault: the text does not contain exactly the tables in `tables`; the file is left unchanged.
-    """
+    """Replace the text of the user's file of engines; remove the file if the text is empty."""
     path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:
         same = parse_toml(text) == tables

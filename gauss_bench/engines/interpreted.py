@@ -1,7 +1,7 @@
 """The suite's own formulations as engines in numpy: terms, stabilisation, formulation and integrator combined.
 
-A fixed-point iteration around the formulation finds the friction in joints, which depends on the multipliers, which depend on the
-accelerations. If a formulation returns no multipliers, they are computed from J^T lambda = Q - M a.
+Dry friction in joints depends on the multipliers, and is found by a fixed-point iteration around the formulation. If a formulation
+returns no multipliers, they are computed from J^T lambda = Q - M a.
 """
 
 from dataclasses import replace
@@ -63,7 +63,6 @@ class OwnSteps:
         x, dx: (k, n) samples of coordinates and rates.
         stabilized: function (t, x, dx) -> the acceleration (n,) that is integrated, with Baumgarte's terms if they are chosen.
         tolerances: relative and absolute tolerance of an adaptive integrator if the choice has none.
-        steps, evaluations: numbers of steps and of evaluated accelerations in the last run.
     """
 
     mechanism: Mechanism
@@ -78,12 +77,10 @@ class OwnSteps:
         raise NotImplementedError
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; steps are always taken in Python, whatever `native` says."""
         self.times, self.steps, self.evaluations = times, 0, 0
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
-        """Integrate, and store the samples."""
         with np.errstate(all="ignore"):  # no warnings: the steps check for values that are not finite
             if self.choice.integrator not in ADAPTIVE:
                 self._run_fixed()
@@ -100,14 +97,7 @@ class OwnSteps:
         return int(steps)
 
     def _run_fixed(self) -> None:
-        """Take equal steps from sample to sample, and store the samples.
-
-        Raises:
-            RunFailure: a coordinate is not finite.
-        """
         x, dx = self.start
-        # a stretch has `count` steps of h [s]; a force that jumps at its end is evaluated no later than `last` [s], just before the
-        # jump; `row` is the index of the sample at its end, or None
         for begin, count, h, last, row in stretches(self.times, self.choice.step, self.mechanism.kinks):
             x, dx = self._advance(begin, x, dx, h, count, last)
             if not np.isfinite(x).all():
@@ -118,7 +108,7 @@ class OwnSteps:
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         """Return the state after `count` steps of h [s]; accelerations for later times than `last` [s] are evaluated at `last`."""
-        # A step that ends where a force jumps must be computed with the force before the jump: `held_back` does that.
+        # `held_back` computes a step that ends where a force jumps with the force before the jump
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h
@@ -167,11 +157,8 @@ class InterpretedModel(OwnSteps):
     def _add_friction(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
         """Return the acceleration (n,) with friction: the fixed point of a = solve(Q + W N(lambda(a))).
 
-        The iteration begins with the solution without friction. N (p,) are the loads of the p joints with friction, which depend on
-        the multipliers lambda at the accelerations a. W (n, p) has each joint's generalised friction force per unit of load.
-
-        Raises:
-            RunFailure: the iteration does not converge (the joints jam), or values are not finite.
+        The iteration begins with `solution`, without friction. N (p,) are the loads of the p joints with friction, which depend on
+        the multipliers lambda. W (n, p) has each joint's generalised friction force per unit of load.
         """
         if not np.isfinite(solution.a).all():
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")
@@ -193,11 +180,7 @@ class InterpretedModel(OwnSteps):
         raise RunFailure(Status.NOT_CONVERGED, f"t = {t:.6g} s: {JAMMED.format(self.friction.ITERATIONS)}")
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the equations of motion at time t [s], given by `terms`, by the chosen formulation.
-
-        Raises:
-            RunFailure: the system is singular or not finite, or its rank is higher than at the start.
-        """
+        """Solve the equations of motion at time t [s], given by `terms`, by the chosen formulation."""
         try:
             solution = self.formulation(terms)
         except (SingularSystem, np.linalg.LinAlgError) as error:
@@ -215,10 +198,7 @@ class InterpretedModel(OwnSteps):
         return self.evaluator.project(t, x, dx)
 
     def read(self) -> Trajectory:
-        """Return the samples of the run; the acceleration of each sample is computed from its state."""
-
-        def acceleration_of_sample(k: int) -> Array:
-            """Return the accelerations (n,) at sample k."""
+        def accelerate(k: int) -> Array:
             return self.acceleration(float(self.times[k]), self.x[k], self.dx[k])
 
-        return with_accelerations(self.times, self.x, self.dx, acceleration_of_sample, self.steps, self.evaluations)
+        return with_accelerations(self.times, self.x, self.dx, accelerate, self.steps, self.evaluations)

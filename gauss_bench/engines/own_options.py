@@ -4,9 +4,8 @@
     KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
     NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings of an engine also define which options exist, and the types of their values. If an option is a number in the
-first settings, every value of the option must be a number; a list must have the length that it has there. If an option is a word,
-its value must be a word that occurs in settings or variants of the engine, or that the engine lists among the option's values.
+The first settings of an engine define which options exist, and whether a value is a number, a list of so many numbers, or a word. A
+word must occur in settings or variants of the engine, or among the values that the engine lists for the option.
 """
 
 import json
@@ -40,12 +39,7 @@ class OptionTable:
     options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """Return option -> value for a text: the name of settings or of a variant, KEY=VALUE pairs, or both.
-
-        Raises:
-            KeyError: no settings and no variant have that name.
-            OptionError: an option is unknown or given twice, or its value has the wrong type.
-        """
+        """Return option -> value for a text in one of the three forms."""
         if text in self.labels:
             return dict(self.labels[text])
         # a text without a name changes the engine's first settings
@@ -74,14 +68,8 @@ class OptionTable:
     def check_value(self, key: str, value: Any, shown: str) -> Any:
         """Return the value of the option `key`, with its numbers as floats if the default has floats.
 
-        Args:
-            value: the value to be checked.
-            shown: the text by which error messages show the value.
-
-        Raises:
-            OptionError: the value has another type than the default, or is not among the values that the option may have.
+        Messages show it as `shown`.
         """
-        # the first entry of `labels` has the default of every option
         usual = next(iter(self.labels.values()))[key]
         match usual:
             case bool():  # before int: Python's bool is an int
@@ -96,16 +84,12 @@ class OptionTable:
                 good = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
                 value = [float(x) for x in value] if good else value
             case _:
-                words = self._words(key)
+                used = (options[key] for options in self.labels.values() if key in options)
+                words = list(dict.fromkeys([*used, *self.options[key]]))
                 wanted, good = f"one of: {'; '.join(words)}", value in words
         if not good:
             raise OptionError(f"the option {key!r} takes {wanted}; not {shown!r}")
         return value
-
-    def _words(self, key: str) -> list[str]:
-        """List the words that an option may have, each once."""
-        used = (options[key] for options in self.labels.values() if key in options)
-        return list(dict.fromkeys([*used, *self.options[key]]))
 
 
 def write_options(name: str, changes: Mapping[str, Any]) -> str:
@@ -119,10 +103,7 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Parse a text as a TOML value, such as a number, a list or a quoted text, and return the value.
-
-    If the text is not a TOML value, return the text itself if it is one or more words without quotes, and otherwise None.
-    """
+    """Return a text's value in TOML, or the text itself if it is one or more words without quotes, and otherwise None."""
     if "\n" in text:  # a second line could hold a second value
         return None
     try:
@@ -132,7 +113,7 @@ def _read(text: str) -> Any:
 
 
 def _is_number(x: Any, kind: Any = (int, float)) -> bool:
-    """Tell whether x is a finite number of a kind; Python's bool is an int, but no number here."""
+    """Tell whether x is a finite number of a kind, and no bool, which is an int in Python."""
     return isinstance(x, kind) and not isinstance(x, bool) and math.isfinite(x)
 
 

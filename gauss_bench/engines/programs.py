@@ -1,8 +1,7 @@
 """Parts of the Python programs that run one linkage with a library, without this package.
 
-Every program prints t, positions and velocities of the links as CSV. The adapter of an engine builds its model with a stand-in for
-the library (`transcript.py`). The recorded calls of the library build the model in the program, and the engine's `program.py` adds
-the lines that take the steps.
+Every program prints t, positions and velocities of the links as CSV. The calls by which an engine's adapter builds its model are
+recorded (`transcript.py`), and the engine's `program.py` adds the lines that take the steps.
 """
 
 import inspect
@@ -96,13 +95,9 @@ FAMILIES = {  # name of a law that rises from 0 to 1 -> its value and first two 
 
 
 def write_law(name: str, law: MotionLaw) -> str:
-    """Return the Python source of a function t -> (value, rate, second derivative) that computes the motion law `law`.
-
-    Every law other than "constant" and "table" is a rise from rest to rest: the text RISE with the formulas of its family. The
-    function `python` writes a number or list as Python source.
-    """
+    """Return the Python source of a function t -> (value, rate, second derivative) that computes the motion law `law`."""
     numbers = {key: python(np.asarray(x).tolist()) for key, x in law.numbers.items()}
-    body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)
+    body = {"constant": CONSTANT, "table": TABLE}.get(law.name, RISE)  # every other law is a rise from rest to rest
     return f"def {name}(t):\n{Template(body).substitute(numbers, family=FAMILIES.get(law.name, ''))}"
 
 
@@ -153,7 +148,6 @@ class Parts:
     """The parts of a program that differ between engines.
 
     Attributes:
-        imports: import statements.
         numbers: name -> value of the engine's constants.
         model: statements that build the library's model for steps of the length `step`.
         run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after each group of
@@ -167,10 +161,9 @@ class Parts:
 
 
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
-    """Return the constants, name -> value, of a program that passes the forces on tree coordinates to the library at every step.
+    """Return the constants, name -> value, of a program that passes the forces on tree coordinates y to the library at every step.
 
-    The generalised forces on the tree coordinates y are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven
-    tree coordinate with its motion law.
+    These forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven coordinate with its motion law.
     """
     laws = name_laws(mechanism)
     driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
@@ -180,18 +173,12 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
     """Return the text of a program that runs a linkage in a library of joint trees, with the step size `choice.step`.
 
-    `parts` has the statements for the library. In the program, the angles of the links are ANGLES + TURNS y, where y are the tree
-    coordinates. Import statements are sorted by the name of the module.
+    In the program, the angles of the links are ANGLES + TURNS y, where y are the tree coordinates.
     """
     y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
-    turns, links = turning(tree), range(len(mechanism.links))
-    numbers = {
-        "Y0": y0,
-        "DY0": dy0,
-        "ANGLES": np.array([turns.constants[i] for i in links]),
-        "TURNS": np.array([turns.rows[i] for i in links]),
-        **parts.numbers,
-    }
+    turns = turning(tree)
+    angles = {"ANGLES": turns.constants[:-1], "TURNS": turns.rows[:-1]}  # without those of the ground
+    numbers = {"Y0": y0, "DY0": dy0, **angles, **parts.numbers}
     laws = write_laws(mechanism)
     return FRAME.substitute(
         title=TITLE,

@@ -30,16 +30,14 @@ from gauss_bench.trajectory import RunFailure, Status
 from gauss_bench.trajectory import finite as finite  # plug-ins import these two from here
 from gauss_bench.trajectory import with_accelerations as with_accelerations
 
-SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)  # [rad, m] of random states about the start; speeds spread 10 times as far [rad/s, m/s]
+# [rad, m] of random states about the start; speeds spread 10 times as far [rad/s, m/s], so that errors of velocity terms show
+SPREAD = (0.0, 0.5, 1.0, 2.0, 3.0)
 PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are summed in different orders, which rounds differently
 End = TypeVar("End")
 
 
 class LibraryEngine:
-    """The members that adapters to libraries have in common.
-
-    A subclass passes the content of its `variants.toml`: class Adapter(LibraryEngine, file=VARIANTS).
-    """
+    """The members that adapters to libraries have in common: class Adapter(LibraryEngine, file=VARIANTS of its `variants.toml`)."""
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
@@ -50,22 +48,17 @@ class LibraryEngine:
     unfinished: Mapping[str, str]
 
     def __init_subclass__(cls, file: Variants | None = None) -> None:
-        """Copy what the engine's `variants.toml` declares to the class of its adapter."""
         if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
             return
         cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        """Return an empty text, because a timed run executes no Python code outside the library; an adapter may override this."""
         return ""
 
 
 def unsteady(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why an adapter cannot model the mechanism if it supports only forces that do not vary, or None if it can.
-
-    A force varies if its size depends on time or on the direction of motion.
-    """
+    """Return the reason to refuse a mechanism with forces that depend on time or on the direction of motion; None without them."""
     if not mechanism.varying:
         return None
     names = ", ".join(f.name for f in mechanism.varying)
@@ -75,15 +68,10 @@ def unsteady(mechanism: Mechanism, library: str) -> str | None:
 def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     """Return the reason why no adapter of this package models the mechanism, or None if there is no such reason.
 
-    Args:
-        library: name of the library in the returned sentence.
-
     Raises:
         TypeError: a force is of a kind that cannot be expressed by loads.
     """
-    for force in mechanism.forces:
-        if factor_of(force):  # a force that varies is no sum of constant loads
-            continue
+    for force in (f for f in mechanism.forces if not factor_of(f)):  # a force that varies is no sum of constant loads
         if any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
             return f"force {force.name} falls with the square of a distance, which the adapter of {library} does not support"
     if mechanism.couplings:
@@ -100,10 +88,7 @@ def jointed(mechanism: Mechanism) -> list[AngleDriver | SlideDriver]:
 
 
 def driven_coordinates(mechanism: Mechanism, tree: Tree) -> list[int | None]:
-    """List, for each driver of an angle or slide (`jointed`), the index of the tree coordinate that equals the driven coordinate.
-
-    The entry of a driver is None if its angle is a sum of several tree coordinates.
-    """
+    """List, for each driver of an angle or slide, the index of its tree coordinate; None if its angle is a sum of several."""
     hinges = {b.link: b.at for b in tree.branches if b.kind == "revolute" and b.parent == GROUND}
     slides = slide_indices(tree)
     return [hinges.get(d.link) if isinstance(d, AngleDriver) else slides.get(d.joint.name) for d in jointed(mechanism)]
@@ -152,10 +137,7 @@ def slide_indices(tree: Tree) -> dict[str, int]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why the mechanism cannot be modelled as a tree of joints with pins as the only closures of loops.
-
-    None if it can.
-    """
+    """Return the reason why a mechanism is no tree of joints with pins as the only closures of loops; None if it is."""
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:
@@ -175,26 +157,17 @@ def joint_tree(mechanism: Mechanism, options: Mapping[str, Any]) -> Tree:
 
 
 def closing_pins(tree: Tree) -> list[tuple[Point, Point]]:
-    """List the pairs of points that must coincide to close the loops: points a and b of the pins that are not in the tree."""
+    """List the points a and b of each pin that is not in the tree; they must coincide to close the loops."""
     return [(joint.a, joint.b) for joint in tree.closures if isinstance(joint, Revolute)]
 
 
 def measure_gaps(pins: Iterable[tuple[End, End]], place: Callable[[End], Array]) -> Array:
-    """Return end b minus end a of each pin (pins, 2) [m].
-
-    Args:
-        pins: for each pin its two ends, which are the points where it is attached to its two links.
-        place: function of such an end; it returns the position of the end in the world, (2,) or (3,) [m].
-    """
+    """Return end b minus end a of each pin (pins, 2) [m]; `place` returns the position (2,) or (3,) [m] of an end in the world."""
     return np.array([(place(b) - place(a))[:2] for a, b in pins]).reshape(-1, 2)
 
 
 def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield the start y0, dy0 (n,) in tree coordinates and rates, and random states around it, at which loops may be open.
-
-    The states spread over the ranges in SPREAD. The random speeds are so large that errors of velocity terms show in a comparison
-    of accelerations.
-    """
+    """Yield the start y0, dy0 (n,) in tree coordinates and rates, and random states around it, at which loops may be open."""
     random = np.random.default_rng(0)
     for size in SPREAD:
         yield y0 + size * random.uniform(-1.0, 1.0, tree.n), dy0 + 10.0 * size * random.uniform(-1.0, 1.0, tree.n)
@@ -204,8 +177,7 @@ def tree_states(tree: Tree, y0: Array, dy0: Array) -> Iterator[tuple[Array, Arra
 class OpenTree:
     """The suite's own equations of motion of a tree without its closing pins: the reference for a library's model of the tree.
 
-    The matrix V maps tree rates y' to absolute speeds, and a0 is the absolute acceleration if y'' = 0. The equations of motion of
-    the tree are
+    The matrix V maps tree rates y' to absolute speeds, and a0 is the absolute acceleration if y'' = 0. The equations are
 
         V^T M V y'' = V^T (Q - M a0)
 
@@ -244,10 +216,6 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
 
     Args:
         pairs: name of a quantity -> its value in the model, its value in the linkage, and the scale of a difference.
-        tolerance: largest difference that is allowed, divided by the scale.
-
-    Raises:
-        RunFailure: a quantity differs by more than the tolerance times its scale.
     """
     for what, (own, expected, scale) in pairs.items():
         error = np.abs(own - expected).max(initial=0.0)
@@ -261,11 +229,7 @@ def size(x: Array) -> float:
 
 
 def finite_acceleration(t: float, a: Array, library: str) -> Array:
-    """Return the accelerations a (n,) that a library computed at time t [s], after a check that they are finite.
-
-    Raises:
-        RunFailure: some are not finite.
-    """
+    """Return the accelerations a (n,) that a library computed at time t [s]; a RunFailure if some are not finite."""
     if not np.isfinite(a).all():
         raise RunFailure(Status.NAN, f"t = {t:.6g} s: {library}'s acceleration is not finite")
     return a

@@ -1,8 +1,7 @@
 """Record an adapter's calls as a script: the adapter builds its model with a stand-in for the library that records every call.
 
-An adapter takes its library as an argument, so it makes the same calls to the stand-in as to the library. The recorded calls, in
-order, are a script that builds the model without the adapter. Therefore the script cannot differ from the model that the adapter
-has compared with the linkage.
+The recorded calls, in order, are a script that builds the model without the adapter, and cannot differ from the model that the
+adapter has compared with the linkage.
 
     mbs = Script({"AddNode": "node_"}).stand_in("mbs")
     mbs.AddNode(items.NodePoint(name="A"))                       records: node_1 = mbs.AddNode(items.NodePoint(name='A'))
@@ -19,20 +18,15 @@ from gauss_bench.trajectory import in_a_sentence
 
 
 class Script:
-    """A Python script under construction.
-
-    Attributes:
-        lines: the lines of Python source recorded so far.
-    """
+    """A Python script under construction; `lines` are the lines of Python source recorded so far."""
 
     def __init__(self, statements: Mapping[str, str]):
         """Begin an empty script.
 
         Args:
             statements: name of a function or method whose calls become lines of the script -> variable to which the line assigns
-                the result. If the variable's name ends with an underscore, a number is appended to it. If the name is "", the
-                result is not assigned. A call of a function that `statements` does not list becomes part of the expression that
-                uses its result.
+                the result, if it is not "". A name that ends with an underscore gets a number. A call of any other function becomes
+                part of the expression that uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
@@ -42,15 +36,10 @@ class Script:
         return StandIn(self, source)
 
     def comment(self, text: str) -> None:
-        """Add a comment to the script."""
         self.lines.append(f"# {in_a_sentence(text)}")
 
     def record_call(self, source: str, text: str) -> "StandIn":
-        """Record a call and return the stand-in for its result.
-
-        A call of a function that is in `statements` becomes a line of the script, which assigns the result to the variable of this
-        function, if there is one. A call of another function writes no line: the stand-in for its result is the expression for the
-        call.
+        """Record a call as `statements` says, and return the stand-in for its result.
 
         Args:
             source: the expression for the function.
@@ -80,13 +69,11 @@ class StandIn:
         object.__setattr__(self, "_source", source)
 
     def __getattr__(self, name: str) -> "StandIn":
-        """Return the stand-in for an attribute of the object, such as a method."""
         if name.startswith("__"):  # numpy and others look for such attributes; a stand-in has none of them
             raise AttributeError(name)
         return StandIn(self._script, f"{self._source}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Record the assignment of an attribute as a line of the script."""
         self._script.lines.append(f"{self._source}.{name} = {python(value)}")
 
     def __call__(self, *positional: Any, **named: Any) -> "StandIn":
@@ -111,11 +98,7 @@ class StandIn:
 
 
 def python(x: Any) -> str:
-    """Return a value as Python source; texts are written in ASCII.
-
-    Raises:
-        TypeError: the value, for example a function, cannot be written into a script.
-    """
+    """Return a value as Python source in ASCII; a TypeError if it cannot be written, such as a function."""
     if isinstance(x, StandIn):
         return x._source
     if isinstance(x, np.ndarray):

@@ -8,9 +8,8 @@ from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
     prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. The pins of the tree are either the first ones in
-the linkage's file, or those that give each link a short path to the ground. Branches are listed depth first. The map to absolute
-coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
+Slides enter the tree before pins, so that pins close the loops wherever possible. The map to absolute coordinates computes with
+Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
 """
 
 import cmath
@@ -33,11 +32,9 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A link and the joint that connects it to its parent.
+    """A link and the joint that connects it to its parent, or to the ground (GROUND); `kind` is "revolute", "prismatic" or "free".
 
     Attributes:
-        link, parent: indices of the link and of its parent; the parent may be GROUND.
-        kind: kind of the branch, "revolute", "prismatic" or "free".
         joint: the joint of the linkage; None for a free link.
         at: index of the branch's first tree coordinate.
         parent_anchor, anchor: (2,) [m] the joint's point in the parent's frame and in the link's frame; the origin of a frame is
@@ -60,10 +57,7 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The tree coordinates of this link's joint: relative angles and displacements between the parent and the link.
-
-        A pin has an angle, a slide a displacement along its axis, and a free link both displacements and the angle.
-        """
+        """The tree coordinates of this link's joint: relative angles and displacements between the parent and the link."""
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
         # points without a name; a free link is displaced along the parent's x and y axes
@@ -95,7 +89,6 @@ class Tree:
         branches: in depth-first order, so that a parent comes before its children.
         closures: the joints that are not in the tree; they close its loops.
         n: number of tree coordinates.
-        links: number of links.
     """
 
     branches: tuple[Branch, ...]
@@ -135,12 +128,7 @@ class Tree:
         return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """Return the states of all links as an array (*shape, 3 links), with x, y and theta of each link, in the order of q.
-
-        Args:
-            states: link -> position x + i y and angle theta of its centre of mass, or the rates of both.
-            shape: shape of the numbers in `states`; empty for a single state.
-        """
+        """Return link -> (position x + i y, angle), or the rates of both, each of a shape, as an array (*shape, 3 links) like q."""
         out = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]
@@ -149,7 +137,7 @@ class Tree:
 
     @cached_property
     def _coordinates(self) -> Callable[..., list[Array]]:
-        """A generated function (t, q, v) -> tree coordinates (..., n), their rates (..., n); `relative` calls it."""
+        """A generated function (t, q, v) -> tree coordinates (..., n), their rates (..., n)."""
         at = Symbols(SIZE * self.links)
         states = [state(x, at) for b in self.branches for x in b.coordinates]
         return at.generate([x.value for x in states], [x.rate for x in states])
@@ -157,7 +145,7 @@ class Tree:
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Map absolute states q, v (..., 3 links) to tree coordinates and rates (..., n).
 
-        Gaps at joints of the tree are ignored, such as two points of a pin that do not coincide.
+        Gaps at joints of the tree have no effect.
         """
         y, dy = self._coordinates(0.0, q, v)  # at t = 0: the time has no effect
         return y, dy
@@ -165,9 +153,8 @@ class Tree:
     def forces(self, q: Array, Q: Array) -> Array:
         """Return the forces (..., n) on the tree coordinates that do the virtual work of the forces Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
-        # n copies of each state, and zeros of the same shape (..., n, n)
         repeated, zeros = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
-        # speeds (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
+        # (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
         speeds = self.absolute(repeated, zeros + np.eye(self.n), zeros).v
         return np.asarray((speeds @ Q[..., None])[..., 0])
 
@@ -178,7 +165,7 @@ def exponential(x: Array) -> Callable[[Any], Any]:
 
 
 def columns(x: Array) -> Any:
-    """Return the n coordinates of x one by one; each is a Python number for a state (n,), an array (...) for a batch (..., n)."""
+    """Return the n coordinates of x one by one, as Python numbers for a state (n,) or arrays (...) for a batch (..., n)."""
     return x.tolist() if x.ndim == 1 else np.moveaxis(x, -1, 0)
 
 
@@ -188,7 +175,7 @@ class Turning:
 
     Attributes:
         rows: (links + 1, n) matrix of zeros and ones; the last row belongs to the ground.
-        constants: (links + 1,) constant parts of the angles [rad]; the last entry belongs to the ground.
+        constants: (links + 1,) [rad]; the last entry belongs to the ground.
     """
 
     rows: Array
@@ -227,38 +214,33 @@ def spanning_tree(mechanism: Mechanism, least_depth: bool = False) -> Tree:
     """Return a spanning tree that takes slides first, then pins; links that no joints connect to the ground become free.
 
     Args:
-        least_depth: rule for the pins of the tree, which are chosen after its slides. If true, the tree has the pins with which the
-            path of every link to the ground has the fewest joints. If false, pins are taken in the order of the linkage's file
-            unless they close a loop, which makes long chains.
+        least_depth: whether the tree has the pins with which the path of every link to the ground has the fewest joints. If not,
+            pins are taken in the order of the linkage's file unless they close a loop, which makes long chains.
     """
     slides = _without_loops(mechanism, mechanism.slides)
-    pins = mechanism.pins
-    chosen = _nearest(mechanism, slides, pins) if least_depth else _without_loops(mechanism, [*slides, *pins])
+    chosen = _nearest(mechanism, slides) if least_depth else _without_loops(mechanism, [*slides, *mechanism.pins])
     neighbours = _neighbours(joint for joint in mechanism.joints if joint in chosen)  # in the order of the file
-    branches: list[Branch] = []
-    reached = {GROUND}  # links that have a branch
-    next_coordinate = 0  # index of the next tree coordinate
+    branches: dict[int, Branch] = {}  # link -> its branch
+    n = 0  # number of tree coordinates so far
 
     def descend(parent: int) -> None:
         """Add a branch, with one coordinate, for each link joined to `parent` that has none yet, and go on from there."""
-        nonlocal next_coordinate
+        nonlocal n
         for joint, child in neighbours[parent]:
-            if child not in reached:
-                reached.add(child)
-                branches.append(_branch(joint, parent, child, next_coordinate))
-                next_coordinate += 1
+            if child != GROUND and child not in branches:
+                branches[child] = _branch(joint, parent, child, n)
+                n += 1
                 descend(child)
 
     descend(GROUND)
     origin = np.zeros(2)  # also stands for the vectors that a free link does not have
     for link in range(len(mechanism.links)):
-        if link not in reached:
-            reached.add(link)
-            branches.append(Branch(link, GROUND, "free", None, next_coordinate, origin, origin, origin, origin, 0.0))
-            next_coordinate += 3
+        if link not in branches:
+            branches[link] = Branch(link, GROUND, "free", None, n, origin, origin, origin, origin, 0.0)
+            n += 3
             descend(link)
     closures = tuple(joint for joint in mechanism.joints if joint not in chosen)
-    return Tree(tuple(branches), closures, next_coordinate, len(mechanism.links))
+    return Tree(tuple(branches.values()), closures, n, len(mechanism.links))
 
 
 def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]:
@@ -273,22 +255,19 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
     return chosen
 
 
-def _nearest(mechanism: Mechanism, slides: Sequence[Joint], pins: Sequence[Joint]) -> list[Joint]:
+def _nearest(mechanism: Mechanism, slides: Sequence[Joint]) -> list[Joint]:
     """Return all slides, and the pins that lead from the ground to every link over the fewest joints (Dijkstra's algorithm).
 
-    When the search reaches a link, it also reaches all links that slides connect to this link, because a pin to one of them would
-    close a loop that contains a slide. If a group of links has no connection to the ground, its paths start from its first link.
+    When the search reaches a link, it also reaches all links that slides connect to it, because a pin to one of them would close a
+    loop that contains a slide. Paths of a group of links without a connection to the ground start from its first link.
     """
-    by_slides, by_pins = _neighbours(slides), _neighbours(pins)
+    by_slides, by_pins = _neighbours(slides), _neighbours(mechanism.pins)
     chosen: list[Joint] = []
     reached: set[int] = set()
     waiting: list[tuple[int, int]] = []  # (depth, link), nearest first
 
     def reach(link: int, depth: int) -> None:
-        """Mark a link at `depth` joints from the ground as reached and queue it; go on with links that slides join to it.
-
-        The slides are added to `chosen`.
-        """
+        """Mark a link at `depth` joints from the ground as reached and queue it; choose its slides, and go on along them."""
         reached.add(link)
         heappush(waiting, (depth, link))
         for joint, other in by_slides[link]:
@@ -321,14 +300,13 @@ def _neighbours(joints: Iterable[Joint]) -> defaultdict[int, list[tuple[Joint, i
 def _branch(joint: Joint, parent: int, child: int, at: int) -> Branch:
     """Return the branch from `parent` to `child`, whose coordinate has the index `at`.
 
-    If the parent is the second link of a slide, the slide is used backwards: its offset, direction and turn change their signs, and
-    the direction is given in the frame of the second link.
+    If the parent is the second link of a slide, the slide's offset, direction and turn change their signs, and the direction is
+    given in the frame of this link.
     """
     zero = np.zeros(2)
-    # pairs of a coordinate that the joint keeps constant, and its value: a slide keeps its offset [m] and its angle [rad]
-    (_, offset), (_, turn) = joint.held
+    (_, offset), (_, turn) = joint.held  # values of the coordinates that a slide keeps constant: offset [m] and angle [rad]
     first, second = joint.ends
-    forward = first.link == parent  # otherwise the joint is used backwards
+    forward = first.link == parent
     near, far, sign = (first, second, 1.0) if forward else (second, first, -1.0)
     if not isinstance(motion := joint.motion, Along):  # a pin
         return Branch(child, parent, "revolute", joint, at, near.local, far.local, base=zero, axis=zero, turn=0.0)

@@ -37,11 +37,7 @@ ALIGNED = 1e-12  # [m] largest distance by which rounding moves a point off a li
 
 @dataclass(frozen=True, eq=False)
 class Steady:
-    """The constant generalised force `value` times `force` (n,) on the tree coordinates.
-
-    Attributes:
-        names: names of the linkage's forces that this load replaces: one torque, or a force along a slide and its reaction.
-    """
+    """The constant generalised force `value` times `force` (n,) on the tree coordinates, for the linkage's forces `names`."""
 
     force: Array
     value: float = 1.0
@@ -52,8 +48,7 @@ class Steady:
 class OnJoints:
     """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant; row (n,) has entries 0, 1 and -1.
 
-    Attributes:
-        name: name of the linkage's force to which the load belongs.
+    It belongs to the linkage's force `name`.
     """
 
     row: Array
@@ -79,7 +74,7 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
     """Return all forces of a mechanism that do not vary, as loads `Steady`, `OnJoints` and `OtherLoad`.
 
     Torques, and forces that act only along slides of the tree, become constant forces on tree coordinates (motors). Each of the
-    other forces becomes one load or several. Forces that vary with time or with the direction of motion are left out.
+    other forces becomes one load or several.
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
@@ -97,11 +92,7 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
 def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree, turns: Turning) -> list[Steady]:
     """Return those forces that act only along slides of the tree, as constant forces on the slides' coordinates.
 
-    Such a force acts on the block of a slide. If the guide is fixed to the ground, its reaction has no effect. If the guide moves,
-    another force in `forces` must be the reaction on the guide.
-
-    Args:
-        turns: the links' angles in terms of the tree coordinates.
+    Such a force acts on the block of a slide. If the guide moves, another force in `forces` must be the reaction on the guide.
     """
     motors: list[Steady] = []
     done: set[str] = set()
@@ -125,7 +116,7 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
     """Return the component [N] of a force along the slide of a branch.
 
-    Return None if the force is zero or not parallel to the slide, or if its direction turns relative to the parent link.
+    None if it is zero, not parallel, or turns against the guide.
     """
     if not turns.together(f.frame, b.parent):
         return None
@@ -136,14 +127,7 @@ def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
 
 
 def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, turns: Turning) -> bool:
-    """Tell whether the force g on the guide of a slide is opposite to the force f on the block, and acts on the same line.
-
-    Opposite forces on different lines would turn the links too.
-
-    Args:
-        b: branch of the slide: the block with its guide, the parent link.
-        turns: the links' angles in terms of the tree coordinates.
-    """
+    """Tell whether the force g on the guide of the slide b is opposite to the force f on the block, and acts on the same line."""
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
     forces = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
@@ -154,7 +138,7 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
 def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
     """Return the reason why a library cannot express a load, or None if it can.
 
-    The library is assumed to support springs and dampers on single coordinates and between points, and forces at points.
+    The library has springs and dampers on single coordinates and between points, and forces at points.
     """
     match load:
         case Steady() | OtherLoad(load=Law(coordinate=Distance())):
@@ -171,7 +155,7 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
     """Return (in_world, vector): whether the direction of a force is fixed in the world, and the vector (2,) of the force [N].
 
     The vector is given in the world's axes if the direction is fixed in the world, and otherwise in the frame of the link on which
-    the force acts. The direction must be fixed in the world or in this link; `refuse_load` refuses all other forces.
+    the force acts; `refuse_load` refuses forces that are fixed in a third link.
     """
     in_world = turns.together(force.frame, GROUND)
     fixed_in = GROUND if in_world else force.point.link
@@ -181,26 +165,16 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
 def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[TreeLoad]:
     """Return one load of the linkage's force `name` as loads of the three kinds of this module.
 
-    A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates; its spring and damper become
-    `OnJoints`, and its constant part becomes `Steady`. Every other load becomes an `OtherLoad`.
-
-    Raises:
-        TypeError: the load acts on a sum of coordinates.
+    A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates. Every other load is an `OtherLoad`.
     """
-    match load:
-        case PointForce():
-            return [OtherLoad(name, load)]
-        case Law():
-            pass
-        case _:
-            assert_never(load)
+    if isinstance(load, PointForce):
+        return [OtherLoad(name, load)]
     match load.coordinate:
         case Angle(a, b):
             return on_joints(name, turns.rows[b] - turns.rows[a], turns.constants[b] - turns.constants[a], load)
-        case Along():
-            sliding = slide_coordinate(load.coordinate, mechanism, tree)
-            return [OtherLoad(name, load)] if sliding is None else on_joints(name, *sliding, load)
-        case Distance():
+        case Along() as along if sliding := slide_coordinate(along, mechanism, tree):
+            return on_joints(name, *sliding, load)
+        case Along() | Distance():
             return [OtherLoad(name, load)]
         case Weighted():
             raise TypeError(f"force {name}: engines of joint trees do not support a law on a sum of coordinates")
@@ -209,23 +183,15 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
 
 
 def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad]:
-    """Return the loads of a force law on the coordinate L = row . y + constant, where y are the tree coordinates.
-
-    The part of the force that depends on the state becomes an `OnJoints` load, and the constant part `bias` a `Steady` force.
-    """
-    found: list[TreeLoad] = []
-    if law.bias:
-        found.append(Steady(row, law.bias, (name,)))
-    if law.k or law.c:
-        found.append(OnJoints(row, constant, law.k, law.c, law.rest, name))
-    return found
+    """Return the loads of a force law on the coordinate L = row . y + constant: `Steady` of its constant part, and `OnJoints`."""
+    steady: list[TreeLoad] = [Steady(row, law.bias, (name,))] if law.bias else []
+    return [*steady, OnJoints(row, constant, law.k, law.c, law.rest, name)] if law.k or law.c else steady
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:
-    """Return row (n,) and constant such that the coordinate along an axis is row . y + constant.
+    """Return row (n,) and constant such that the coordinate along an axis is row . y + constant, where y are the tree coordinates.
 
-    Here y are the tree coordinates, one of which belongs to a slide between the same two links as the axis. Return None if the tree
-    has no slide between these two links, or if the slide is not parallel to the axis.
+    Return None if the tree has no slide between the same two links as the axis, or if the slide is not parallel to the axis.
     """
     pair = {along.point.link, along.origin.link}
     branch = next((b for b in tree.branches if b.kind == "prismatic" and {b.link, b.parent} == pair), None)

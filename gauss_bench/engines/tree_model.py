@@ -1,9 +1,4 @@
-"""The common parts of adapters to libraries that model mechanisms as trees of joints.
-
-TreeModel:               The base class of models in tree coordinates y (n,), with rates dy. It translates states and samples.
-verify:                  The function compares a library's model of the tree with the linkage, at states with open loops.
-acceleration_by_steps:   The function finds accelerations from the steps of a library that computes none itself.
-"""
+"""The common parts of adapters to libraries that model mechanisms as trees of joints."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -26,21 +21,20 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 class TreeModel(ABC):
     """Base class of models of a mechanism in a library of joint trees, run with one setting of the engine (`Choice`).
 
-    A subclass calls this `__init__` and then builds the library's model. The subclass supplies `tree_acceleration`, and `run`,
-    which takes the steps of `plan` and stores tree states in `y` and `dy`; it may extend `prepare` and `read`.
+    A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration` and `run`, and may extend
+    `prepare` and `read`.
 
     Attributes:
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: intervals of time, each with steps of equal size; `prepare` sets it.
-        y, dy: (k, n) tree coordinates and rates at the sample times.
+        plan: intervals of time, each with steps of equal size, which `run` takes.
+        y, dy: (k, n) tree coordinates and rates at the sample times, which `run` stores.
     """
 
     library: str
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
-        """Find the spanning tree, and the tree state at the start."""
         self.mechanism, self.choice, self.options = mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -67,10 +61,7 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample at time t [s] with the tree state y, dy (n,).
-
-        By default `accelerate` computes them; a subclass may override this function.
-        """
+        """Return the accelerations (3 links,) of a sample; a subclass may compute them otherwise than `accelerate` does."""
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -84,7 +75,6 @@ class TreeModel(ABC):
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
 
     def read(self) -> Trajectory:
-        """Return the samples in absolute coordinates, with the library's accelerations."""
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
@@ -93,8 +83,6 @@ class TreeModel(ABC):
 
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
         """Return the samples y, dy (k, n) in absolute coordinates, with the accelerations that the library computes for them.
-
-        The times of the samples are those that `prepare` was given.
 
         Raises:
             RunFailure: the library finds no accelerations at a sample; the exception holds the samples before this one.
@@ -111,7 +99,7 @@ class TreeModel(ABC):
 class OpenModel:
     """Quantities that a library computes for the open tree of a linkage, without closures and drivers, at a tree state y, dy.
 
-    The motion must be determined by the mass matrix and the forces, or by the accelerations. All fields except `gaps` may be None.
+    Either `mass` and `forces` must be given, or `accelerations`.
 
     Attributes:
         gaps: (pins, 2) point b minus point a of each closing pin [m], by the library's own kinematics.
@@ -128,20 +116,16 @@ class OpenModel:
     positions: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check that the mass matrix and forces are given, or else the accelerations."""
+        """Check that the quantities determine the motion."""
         if (self.mass is None or self.forces is None) and self.accelerations is None:
             raise TypeError("give the mass matrix and the forces, or the accelerations: they determine the motion")
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
-    """Compare a library's model of the tree with the linkage, at the start and at tree states at which loops are open.
-
-    Args:
-        describe: function of a tree state y, dy (n,); it returns the library's quantities at that state.
-        tolerance: largest allowed difference, relative to the scale of each quantity.
+    """Compare a library's model of the tree, as `describe` returns it, with the linkage at the start and where loops are open.
 
     Raises:
-        RunFailure: a quantity differs by more than the tolerance allows.
+        RunFailure: a quantity differs by more than the tolerance times its scale.
     """
     evaluator = evaluator_of(mechanism)
     for y, dy in tree_states(tree, *tree.relative(mechanism.q0, mechanism.v0)):
@@ -167,21 +151,18 @@ TwoSteps = Callable[[float, Array, Array, float], tuple[Array, Array]]  # (t, y,
 
 
 def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps: Sequence[float]) -> Array:
-    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps of several sizes.
+    """Return the acceleration (n,) at time t [s] and a tree state y, dy (n,), extrapolated from a library's steps [s].
 
-    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives the
-    acceleration a = D(0). If a library treats springs and dampers implicitly, this changes b, but not a. If the library rounds the
-    rates with an error e, the error of D(h) is about e / h.
+    In a step of size h the rates change by h D(h), with D(h) = a + b h + ... The polynomial through D at all step sizes gives a =
+    D(0). If a library treats springs and dampers implicitly, this changes b, but not a. An error e of the rates causes about e / h.
 
     In a library whose constraints act on velocities, the velocities v1 after a step satisfy J v1 = 0, with J at the beginning of
-    the step. If a single step began at a state with J v = 0, the velocities before and after it would satisfy the same equation,
-    and their difference would give J a = 0 in place of J a = gamma. Therefore D(h) is computed from the second of two steps. The
-    first step begins at the time t - h, and at the position y - h dy, where the loops have gaps of order h^2. The library must not
-    correct these gaps, because a correction within one step adds an acceleration whose size does not depend on h.
+    the step. The velocities before and after a single step from a state with J v = 0 would give J a = 0 in place of J a = gamma.
+    Therefore D(h) is computed from the second of two steps, of which the first begins at t - h and y - h dy. The library must not
+    correct the gaps of order h^2 there, because a correction within one step adds an acceleration whose size does not depend on h.
 
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.
-        steps: sizes of the steps [s].
     """
     changes = []
     for h in steps:

@@ -1,7 +1,7 @@
 """Read an engine's knobs, settings and variants from the file `variants.toml` in the engine's folder.
 
-A knob is an option of the engine. Settings and variants are named sets of knob values: suites run the settings, and searches try
-the variants. The file has one line and four tables:
+A knob is an option of the engine. Suites run the settings, and searches try the variants; both are named sets of knob values. The
+file has one line and four tables:
 
     first = [NAME, ...]     variants that a search tries first if its time is short; this line stands above the tables
     [knobs]                 NAME = { meaning = "...", source = "https://..." }; `own_search` = "reason" may replace the source;
@@ -12,16 +12,13 @@ the variants. The file has one line and four tables:
     [variants]              NAME = { settings = "LABEL", integrator = "...", stabilization = "...", KNOB = value, ... }, tried by
                             searches
 
-A knob that a variant leaves out has the value of the settings that the variant names. A variant without `settings` uses the
-engine's first settings, and a variant without `stabilization` uses "none". If a line of the table [variants] lists several values
-of knobs, the line stands for every combination of the values. The name of a combination is the line's name and the chosen values
-("lean/rk4/2"). Besides values of knobs, a line of [settings] may have two other fields. The field `remark` is a note for readers.
-The field `soft` is the reason why accelerations with these settings, and with the variants that name them, satisfy J a = gamma only
-approximately.
+A variant without `settings` uses the engine's first settings, also for the knobs that it leaves out, and one without
+`stabilization` uses "none". A line of [variants] that lists several values of knobs stands for every combination, whose name is the
+line's name and the chosen values ("lean/rk4/2"). A line of [settings] may also have `remark`, a note for readers, and `soft`, the
+reason why accelerations with these settings, and with the variants that name them, satisfy J a = gamma only approximately.
 
-Every knob must have `source`, the address of a documentation page, example or issue, or `own_search`, the reason why the suite's
-authors try the knob. So readers can look up every option that is compared. The file is refused if a knob has neither `source` nor
-`own_search`, or if settings or a variant use a knob that is not declared.
+A knob needs `source`, the address of a documentation page, example or issue, or `own_search`, the reason why the suite's authors
+try it, so that readers can look up every option that is compared.
 """
 
 import math
@@ -77,7 +74,6 @@ class Variants:
     """The content of an engine's file of variants.
 
     Attributes:
-        knobs: name of an option of the engine -> `Knob`.
         settings: label of settings -> (name of an option -> value).
         space: name of a variant -> `Variant`, in the order of the file; a search tries all of them.
         first: names of the variants that a search tries first if its time is short.
@@ -93,7 +89,7 @@ class Variants:
     unfinished: Mapping[str, str] = field(default_factory=dict)
 
     def options(self, name: str) -> Mapping[str, Any]:
-        """Return name of an option -> value, given the name of settings or of a variant, or a text such as "rigid,iterations=2".
+        """Return option -> value, given the name of settings or of a variant, or a text such as "rigid,iterations=2".
 
         Raises:
             KeyError: no settings and no variant have that name.
@@ -109,12 +105,7 @@ class Variants:
 
 
 def read_variants(room: Path) -> Variants:
-    """Read the knobs (options), settings and variants of the engine whose folder is `room`.
-
-    Raises:
-        VariantError: a table or field has a fault, a knob has neither `source` nor `own_search`, or settings or a variant use a
-            knob that is not declared.
-    """
+    """Read the knobs (options), settings and variants of the engine whose folder is `room`."""
     path = room / FILE
     try:
         return _read(parse_toml(path.read_text(encoding="utf-8")))
@@ -125,11 +116,10 @@ def read_variants(room: Path) -> Variants:
 
 
 def _read(file: Mapping[str, Any]) -> Variants:
-    """Check a parsed file table by table, and return its content.
+    """Check a parsed file table by table, and return its content; a `line` is the table of one knob, set of settings or variant.
 
-    A variant is soft (it satisfies J a = gamma only approximately) if the settings that it names are soft. A variant is unfinished
-    (its solver stops before it has converged) if its options include all knob values of a table [[unfinished]]. A "line" is the
-    table of one knob, of one set of settings, or of one variant: key -> value.
+    A variant is soft if the settings that it names are soft. A variant is unfinished if its options include all knob values of a
+    table [[unfinished]].
 
     Raises:
         VariantError: a table or field has a fault.
@@ -141,20 +131,20 @@ def _read(file: Mapping[str, Any]) -> Variants:
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
             taken = variant.name in space or variant.name in settings
-            _require(not taken, f"variants.{name}", f"{variant.name} is there already")
+            require(not taken, f"variants.{name}", f"{variant.name} is there already")
             space[variant.name] = variant
             if label in soft:
                 soft[variant.name] = soft[label]
     # every value of a knob, in settings and in variants, must be in the knob's range
     for label, values in [*settings.items(), *((x.name, x.options) for x in space.values())]:
         outside = [k for k, knob in knobs.items() if k in values and not knob.allows(values[k])]
-        _require(not outside, label, f"{', '.join(outside)} is not in its own range")
+        require(not outside, label, f"{', '.join(outside)} is not in its own range")
     first = tuple(file.get("first", ()))  # variants that a search tries first if its time is short
     for name in first:
-        _require(name in space, "first", f"there is no variant {name!r}")
+        require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
     lines = file.get("unfinished", [])
-    _require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
+    require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
     for line in lines:
         values = {key: x for key, x in line.items() if key != "cause"}
         _require_known(values, tuple(knobs), "unfinished")
@@ -167,34 +157,28 @@ def _table_of_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
     good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-    _require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
     return lines or {}
 
 
 def _read_knob(place: str, line: Line) -> Knob:
     """Check one line of [knobs]: it must have a meaning, and either a source or a reason to try the knob."""
     for key in line:
-        _require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
+        require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
-    _require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
-    _require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
-    _require(not address or str(address).startswith("https://"), place, "`source` is no address")
-    _require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
-    return Knob(meaning.strip(), address or OWN_SEARCH + reason, tuple(line.get("values", ())), _read_range(place, line))
-
-
-def _read_range(place: str, line: Line) -> tuple[float, float]:
-    """Return the least and the largest allowed value of a knob; without a `range` all numbers are allowed."""
+    require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
+    require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
+    require(not address or str(address).startswith("https://"), place, "`source` is no address")
+    require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:
-            return float(least), float(most)
+            values = tuple(line.get("values", ()))
+            return Knob(meaning.strip(), address or OWN_SEARCH + reason, values, (float(least), float(most)))
     raise VariantError(f"{place}: `range` must be the least and the largest number")
 
 
 def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[str, Line], dict[str, str]]:
-    """Return two tables: label of settings -> (knob -> value), and label of soft settings -> cause that the file states.
-
-    Settings are soft if the constraints give way with them, so that J a = gamma holds only approximately.
+    """Return label of settings -> (knob -> value), and label of soft settings -> cause that the file states.
 
     Args:
         lines: label of settings -> table of the file.
@@ -209,7 +193,7 @@ def _read_settings(lines: Mapping[str, Line], own: Sequence[str]) -> tuple[dict[
         options = {**defaults, **line}
         defaults = defaults or line  # the first label has no defaults, so it must give every knob a value
         lacking = ", ".join(x for x in own if x not in options)
-        _require(not lacking, place, f"{lacking} has no value")
+        require(not lacking, place, f"{lacking} has no value")
         settings[label] = {x: options[x] for x in own}
         if REMARK in line:
             settings[label][REMARK] = line[REMARK]
@@ -222,21 +206,29 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
     """Check one line of [variants] and yield its variants, one for every combination of the values that it lists.
 
     Args:
-        name: name of the line.
-        line: key -> value, or list of values, of the line.
-        label: label of the settings that the line names.
+        label: label of the settings that the line names; they give a value to every knob that the line leaves out.
         settings: label of settings -> (knob -> value).
     """
     place = f"variants.{name}"
-    _require(label in settings, place, f"there are no settings {label!r}")
+    require(label in settings, place, f"there are no settings {label!r}")
     _require_known(line, (*knobs, "settings"), place)
-    _require("integrator" in line, place, "integrator is missing")
+    require("integrator" in line, place, "integrator is missing")
+    usual = settings[label]
     # names of combinations list the values in the order of the line's keys; `|` keeps the position of a key that the line has
-    yield from _combinations(name, line | {"stabilization": line.get("stabilization", "none")}, settings[label])
+    values = line | {"stabilization": line.get("stabilization", "none")}
+    values.pop("settings", None)
+    lists = {k: x for k, x in values.items() if isinstance(x, list)}  # key -> alternatives
+    for k in [k for k in lists if isinstance(usual.get(k), list)]:  # a knob whose usual value is a list needs a list of lists
+        if not all(isinstance(x, list) for x in lists[k]):
+            del lists[k]
+    for picked in product(*lists.values()):  # a value of each list
+        point = values | dict(zip(lists, picked, strict=True))
+        options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
+        yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
 
 
-def _require(good: bool, place: str, otherwise: str) -> None:
-    """If `good` is false, raise a VariantError whose message is the place in the file and the text `otherwise`."""
+def require(good: bool, place: str, otherwise: str) -> None:
+    """Raise a VariantError that names the place in the file, unless `good`."""
     if not good:
         raise VariantError(f"{place}: {otherwise}")
 
@@ -244,38 +236,10 @@ def _require(good: bool, place: str, otherwise: str) -> None:
 def _require_known(line: Line, names: tuple[str, ...], place: str) -> None:
     """Refuse a table of the file that has a key other than `names`."""
     for name in line:
-        _require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
+        require(name in names, place, f"{name} is no knob: nothing says what it is and where it comes from")
 
 
 def _read_cause(text: Any, place: str) -> str:
-    """Return the cause that an exception (`soft` or [[unfinished]]) states, a text of at least MIN_REASON_LENGTH characters.
-
-    Raises:
-        VariantError: the value is no text, or a shorter text.
-    """
-    _require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
+    """Return the cause that an exception (`soft` or [[unfinished]]) states; a VariantError if it is no text or too short."""
+    require(isinstance(text, str) and len(text) >= MIN_REASON_LENGTH, place, f"gives no cause: {text}")
     return str(text)
-
-
-def _combinations(name: str, line: Line, usual: Mapping[str, Any]) -> Iterator[Variant]:
-    """Yield a variant for every combination of the values that a line of [variants] lists.
-
-    Args:
-        name: name of the line.
-        line: key -> value, or list of values.
-        usual: knob -> value in the settings that the line names; used for the knobs that the line leaves out.
-    """
-    values = {k: x for k, x in line.items() if k != "settings"}
-    lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}
-    for picked in product(*lists.values()):  # a value of each list
-        point = values | dict(zip(lists, picked, strict=True))
-        options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
-        yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
-
-
-def _is_choice(value: Any, usual: Any) -> bool:
-    """Tell whether a knob's value in a line of [variants] lists alternatives, each for a variant of its own.
-
-    If the knob's usual value in the settings, `usual`, is itself a list, only a list of lists has alternatives.
-    """
-    return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))

@@ -1,14 +1,12 @@
 """Find the loop of a drawn linkage that cannot be closed, how far it stays open, and the lengths that would close it.
 
 Without the pairs that close the loops, the linkage is a tree, which can always be assembled. The loops are then closed one after
-the other. One pin of each loop is cut (its "chord"), and its two ends are dragged as near to each other as possible, while all
-earlier loops stay closed. At the nearest position let g be the gap, the vector from one end to the other. The vectors w through the
-links of the loop add up to the gap, so that
+the other: one pin of each (its "chord") is cut, and its two ends are dragged as near to each other as possible, while all earlier
+loops stay closed. The vectors w through the links of the loop add up to the gap g that is left, so that
 
     |g| = |sum w|,    d|g| / d|w| = (w / |w|) . g / |g|.
 
-A link that is parallel to the gap can therefore close it if its length changes by |g|. A change of the length of a link at right
-angles to the gap does not make the gap smaller.
+A link that is parallel to the gap can therefore close it if its length changes by |g|; one at right angles to the gap cannot.
 """
 
 from contextlib import suppress
@@ -27,7 +25,7 @@ from gauss_bench.terms import Array, largest
 
 TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
 TURNED = 1.0  # [rad] largest random turn of a link
-STEPS = 200  # largest number of steps of a search
+STEPS = 200
 ALONG = 0.5  # smallest cosine of the angle between a link and the gap if a change of its length is to close the gap
 GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, at which J has its usual rank
 MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the attempted step
@@ -35,13 +33,7 @@ MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the 
 
 @dataclass(frozen=True)
 class Length:
-    """A change of the length of one link that would close a loop.
-
-    Attributes:
-        link: name of the link.
-        points: names of two points of the link.
-        now, needed: present distance of the points, and the distance that would close the loop [m].
-    """
+    """A change of a link that would close a loop: the distance of two of its points, now and as needed [m]."""
 
     link: str
     points: tuple[str, str]
@@ -55,11 +47,9 @@ class OpenLoop:
 
     Attributes:
         links: names of the links around the loop; the fixed link is "ground".
-        at: name of the pin whose two ends cannot be brought together.
-        apart: smallest distance of these two ends [m].
+        at, apart: the pin whose two ends cannot be brought together, and their smallest distance [m].
         alone: whether the loop stays open even if the other loops of the linkage need not be closed.
-        lengths: changes of the length of one link, each of which alone would close the loop; the smallest relative change comes
-            first, and changes of lengths on the ground come last.
+        lengths: single changes that would close the loop, smallest relative change first, changes on the ground last.
     """
 
     links: tuple[str, ...]
@@ -83,8 +73,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
     Drivers are ignored.
 
     Raises:
-        ValueError: the linkage without the joints that close loops cannot be assembled, which happens only if numbers are not
-            finite.
+        ValueError: the tree cannot be assembled, which happens only if numbers are not finite.
     """
     loops = find_graph(pin_loose_links(mechanism)).loops
     bare = replace(mechanism, drivers=(), knife_edges=())
@@ -95,7 +84,6 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
         # `joints` are closed already; `chord` is the joint at which the loop is cut open, and still has to be closed
         nearest, gap = _approach(bare, joints, chord, place)
         if gap > CLOSED:
-            # the gap if only the joints of this loop are closed
             _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
             links = tuple(mechanism.link_name(x.link) for x in loop.passages)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
@@ -114,7 +102,7 @@ def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
 def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """Return the pair at which a loop is cut open: the last pin in the file, or the last slide if there is no pin.
 
-    Pairs that also belong to one of the loops `before` are left out, unless all pairs of this loop do.
+    Pairs of the loops `before` are left out, unless all pairs of this loop belong to them.
     """
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
@@ -125,7 +113,7 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
     """Return the position near q (n,) in which the given joints are closed.
 
     Raises:
-        ValueError: the joints cannot be closed by a search that begins at q.
+        ValueError: they cannot be closed by a search that begins at q.
     """
     place = Freedom(replace(mechanism, joints=tuple(joints))).close(q)
     if place is None:
@@ -136,16 +124,11 @@ def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
 def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Place) -> tuple[Place, float]:
     """Return the position in which the two ends of `chord` are nearest to each other, and their distance there [m].
 
-    The search begins at the position `place`, and is repeated from positions with randomly turned links, because a drag may stop at
-    a local minimum of the distance.
-
-    Args:
-        joints: pairs that stay closed.
-        chord: the pair that still has to be closed. A slide has no point to drag: the distance is then 0 if it can be closed, and
-            infinite if it cannot.
+    The joints stay closed. The search begins at `place`, and is repeated with randomly turned links, because a drag may stop at a
+    local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # `_chord` returns a slide only if there is no pin at which the loop could be cut
+    if chord.slides:
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -164,12 +147,9 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
 
 
 def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, apart: float) -> tuple[Length, ...]:
-    """Return the changes of the length of one link that would close a loop, in the order of `OpenLoop.lengths`.
+    """Return the changes of length that would close a loop, in the order of `OpenLoop.lengths`.
 
-    Args:
-        chord: the pin whose ends stay apart.
-        q: (n,) position in which these ends are nearest to each other.
-        apart: distance of these ends in this position [m].
+    In the position q (n,) the ends of the pin `chord` are nearest to each other, at the distance `apart` [m].
     """
     if chord.slides:
         return ()
@@ -199,10 +179,9 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    The generic rank is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. Some linkages,
-    such as two bars stretched along one line, cannot move although J loses rank, and have no neighbouring position. For these the
-    rank is computed with all links turned slightly, which opens the joints. J would have the same rank if the lengths of the links
-    were slightly different.
+    It is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. If it cannot move although J
+    loses rank, as two bars stretched along one line, all links are turned slightly, which opens the joints: J would have the same
+    rank if the lengths were slightly different.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
@@ -211,7 +190,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
     for _ in range(3):
-        motion = place.free @ rng.normal(size=place.free.shape[1])  # a random free motion in scaled coordinates
+        motion = place.free @ rng.normal(size=place.free.shape[1])
         size = largest(motion) or 1.0
         step = motion * (GENERIC * freedom.size / size) / freedom.scale
         neighbour = freedom.close(place.q + step)
@@ -219,7 +198,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
         if neighbour is None or np.abs((neighbour.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
         is_generic, rank = True, max(rank, _rank(neighbour))
-    if is_generic or rank == len(place.J):  # the rank cannot exceed the number of rows
+    if is_generic or rank == len(place.J):
         return rank
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
@@ -228,5 +207,5 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
 
 
 def _rank(place: Place) -> int:
-    """Return the rank of the Jacobian of the joints: the number of coordinates minus the number of free motions."""
+    """Return the rank of the Jacobian of the joints."""
     return len(place.q) - int(place.free.shape[1])

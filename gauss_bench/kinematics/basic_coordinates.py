@@ -7,24 +7,22 @@ Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the 
     velocities:     J p' = -phi_t, where phi_t is the rate of phi if the unknown points rest and the inputs move
     accelerations:  J p'' = gamma = -(known points' part of phi'') - (products of velocities)
 
-Redundant equations are solved in the least-squares sense.
-
-The state of a link follows from two of its points. As complex numbers, the places of both points are A and B in the world, and a
-and b in the frame of the link. With E = (B - A) / (b - a) the angle theta of the link is arg E plus the whole turns that bring it
-nearest to its predicted value; its rates are omega = Im(E' conj E) and alpha = Im(E'' conj E).
+Redundant equations are solved in the least-squares sense. With A, B the places of two points of a link in the world, a, b those in
+its frame, and E = (B - A) / (b - a), the angle of the link is arg E plus whole turns, and its rates are omega = Im(E' conj E) and
+alpha = Im(E'' conj E).
 
 A step is halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion
 therefore follows an input up to its limit, and never changes to another assembly.
-Sources: the search from the previous state follows Men, Feng, He (see `point_equations`), section 2. The differentiated constraints
-follow Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 3.2.
+
+Sources: Men, Feng, He (see `point_equations`), section 2; Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section
+3.2.
 """
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, MotionError, SingularPosition, describe_drivers
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, SingularPosition, describe_drivers
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
@@ -33,7 +31,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
-LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
+LARGEST_SLIDE = 0.1
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
 STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
@@ -46,7 +44,7 @@ Branch = Mapping[str, int]
 def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
     """Compute the motion at times (k,) [s] under the mechanism's drivers, the inputs, from the assembled start q0.
 
-    Between two times the values of the inputs are interpolated linearly.
+    Between two times the inputs are interpolated linearly.
 
     Raises:
         ValueError: the mechanism has couplings or knife edges, or drivers that do not fit it.
@@ -70,19 +68,16 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Return the motion through some states; each has q, v and a as rows (3, n)."""
+    """Return the motion through states (3, n), each q, v and a."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
 
 def branch_of(mechanism: Mechanism, q: Array) -> Branch:
-    """Return a dict of groups of points, name -> side (+1 or -1), at the position q (n,); sides distinguish assemblies.
+    """Return group of points -> side (+1 or -1) at the position q (n,); sides distinguish assemblies.
 
-    The unknown points of `point_equations` fall into groups that can be solved one after the other. The side of a group is the sign
-    of the determinant of the Jacobian of the group's own equations, and changes only at singular positions. In a dyad, two links
-    whose other joints are known, the group is the point that joins both links: its side tells on which side of the line between the
-    known joints this point lies. A larger group may have several assemblies with the same sign of the determinant. Groups of points
-    that have only one assembly, or more equations than unknowns, are left out.
+    The side of a group of `find_groups` is the sign of the determinant of its equations: for a dyad, the side of the line between
+    its known joints. A larger group may have several assemblies with the same sign.
     """
     model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
@@ -97,18 +92,14 @@ class _Follower:
     """A linkage that follows its i inputs from the assembled start, by a prediction and a root search in each step.
 
     Attributes:
-        x: (i,) present inputs [rad, m].
-        p: (2 u,) present coordinates of the u unknown points [m].
-        theta: (links,) present angles of the links [rad].
+        x, p, theta: present inputs (i,) [rad, m], coordinates (2 u,) of the unknown points [m], and angles of the links [rad].
         max_change: (i,) largest change of each input in one step [rad, m].
-        signs: (g,) sign of the determinant of each group of points at the start, as in `PointModel.signs`: the assembly that the
-            motion must not leave.
+        signs: (g,) `PointModel.signs` of the assembly that the motion must not leave.
         tolerance: largest residual of a solution [m].
         corrections: number of iterations of all root searches since the beginning of the last call of `move_to`.
     """
 
     def __init__(self, model: PointModel):
-        """Begin at the mechanism's assembled start q0."""
         self.model = model
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
@@ -116,7 +107,6 @@ class _Follower:
         self.max_change = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
-        # in the vector z of `points`, the inputs come before the points
         places = model.at(self.x, self.p)[model.points.first :]
         self.tolerance = TOLERANCE * max(model.size, largest(places))
         self.corrections = 0
@@ -133,34 +123,30 @@ class _Follower:
         start, change = self.x, goal - self.x
         # smallest number of equal steps in which no input changes by more than its `max_change`; 1e-9: rounding must not add a step
         count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
-        max_share = 1 / count  # the largest step, as a share of the whole change
+        max_share = 1 / count
         self.corrections = 0
 
         def advance(share: float) -> None:
-            """Move the inputs to their values at the start plus the given share of the whole change."""
             self._step(goal if share == 1.0 else start + share * change)
 
         try:
             walk(advance, SHORTEST * max_share, max_share)
-        except _StepTooLong as error:  # even the shortest step failed: find out why
+        except _StepTooLong as error:
             raise self._failure(max_share * change) from error
 
     def _step(self, x: Array) -> None:
-        """Move to the inputs x (i,) by one prediction and one root search; see the equations at the top of this file.
+        """Move to the inputs x (i,) by one prediction and one root search.
 
         Raises:
             _StepTooLong: the search fails, or its result may belong to another assembly; the old position is then kept.
         """
         model = self.model
-        # prediction to first order: dp from J dp = -(dphi / dx) dx, with dphi = Re(r dz)
-        # z: all inputs and points as complex numbers. `known` returns z, z', z''; here the change of the inputs is given instead of
-        # their rate, so that the rows Z[0] and Z[1] are z and dz
+        # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
-        r = model.rows(Z[0])  # complex derivatives of phi with respect to z
+        r = model.rows(Z[0])
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
-        # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
@@ -168,8 +154,8 @@ class _Follower:
             raise _StepTooLong
         # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
-        near = self.theta + (dE * E.conj()).imag  # predicted angles
-        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))  # from these to the solution
+        near = self.theta + (dE * E.conj()).imag
+        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn
@@ -178,7 +164,7 @@ class _Follower:
         """Return the pseudo-inverse (2 u, m) of the Jacobian J (m, 2 u).
 
         Raises:
-            _StepTooLong: the columns of J are dependent: this position is singular, and a step from it has no unique prediction.
+            _StepTooLong: the columns of J are dependent: a step from this position has no unique prediction.
         """
         if not J.shape[1]:
             return np.zeros(J.T.shape)
@@ -188,13 +174,13 @@ class _Follower:
         return np.asarray(Vt.T / s @ U.T)
 
     def state(self, rate: Array, second: Array) -> Array:
-        """Return q, v, a as the rows of (3, n) at the present position, for first and second time derivatives (i,) of the inputs.
+        """Return q, v, a (3, n) at the present position, for first and second time derivatives (i,) of the inputs.
 
         Raises:
             SingularPosition: J has lost rank, so that the rates are undetermined.
         """
         model = self.model
-        Z = model.points.known(self.x, rate, second)  # rows z, z', z'' (complex), to which `fill` adds the unknown points
+        Z = model.points.known(self.x, rate, second)
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)
@@ -204,25 +190,21 @@ class _Follower:
             raise self._singular(J) from error
         Z[1] = model.fill(Z[1], -inverse @ (r @ Z[1]).real)
         Z[2] = model.fill(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
-        # (3, links) each: exp(i theta) of the links and their centres of mass, with first and second derivatives
         E, centre = Z @ model.directions.T, Z @ model.centres.T
         turns = (self.theta, *(E[1:] * E[0].conj()).imag)
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
 
     def _failure(self, step: Array) -> MotionError:
-        """Return the exception that tells why the motion ends at the present position.
+        """Return the exception that tells why the motion ends here: at a limit, or else at a singular position.
 
-        The position is a limit of motion if the equations have no solution for inputs that are moved on by a small part of `step`,
-        else a singular position. `step` (i,) is the largest step of the inputs in the direction of their motion.
+        At a limit the equations have no solution for inputs moved on by a small part of `step` (i,), the largest step in their
+        direction.
         """
-        # a solution for the inputs just ahead counts only if the points are near the present ones, in the same assembly.
-        # `residual(x)` is a function of the points p, which returns the residual and its Jacobian.
         # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size
         if ahead.flag == ExitFlag.CONVERGED and same_branch:
-            jacobian = self.model.residual(self.x)(self.p)[1]
-            return self._singular(jacobian)
+            return self._singular(self.model.residual(self.x)(self.p)[1])
         opening = f"just ahead the equations stay open by {ahead.residual:.2g} m"
         return LimitOfMotion(f"no solution beyond {self._inputs()}: a limit of motion; {opening}", self.x)
 

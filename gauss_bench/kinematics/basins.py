@@ -1,9 +1,8 @@
 """Study of convergence: three root finders from random starts at different distances from the right assembly.
 
-Men, Feng, He (2009) start a search from the assembly as drawn, and later searches from the previous position. They call the search
-insensitive to its start. The success of a search depends on the distance of its start from the right assembly: from starts as near
-as those of the paper every root finder finds the assembly, but from starts anywhere within the size of the linkage none of them
-always finds it.
+Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to its start.
+From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage none of
+them always finds it.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ from gauss_bench.terms import Array, largest
 
 SAME = 1e-6  # [m, rad] largest distance of a root from the right assembly: far above rounding, far below other assemblies
 
-Form = Callable[[Mechanism], tuple[Residual, Array]]
+Form = tuple[Residual, Array, Callable[[Array, Array], Array]]  # equations, their solution, difference of two solutions
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,8 @@ class Basin:
     """The results of one root finder from random starts.
 
     Attributes:
-        method: name of the root finder.
         spread: largest distance of a start from the solution in any coordinate [m, or rad for angles].
-        right: share of the starts from which the search ended at the solution.
-        other: share of the starts from which the search ended at another root; from the remaining starts it did not converge.
+        right, other: shares of the starts from which the search ended at the solution, or at another root.
         iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 
@@ -41,40 +38,26 @@ class Basin:
     iterations: float
 
 
-def point_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the point equations with the inputs fixed at their values in q0, and their solution there.
-
-    The equations are a function of the coordinates p (2 u,) of the unknown points; the solution is p at the assembled start q0.
-    """
+def point_form(mechanism: Mechanism) -> Form:
+    """Return the point equations, a function of p (2 u,), with the inputs as in q0."""
     model = PointModel(mechanism)
-    return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0)
+    return model.residual(model.points.inputs_at(mechanism.q0)), model.points.unknown_at(mechanism.q0), np.subtract
 
 
-def loop_form(mechanism: Mechanism) -> tuple[Residual, Array]:
-    """Return the loop equations with the inputs fixed at their values in q0, and their solution there.
+def loop_form(mechanism: Mechanism) -> Form:
+    """Return the loop equations, a function of the unknown variables, with the inputs as in q0.
 
-    The equations are a function of the unknown angles and slides (unknown variables,); the solution is the vector of their values
-    at the assembled start q0.
+    Whole turns are removed from differences, which is right for a slide [m] only below pi metres.
     """
     equations = LoopEquations(mechanism)
     start = equations.start()  # unknown variables, then inputs
     unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
 
     def residual(x: Array) -> tuple[Array, Array]:
-        """Return the sums A of the vectors around the loops and their Jacobian J, at the unknown variables x."""
         system = equations.at(np.concatenate([x, start[unknown:]]), zero_rates)
         return system.A, system.J
 
-    return residual, start[:unknown]
-
-
-def whole_turns_apart(x: Array, y: Array) -> Array:
-    """Return the difference x - y of the unknowns of the loop equations, with whole turns removed from the angles.
-
-    Displacements of slides [m] are treated like angles: the result is right for a slide only if x and y differ by less than pi
-    metres.
-    """
-    return np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
+    return residual, start[:unknown], lambda x, y: np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
 def basins(
@@ -82,21 +65,13 @@ def basins(
     spreads: Sequence[float],
     starts: int = 200,
     seed: int = 0,
-    form: Form = point_form,
-    difference: Callable[[Array, Array], Array] = np.subtract,
+    form: Callable[[Mechanism], Form] = point_form,
 ) -> tuple[Basin, ...]:
-    """Count how often each root finder finds the assembled start q0 from the same random guesses.
+    """Count how often each root finder finds the assembled start q0 from the same random guesses, by spread and root finder.
 
-    There is one result per spread and root finder.
-
-    Args:
-        spreads: largest distances of a guess from the solution in any coordinate [m, or rad for angles].
-        starts: number of random guesses.
-        seed: seed of the random guesses.
-        form: function of the mechanism that returns the equations and their solution: `point_form` or `loop_form`.
-        difference: function of two vectors of unknowns that returns their difference: `whole_turns_apart` for `loop_form`.
+    `spreads` are the largest distances of a guess from the solution in any coordinate [m, or rad for angles].
     """
-    residual, solution = form(mechanism)
+    residual, solution, difference = form(mechanism)
     rows = []
     for spread in spreads:
         offsets = np.random.default_rng(seed).uniform(-spread, spread, size=(starts, len(solution)))

@@ -2,7 +2,6 @@
 
 From randomly placed links Levenberg-Marquardt approaches the constraints, and Gauss-Newton converges onto them. The search ends
 after PATIENCE starts without a new assembly, and may therefore miss assemblies.
-Source: as in `root_finding`.
 """
 
 from dataclasses import replace
@@ -18,7 +17,7 @@ from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles
 from gauss_bench.terms import Array
 
-MOST = 300  # largest number of starts
+MOST = 300
 PATIENCE = 40  # number of starts without a new assembly after which the search ends
 NEAR = 1e-6  # [sizes of the linkage] residual at which Gauss-Newton takes over
 SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies are the same: far above the error of a search
@@ -27,16 +26,12 @@ SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies a
 def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     """Return the positions (n,) of all assemblies that the search finds: q itself first, then from the nearest to the farthest.
 
-    The inputs (the coordinates of the drivers, or the crank's angle) have the same values in all assemblies. The links' angles are
-    within half a turn of those in q.
-
-    The search closes the joints from random positions. The search ends after MOST starts, or after PATIENCE starts in a row without
-    a new assembly.
+    The inputs (the coordinates of the drivers, or the crank's angle) are the same in all. Angles are within half a turn of those in
+    q.
 
     Raises:
         ValueError: the fixed inputs leave a motion free, or the joints are open at q.
     """
-    # `freedom.scale` makes angles and lengths comparable, `freedom.size` is the size of the linkage [m]
     freedom = Freedom(hold_inputs(mechanism, q))
     here = freedom.close(q)
     if here is None:
@@ -62,7 +57,7 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
 
 
 def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return the linkage with its drivers fixed at their values in q (n,); if it has no drivers, its crank is fixed.
+    """Return the linkage with its drivers, or else its crank, fixed at their values in q (n,).
 
     Raises:
         ValueError: the linkage has neither drivers nor a crank.
@@ -77,12 +72,12 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
 
 
 def _apart(freedom: Freedom, a: Array, b: Array) -> float:
-    """Return the largest difference of any scaled coordinate [m] between two positions a and b."""
+    """Return the largest difference of any scaled coordinate [m] between two positions."""
     return float(np.abs((a - b) * freedom.scale).max())
 
 
 def _turn_back(mechanism: Mechanism, q: Array, near: Array) -> Array:
-    """Return q with whole turns removed, so that angles are within half a turn of `near`; links joined by a slide turn together."""
+    """Return q with angles within half a turn of `near`; links joined by a slide turn together."""
     q = q.copy()
     turns = 2 * np.pi * np.round(angles(q - near) / (2 * np.pi))
     for link, (root, _) in shared_angles(mechanism).items():

@@ -7,11 +7,10 @@ point, P = dp/dy its Jacobian, and r = p - target. A step y follows from the equ
 
 in which mu makes the matrix positive definite. Gauss-Newton then projects the position after the step back onto the constraints.
 
-A step is halved until the linkage moves continuously: the directions of the free motions change little along the step, and the
-projected position is near the prediction of second order. The linkage therefore reaches another assembly only by moving there. At a
-fork, a position from which the linkage can move in several ways, it keeps its direction. If the linkage has two free motions, the
-Jacobian P is square, and the linkage does not cross a singular position det P = 0: an arm that is pulled straight folds back to the
-side from which it came.
+A step is halved until the linkage moves continuously: the free motions change little along the step, and the projected position is
+near the prediction of second order. The linkage therefore reaches another assembly only by moving there, and keeps its direction at
+a fork. With two free motions P is square, and the linkage does not cross a singular position det P = 0: an arm that is pulled
+straight folds back to the side from which it came.
 """
 
 from collections.abc import Iterator
@@ -31,7 +30,7 @@ from gauss_bench.terms import Array
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
-HALVINGS = 12  # largest number of halvings of a step
+HALVINGS = 12
 MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
 NEAR = 1e-13  # a distance from the target that is smaller is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
@@ -44,13 +43,10 @@ STANDING = 5e-3
 
 @dataclass(frozen=True)
 class Locks:
-    """Parts of a linkage that must not move while one of its points is dragged.
+    """Names of parts of a linkage that must not move while one of its points is dragged.
 
-    Attributes:
-        links: names of links that keep their angle.
-        points: points "link.point" that keep their place.
-        slides: names of prismatic joints that do not slide.
-        joints: names of pin joints whose links keep their relative angle.
+    Links keep their angle, points "link.point" their place, slides do not slide, and the links of pin `joints` keep their relative
+    angle.
     """
 
     links: tuple[str, ...] = ()
@@ -61,14 +57,7 @@ class Locks:
 
 @dataclass(frozen=True, eq=False)
 class Dragged:
-    """The result of a drag.
-
-    Attributes:
-        q: (n,) the position that the linkage has reached.
-        reached: whether the point is at its target.
-        apart: distance of the point from its target [m].
-        note: the reason why the point is not at its target; empty if the point is at its target.
-    """
+    """The result of a drag: the position q (n,), whether the point is at its target, its distance [m], else the reason why."""
 
     q: Array
     reached: bool
@@ -80,13 +69,13 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     """Return the linkage without its drivers, with all locked parts fixed at their positions in q (n,).
 
     Raises:
-        ValueError: the linkage has no link, point, slide or pin joint with a name in `locks`.
+        ValueError: the linkage has no part with a name in `locks`.
     """
-    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
+    pins, drivers = [], []
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
-        if point.link != GROUND:  # a point on the ground keeps its place in any case
+        if point.link != GROUND:
             pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
     for name in locks.joints:
         own = [x for x in mechanism.pins if x.joint == name]
@@ -105,7 +94,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
-    """Raise ValueError if the list `found` of the parts with this name is empty; `kind` is the kind of part, such as "link"."""
+    """Raise ValueError if the list `found` of the parts with this name is empty."""
     if not found:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
@@ -133,25 +122,22 @@ def find_point(mechanism: Mechanism, reference: str) -> Point:
 
 
 class Drag:
-    """A linkage of which one point is dragged; each call of the method `to` continues from the position that the last call reached.
+    """A linkage of which one point is dragged; each call of `to` continues from the position that the last call reached.
 
-    In the methods, N (n, f) is the basis of the f free motions at the present position in scaled coordinates, as in `Freedom`.
-    y (f,) is a step: the amplitudes of these motions. P (2, f) is the Jacobian of the dragged point's position with respect to
-    these amplitudes y.
+    In the methods, N (n, f) is the basis of the f free motions in scaled coordinates (`Freedom`), y (f,) a step, the amplitudes of
+    these motions, and P (2, f) the Jacobian of the dragged point by y.
 
     Attributes:
-        place: present position of the linkage.
-        side: sign of det P, which must not change: the linkage does not cross a singular position det P = 0. `side` is 0, and no
-            step is forbidden, until |det P| has exceeded MARGIN, and always if P is not square.
-        directions: number of directions in which the point could move at the beginning. The number is at least 1, so that a point
-            that could not move at the beginning counts as a point at its limit.
+        side: sign of det P, which must not change; 0, which forbids no step, until |det P| has exceeded MARGIN, and if P is not
+            square.
+        directions: number of directions in which the point could move at the beginning, at least 1.
     """
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
         """Begin to drag the point "link.point" of a linkage that is assembled at the position q (n,).
 
-        The targets of the method `to` are places of the point in the world. If a point `onto` of another link is given, the targets
-        are instead values of the vector from `onto` to the dragged point; the target 0 then brings both points together.
+        If a point `onto` of another link is given, the targets are values of the vector from `onto` to the dragged point, else
+        places.
 
         Raises:
             ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
@@ -176,7 +162,7 @@ class Drag:
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
-        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]  # stuck if there is no free motion
+        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]
         for _ in range(most):
             if apart <= NEAR * size or is_stuck:
                 break
@@ -190,10 +176,7 @@ class Drag:
         return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:
-        """Tell whether the point is at the end of its path, or at the edge of the area that it can reach.
-
-        The point can then move in fewer directions than at the beginning of the drag.
-        """
+        """Tell whether the point can move in fewer directions than at the beginning: it is at the end of its path or area."""
         return self._count_directions() < self.directions
 
     def _count_directions(self) -> int:
@@ -206,18 +189,14 @@ class Drag:
         return float(np.hypot(*(self.at(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
-        """Take the first proposed step that brings the point nearer to its target than it is now.
-
-        Return whether a further step may bring the point still nearer. `apart` is the present distance of the point from its target
-        [m].
-        """
+        """Take the first proposed step that brings the point nearer than `apart` [m]; return whether more may follow."""
         bends = self._bends()
         for y in self._propose_steps(self.at(self.place) - target, bends):
             place = self._try_step(y, bends)
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
                 self.place = place
-                self.side = self.side or self._side()  # sign of det P: fixed as soon as |det P| exceeds MARGIN
+                self.side = self.side or self._side()
                 return not is_tiny
             if is_tiny:
                 break
@@ -238,26 +217,23 @@ class Drag:
     def _propose_steps(self, r: Array, bends: Array) -> Iterator[Array]:
         """Yield HALVINGS steps y (f,) that may bring the point nearer to its target, each half as long as the one before.
 
-        The first of these steps solves the equation at the top of this file. This solution is changed if it would cross a singular
-        position (see `_stay_on_side`), and shortened if it is longer than LARGEST_STEP.
+        The first solves the equation at the top of this file, changed by `_stay_on_side` and shortened to LARGEST_STEP.
 
         Args:
             r: (2,) vector from the target to the point [m].
-            bends: (f, f, n) second derivatives of the scaled coordinates with respect to y, from `_bends`.
+            bends: (f, f, n) second derivatives of the scaled coordinates with respect to y.
         """
         P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
-        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
+        N = self.place.free / self.freedom.scale[:, None]
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
-        # second derivatives (f, f, 2) of the point with respect to y. `velocity` is linear in its second argument: it gives the
-        # part from second derivatives of the coordinates. The other part is centripetal
+        # second derivatives (f, f, 2) of the point by y: `velocity` is linear in the rates, here those of the coordinates
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r  # derivatives of |r|^2 / 2 with respect to y
+        gradient, H = P.T @ r, P.T @ P + bent @ r
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
-        # mu is added to all curvatures: a negative smallest curvature becomes as large as its absolute value, one near zero at
-        # least FLAT * largest
+        # mu raises a negative smallest curvature to its absolute value, one near zero to at least FLAT * largest
         mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
         y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
         if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
@@ -272,34 +248,28 @@ class Drag:
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
         """Return the step y (2,) if det P keeps its sign s = `side` to first order, else a step that is changed to keep it.
 
-        Let d be the gradient of s det P with respect to y. The sign of det P is kept, with a margin, if d . y >= MARGIN - s det P.
-        A step y that violates this condition is replaced by a step on the line d . y = MARGIN - s det P: the minimum, on this line,
-        of gradient . y + y . H y / 2, which approximates the change of half the squared distance from the target.
+        With the gradient d of s det P by y, the sign is kept, with a margin, if d . y >= MARGIN - s det P. Another y is replaced by
+        the minimum of gradient . y + y . H y / 2 on the line d . y = MARGIN - s det P.
 
         Args:
-            P: (2, 2) Jacobian of the point with respect to y.
-            bent: (2, 2, 2) second derivatives of the point: bent[j, k] with respect to y_j and y_k.
-            gradient, H: (2,) and (2, 2) first and second derivatives of half the squared distance from the target with respect to
-                y.
+            P, bent: (2, 2) first and (2, 2, 2) second derivatives of the point with respect to y.
+            gradient, H: (2,) and (2, 2) derivatives of half the squared distance from the target with respect to y.
         """
         least = MARGIN - self.side * float(np.linalg.det(P))
         # d det P / dy_k: one column of P at a time is replaced by its derivative
         d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
-        if d @ y >= least or not d.any():  # d = 0: to first order no step changes det P
+        if d @ y >= least or not d.any():
             return y
-        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and the direction of the line
+        base, along = d * least / (d @ d), np.array([-d[1], d[0]])
         # minimum on the line base + t along; FLAT keeps the curvature in the denominator away from zero
         curved = abs(float(along @ H @ along))
         return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
 
     def _try_step(self, y: Array, bends: Array) -> Place | None:
-        """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly.
-
-        `bends` (f, f, n) has the second derivatives of the scaled coordinates with respect to y, from `_bends`.
-        """
+        """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
         N, scale = self.place.free, self.freedom.scale
-        move = N @ y  # (n,) first-order displacement in scaled coordinates
-        guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale  # to second order
+        move = N @ y
+        guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
         if place is None or place.free.shape[1] > N.shape[1]:
             return None
@@ -315,35 +285,27 @@ class Drag:
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:
-        """Return the determinant of the Jacobian P of the dragged point at a position of the linkage.
-
-        It is 0 if P is not square, and also if the targets are vectors from a point `onto`: singular positions may then be crossed.
-        """
+        """Return det P at a position; 0 if P is not square, or if the targets are vectors from a point `onto`."""
         return float(np.linalg.det(self._point_jacobian(place))) if place.free.shape[1] == 2 and self.onto is None else 0.0
 
     def _side(self) -> float:
-        """Return the sign of det P, which distinguishes the two sides of a singular position; 0 if |det P| is at most MARGIN."""
+        """Return the sign of det P; 0 if |det P| is at most MARGIN."""
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
     def at(self, place: Place) -> Array:
-        """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto` if one is given."""
+        """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto`."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
-        """Return P (2, f): the derivatives of `at(place)` with respect to the amplitudes of the f free motions at `place`."""
-        motions = place.free.T / self.freedom.scale  # (f, n) in absolute coordinates
-        # the velocity of the point in the free motion k is the derivative of its position with respect to this motion's amplitude
+        """Return P (2, f): the derivatives of `at(place)` by the amplitudes of the f free motions at `place`."""
+        motions = place.free.T / self.freedom.scale
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)
         return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """Return the products omega_i omega_j arm (f, f, 2): minus the centripetal part of a point's second derivatives.
-
-        The columns of N (n, f) are the free motions in absolute coordinates, and omega_i is the rotation of the point's link in the
-        free motion i. The arm (2,) is the vector from the centre of mass of the link to the point, in world axes.
-        """
+        """Return omega_i omega_j arm (f, f, 2), with the rotations of the point's link in the free motions N (n, f)."""
         turns = N[angle_slot(point.link)]  # for the ground this is a meaningless row, but its arm is zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

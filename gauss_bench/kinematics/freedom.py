@@ -1,13 +1,12 @@
 """Free motions at a position: a basis, their second derivatives, and the projection back onto the constraints.
 
 Coordinates are scaled: a turn of one radian counts as a displacement by the size of the linkage. Let J be the constraint Jacobian
-in scaled coordinates, and J^+ its pseudo-inverse. The columns of N are an orthonormal basis of the f free motions, and y (f,) are
-the amplitudes of these motions. The positions near q are q(y):
+and J^+ its pseudo-inverse. The columns of N are an orthonormal basis of the f free motions, and y (f,) their amplitudes. Near q,
 
     J N = 0,  N^T N = 1,    q(y) = q + N y + J^+ gamma(q, N y) / 2 + ...
 
-Here gamma = -(dJ/dt) v is the quadratic form in the velocities v that `Constraints` evaluates. Drivers keep their values at t = 0.
-Knife edges are left out, because they constrain velocities, not positions.
+Here gamma = -(dJ/dt) v is the quadratic form that `Constraints` evaluates. Drivers keep their values at t = 0. Knife edges are left
+out, because they constrain velocities, not positions.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +28,7 @@ class Place:
 
     Attributes:
         q: (n,) absolute coordinates.
-        J: (m, n) Jacobian of the joints and drivers in scaled coordinates.
-        inverse: (n, m) pseudo-inverse of J.
+        J, inverse: (m, n) Jacobian of the joints and drivers in scaled coordinates, and its pseudo-inverse (n, m).
         free: (n, f) orthonormal basis N of the free motions in scaled coordinates.
     """
 
@@ -49,7 +47,6 @@ class Freedom:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Set up the constraints of joints and drivers, without knife edges."""
         self.mechanism = mechanism
         self.constraints = Constraints(replace(mechanism, knife_edges=()))
         self.size = mechanism.size
@@ -61,21 +58,17 @@ class Freedom:
         return phi, J / self.scale
 
     def at(self, q: Array) -> tuple[Array, Place]:
-        """Return the constraint residual phi (m,) and the `Place` (J, its pseudo-inverse, the free motions) at any q (n,).
-
-        The joints may be open at q.
-        """
+        """Return the constraint residual phi (m,) and the `Place` at any q (n,), where the joints may be open."""
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
-        U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
+        U, s, Vt = np.linalg.svd(J)
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
     def close(self, q: Array) -> Place | None:
         """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton; None if it does not converge."""
-        # residual of the last iteration. Rounding may keep the residual above CLOSED: if it stops falling, 1000 CLOSED is accepted
-        before = np.inf
+        before = np.inf  # rounding may keep the residual above CLOSED: if it stops falling, 1000 CLOSED is accepted
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
                 return None
@@ -87,11 +80,7 @@ class Freedom:
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Return the second derivatives (k, n) of the scaled coordinates along k free motions.
-
-        `directions` (k, n) are these motions in scaled coordinates. Along a free motion with the velocity v the second derivatives
-        are J^+ gamma, with gamma = -(dJ/dt) v and the pseudo-inverse J^+ of the scaled Jacobian J.
-        """
+        """Return the second derivatives J^+ gamma (k, n) of the scaled coordinates along k free motions (k, n)."""
         positions = np.tile(place.q, (len(directions), 1))
-        gamma = self.constraints(0.0, positions, directions / self.scale).gamma  # at t = 0, like all values of drivers here
+        gamma = self.constraints(0.0, positions, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)

@@ -2,30 +2,21 @@
 
 An element (a pin, guide, block or rod end) is the half of a joint that belongs to one link. A loop enters a link at one element and
 leaves it at another. An element has the position r in the frame of its link. The guide of a slide and the far end of an active bar
-(a bar whose length is an input) move along the link: they lie at r + s u, where u is the unit vector of the direction and s the
-coordinate along it. Vectors of the plane are complex numbers, and E = exp(i phi) is the direction of the link. The vector from the
-first to the second element is w in the frame of the link, and A in the world. A, its Jacobian J and the time derivative J' are
+(a bar whose length is an input) lie at r + s u, where u is a unit vector and s the coordinate along it. Vectors of the plane are
+complex numbers, and E = exp(i phi) is the direction of the link. The vector w from element to element, its image A in the world,
+the Jacobian J of A and its time derivative J' are
 
     vector in the link:   w = (r + s u)_leave - (r + s u)_enter
     vector unit:          A = E w
     Jacobian unit:        J = [dA/dphi, dA/ds, ...] = [i E w, +-E u, ...]
     Jacobian-rate unit:   J' = [i E (w' + i phi' w), +-i phi' E u, ...]
 
-The sign +- is + if s belongs to the element at which the loop leaves the link, else -. A link that cannot turn has no variable phi,
-so that its J and J' lack the first column.
+The sign is + if the loop leaves the link at the element of s, else -. A link that cannot turn lacks the first column. These
+formulas cover every type of link of the paper: RR, RRR, 4R (pins), RP1 (pin and block), RP2 (pin and guide), PP (two slides), S (an
+active bar), and the frame. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos
+phi, in place of -s' sin phi, s' cos phi.
 
-These formulas cover every type of link of the paper, which has a code for each:
-
-    RR, RRR, 4R:  links with two, three or four pins
-    RP1:          a pin and the block of a slide; no variable s
-    RP2:          a pin and the guide of a slide; with a variable s
-    PP:           two slides
-    S:            an active bar
-
-and the frame. Table 1 of the paper has a misprint: the first column of J' of RP2 ends there in -phi' sin phi, phi' cos phi, in
-place of -s' sin phi, s' cos phi.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
-2010, eqs. (6)-(10) and table 1.
+Source: Wang et al. (2010), eqs. (6)-(10) and table 1.
 """
 
 import cmath
@@ -46,12 +37,10 @@ class Element:
     """The half of a pair (a joint of two links) that belongs to one link.
 
     Attributes:
-        pair: name of the pair.
         node: name of the joint, the same for all pairs of a multiple joint.
         kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
         at: position r in the frame of the link [m].
-        along: unit vector u of a GUIDE or ROD_END.
-        slide: name of the coordinate s of a GUIDE or ROD_END.
+        along, slide: unit vector u, and name of the coordinate s, of a GUIDE or ROD_END.
     """
 
     pair: str
@@ -64,13 +53,9 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class LinkUnit:
-    """The contribution of one link to a loop: the vector A through it and its derivatives, see the top of this file.
+    """The vector A (2,) [m] of a link in a loop, its derivatives J (2, C) by the C variables of the link, and their rates.
 
-    Attributes:
-        vector: (2,) vector A from the element at which the loop enters the link to the element at which it leaves [m].
-        J: (2, C) derivatives of A with respect to the link's C variables: its angle [m/rad] if it can turn, then the coordinates s
-            of its moving elements [-].
-        J_rate: (2, C) time derivative of J, with a column for each of the C variables of the link.
+    The variables are the angle of the link if it can turn, then the coordinates s of its moving elements.
     """
 
     vector: Array
@@ -80,14 +65,9 @@ class LinkUnit:
 
 @dataclass(frozen=True)
 class Way:
-    """The path of a loop through one link, from one of its elements to another.
+    """The path of a loop through one link, from one of its elements to another; `turns` tells whether its angle is variable.
 
-    The path in the reverse direction has the same `LinkUnit` multiplied by -1.
-
-    Attributes:
-        link: index of the link.
-        enter, leave: the elements (halves of joints) at which the loop enters and leaves the link.
-        turns: whether the angle of the link is variable.
+    The reverse path has the same `LinkUnit` multiplied by -1.
     """
 
     link: int
@@ -97,36 +77,27 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """The elements of this path that have a coordinate s, each with a sign, sorted by the name of s.
-
-        The sign is that of s u in the vector A: +1 where the loop leaves the link, and -1 where it enters.
-        """
-        # this order does not depend on the sense of the path, so that the reverse path has the same columns
+        """The elements of this path that have a coordinate s, sorted by its name, with the sign of s u in A."""
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """The names of the coordinates s at the two ends of this path, in the order of their columns in J.
-
-        The column of the link's angle, if it can turn, comes before these columns.
-        """
+        """The names of the coordinates s of this path, in the order of their columns in J."""
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return the vector A from element to element, its Jacobian J, and the time derivative of J.
-
-        The equations are those at the top of this file.
+        """Return A, J and the time derivative of J, see the top of this file.
 
         Args:
             angle, speed: angle [rad] and angular speed [rad/s] of the link.
-            places, speeds: coordinates s of the elements of this path [m] and their rates [m/s], in the order of `slides`.
+            places, speeds: coordinates s [m] and their rates [m/s], in the order of `slides`.
         """
         E = cmath.exp(1j * angle)
-        w = self.leave.at - self.enter.at  # vector from element to element in the frame of the link
+        w = self.leave.at - self.enter.at
         w_rate = 0j
         columns: list[complex] = []  # columns of J
-        rates: list[complex] = []  # columns of J'
+        rates: list[complex] = []
         for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
             w += sign * s * element.along
             w_rate += sign * s_rate * element.along
@@ -139,28 +110,23 @@ class Way:
 
 
 def planar(vectors: Sequence[complex]) -> Array:
-    """Return C complex numbers as an array (2, C): real parts in the first row, imaginary parts in the second."""
+    """Return C complex numbers as an array (2, C): real parts above imaginary parts."""
     z = np.array(vectors, dtype=complex)
     return np.array([z.real, z.imag])
 
 
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
-    """Return the paper's code for the type of the link that has these elements; `frame` tells whether the link is the frame.
+    """Return the paper's code for the type of the link that has these elements; `frame` tells whether it is the frame.
 
-    The code has an R for each pin and a P for each slide of the link. Four or more letters of a kind are written as a number and
-    the letter, as in 4R. If a moving link has only one slide, the letter P is followed by 1 if the link carries the block, or by 2
-    if it carries the guide. The code of the frame ends in 0 instead. An active bar, whatever its joints, has the code S. A multiple
-    joint counts as one pin.
+    The code has an R for each pin and a P for each slide, from four on as 4R. P is followed by 1 for the block, or by 2 for the
+    guide, if it is the only slide of a moving link. The code of the frame ends in 0. An active bar has the code S. A multiple joint
+    counts as one pin.
     """
-    # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:
         return "S"
     slides = [kind for kind in kinds if kind != PIN]
     shape = {BLOCK: "1", GUIDE: "2"}[slides[0]] if len(slides) == 1 and not frame else ""
-    return _letters("R", len(kinds) - len(slides)) + _letters("P", len(slides)) + shape + ("0" if frame else "")
-
-
-def _letters(letter: str, count: int) -> str:
-    """Return the letter `count` times, such as "RRR"; if `count` is four or more, the number and the letter, such as "4R"."""
-    return f"{count}{letter}" if count > 3 else letter * count
+    counts = (("R", len(kinds) - len(slides)), ("P", len(slides)))
+    letters = "".join(f"{count}{letter}" if count > 3 else letter * count for letter, count in counts)
+    return letters + shape + ("0" if frame else "")

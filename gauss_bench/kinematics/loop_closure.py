@@ -1,24 +1,20 @@
 """Motion of a linkage that follows its inputs, by closing its loops.
 
-A state x has TU + TK entries, named as in the paper: the values of the TU unknown variables, followed by those of the TK inputs
-(the known variables), as in `LoopEquations`. A state is closed if the vectors around every loop add up to zero.
-
-Between two sample times all inputs change linearly, in proportion to each other. A step between two states is halved until nothing
-suggests that the new state belongs to another assembly: every angle changes by a small amount, Newton's method converges near the
-second-order prediction, and det(J^T J_next) > 0, where J and J_next are the Jacobians at both states (for a square J: its
-determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
+A state x has TU unknown variables, then TK inputs, as in `LoopEquations`. Between two sample times all inputs change in proportion.
+A step is halved until nothing suggests that the new state belongs to another assembly: every angle changes by a small amount,
+Newton's method converges near the second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
+J: its determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
 closed, or at a singular position, where they can be closed in more than one way.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
-2010, fig. 4 (the flow: position, velocity, acceleration at each time; exit where there is no solution or a singular position).
+
+Source: Wang et al. (2010), fig. 4.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.kinematics.errors import LimitOfMotion, SingularPosition, describe_drivers
 from gauss_bench.kinematics.loop_equations import REGULAR, LoopEquations, Stopped
-from gauss_bench.kinematics.motion import Motion
+from gauss_bench.kinematics.motion import LimitOfMotion, Motion, SingularPosition, describe_drivers
 from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
@@ -38,10 +34,10 @@ class _State(NamedTuple):
 
 
 class _End(Stopped):
-    """The motion cannot be followed beyond the state x (TU unknown variables, then TK inputs), even with the shortest step."""
+    """The motion cannot be followed beyond the state x, even with the shortest step."""
 
     def __init__(self, text: str, singular: bool, x: Array):
-        """`singular` is True if x is near a singular position, and False if x is at a limit of the motion."""
+        """`singular` is True near a singular position, and False at a limit of the motion."""
         super().__init__(text, singular)
         self.x = x
 
@@ -51,7 +47,6 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
     The first sample is reached from q0, so that angles are continuous from there. An open chain has no loops, and all its
     coordinates are inputs.
-    Source: Wang et al. (2010), eqs. (1)-(15).
 
     Raises:
         ValueError: the drivers do not fit the linkage, as for LoopEquations.
@@ -82,15 +77,13 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
-    """Return the state with closed loops at the values `goal` (TK,) of the TK inputs, reached from `state` in steps.
-
-    `walk` calls `advance` with increasing fractions of the change of the inputs, and halves a step that fails.
+    """Return the state with closed loops at the inputs `goal` (TK,), reached from `state` in steps.
 
     Raises:
-        _End: the motion ends before the inputs reach their values `goal`, even with the shortest step.
+        _End: the motion ends before, even with the shortest step.
     """
     first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]  # values of the inputs at the start
+    inputs = first[len(equations.unknown) :]
     change = goal - inputs
     size = largest(change)
 
@@ -103,21 +96,19 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
     if size:
         try:
-            walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
+            walk(advance, SMALLEST_PART / size)
         except Stopped as error:
             raise _end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)
 
 
 def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
-    """Return the state with closed loops at the values `target` (TK,) of the TK inputs, in the same assembly as `state`.
+    """Return the state with closed loops at the inputs `target` (TK,), in the same assembly as `state`.
 
     Raises:
         Stopped: the step is too long, or leads to no regular position.
     """
     unknowns, x = len(equations.unknown), state.x
-    # prediction of second order: the inputs change linearly with a parameter s from 0 to 1, and `first`, `second` are derivatives
-    # of x by s at s = 0
     first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
     guess = x + first + second / 2
     guess[unknowns:] = target
@@ -136,14 +127,12 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
 def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
     """Return the exception that tells why a motion ends after the state `last`.
 
-    If the loops can be closed just beyond this state by a small turn of the links, the motion goes on, and the end is a singular
-    position. It is a singular position too if the Jacobian loses rank there. If the loops can be closed only by a large turn, or
-    not at all, the end is a limit of motion.
+    The end is a singular position if the Jacobian loses rank there, or if the loops can be closed just beyond by a small turn of
+    the links; else it is a limit of motion.
 
     Args:
         first: (TU + TK,) the state at the last sample time that was reached.
-        last: the last state that was reached on the way from there to the next sample time.
-        direction: (TK,) change of the inputs between these two sample times, divided by its largest entry.
+        direction: (TK,) change of the inputs to the next sample time, divided by its largest entry.
         why: the reason why the last step failed.
     """
     unknowns, x = len(equations.unknown), last.x
@@ -162,12 +151,8 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
 
 
 def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the motion through states with closed loops, in absolute coordinates.
-
-    `given` has two arrays: the first and the second time derivatives (k, TK) of the TK inputs at k times.
-    """
-    # (states, 3, TU + TK), for TU unknown variables and TK inputs: x, x', x'' of each state; a motion that ends early has fewer
-    # states than the inputs have times
+    """Return the motion through closed states, in absolute coordinates; `given`: both time derivatives (k, TK) of the inputs."""
+    # x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
     x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
     x = np.array(x_and_rates).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -1,13 +1,12 @@
 """The loop equations of a linkage with its drivers as inputs, assembled from the contributions of the links.
 
-The variables are angles of links [rad], and coordinates [m] along slides and active bars (bars whose length is an input). The
-variables that the drivers prescribe are the known variables q, all others are the unknown variables phi. In the notation of the
-paper there are L loops, TU unknown and TK known variables. Links that are joined by slides share one angle.
+The variables are angles of links [rad], and coordinates [m] along slides and active bars (bars whose length is an input). A state x
+has the TU unknown variables phi, then the TK known variables q, which the drivers prescribe. Links that are joined by slides share
+one angle.
 
-A loop is closed if the vectors through its links add up to zero. The link i contributes its vector A_i, the Jacobian J_i of A_i
-with respect to the variables of the link, and the time derivative J_i' (see `link_units`). The matrices U_i and K_i, of zeros and
-ones, move the columns of J_i to the columns of the unknown and of the known variables of the whole linkage. For the loop l, the
-sums over its links i are
+A loop is closed if the vectors through its links add up to zero. The link i contributes its vector A_i, the Jacobian J_i of A_i by
+the variables of the link, and its time derivative J_i' (see `link_units`). The matrices U_i and K_i, of zeros and ones, move the
+columns of J_i to those of the unknown and of the known variables of the linkage. For the loop l of L loops,
 
     A_l = sum A_i,   J_l = sum J_i U_i,   B_l = sum J_i K_i,   J_l' = sum J_i' U_i,   B_l' = sum J_i' K_i.
 
@@ -17,11 +16,10 @@ The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage.
     velocities:                                   J phi' = -B q'
     accelerations:                                J phi'' = -B q'' - B' q' - J' phi'
 
-All these equations are solved in the least-squares sense. The least-squares solution is the exact solution if J is square, and the
-common solution of consistent equations if redundant joints make the equations of the loops dependent.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
-2010, eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which the blocks of the
-loops would be beside, not below, each other.
+All are solved in the least-squares sense, because redundant joints make the equations of the loops dependent.
+
+Source: Wang et al. (2010), eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which
+the blocks of the loops would be beside, not below, each other.
 """
 
 from collections.abc import Sequence
@@ -30,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.kinematics.link_units import MOVING, Way
-from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
+from gauss_bench.kinematics.topology import Levels, Passage, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
@@ -46,21 +44,13 @@ class Stopped(ArithmeticError):
     """The loops cannot be closed near a state, or J loses rank there; `singular` is True in the second case."""
 
     def __init__(self, text: str, singular: bool):
-        """`text` is the message."""
         self.singular = singular
         super().__init__(text)
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable of the loop equations: the angle of a link, the coordinate along a slide, or the length of an active bar.
-
-    An active bar is a bar whose length is an input.
-
-    Attributes:
-        name: name of the link, slide or bar.
-        link: index of the link, whose angle is also the angle of the links that slides connect to it; None for a slide or bar.
-    """
+    """The angle of a link (with its index; slides make further links share it), or the coordinate along a slide or active bar."""
 
     name: str
     link: int | None = None
@@ -72,8 +62,8 @@ class Matrices:
 
     Attributes:
         A: (2L,) sums of the vectors around the loops [m], zero if the loops are closed.
-        J, J_rate: (2L, TU) Jacobian of the sums A with respect to the unknown variables, and its time derivative.
-        B, B_rate: (2L, TK) Jacobian of the sums A with respect to the known variables, and its time derivative.
+        J, J_rate: (2L, TU) Jacobian of A by the unknown variables, and its time derivative.
+        B, B_rate: (2L, TK) the same by the known variables.
     """
 
     A: Array
@@ -85,15 +75,12 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PlacedWay:
-    """The path of a loop through a link, and the indices of the variables of this path in a state x.
-
-    A state x (TU + TK,) has the values of the TU unknown variables, then those of the TK known variables.
+    """The path of a loop through a link, and the places of its variables in a state x (TU + TK,).
 
     Attributes:
-        way: the path, from one joint of the link to another.
-        slides: indices in x of the coordinates s along slides or active bars on this path.
-        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side. The link's Jacobian has C columns; the row c of
-            `factors` has a 1 at the index in x of the variable that belongs to column c, and zeros elsewhere.
+        slides: indices in x of the coordinates s on this path.
+        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side: row c has a 1 at the variable of column c of the
+            link's Jacobian.
     """
 
     way: Way
@@ -102,32 +89,27 @@ class PlacedWay:
 
 
 def solve_rows(J: Array, rhs: Array) -> Array:
-    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU) and rhs (2L,)."""
+    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU)."""
     return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
 
 class LoopEquations:
-    """The equations of the L loops of a linkage.
+    """The equations of the L loops of a linkage, for states x (TU + TK,).
 
-    A state x (TU + TK,) has the values of the TU unknown variables, then those of the TK known variables, the inputs. Unknown
-    variables are in the order of the links, then of the slides; known variables are in the order of the drivers. A driver of a
+    Unknown variables are in the order of the links, then of the slides; known variables in that of the drivers. A driver of a
     length is treated as an active bar: one more link without mass, whose length is a variable (type S of the paper).
 
-    Slides make links turn by the same angle. One link of such a group, its root, stands for the angles of all links of the group
-    (see `shared_angles`).
-
     Attributes:
-        bars: the drivers of lengths, treated as active bars.
+        bars: the drivers of lengths.
         graph: links and pairs of the linkage, with the active bars as links after those of the mechanism.
-        unknown, known: the unknown and the known variables.
-        variables: all variables in the order of x.
+        variables: the unknown, then the known variables, in the order of x.
         column: index of a link, or name of a slide or bar -> index of its variable in x.
         is_angle: (TU + TK,) True for variables that are angles.
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
-        roots: index of the root of each link, in the same order of the links.
-        phase: (links + 1,) angle of each link minus the angle of its root [rad], in the same order.
+        roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
+        offsets: (TK,) driven angle of each input minus that of the root, which is the variable [rad]; 0 for lengths.
         ways: for each loop the list of its paths through its links.
-        lengths: (TU,) factors of the columns of J that make derivatives with respect to lengths and to angles comparable.
+        lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
     Raises:
         ValueError: there are not as many drivers as degrees of freedom; a driver turns a link that cannot turn; two drivers
@@ -135,7 +117,6 @@ class LoopEquations:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Find the variables and the loops of a linkage."""
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         if mechanism.couplings:
             self._refuse(f"has the coupling {mechanism.couplings[0].name}, which loop equations do not describe")
@@ -145,10 +126,10 @@ class LoopEquations:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
         self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
-        # link -> (root, phase), see `shared_angles`; a bar shares its angle with no other link
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
+        self.offsets = np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
         names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         # one angle for each root; links that slide on the frame share its angle, which is no variable
         angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
@@ -161,8 +142,11 @@ class LoopEquations:
         self.column = {x.name if x.link is None else x.link: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([x.link is not None for x in self.variables])
         self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._place(p.way(self.roots[p.link] != GROUND)) for p in loop.passages] for loop in self.graph.loops]
-        self.lengths = np.where(self.is_angle, 1.0, self._size())[: len(self.unknown)]
+        self.ways = [[self._place(p) for p in loop.passages] for loop in self.graph.loops]
+        # length of the longest vector through a moving link [m]
+        vectors = (p.way.leave.at - p.way.enter.at for loop in self.ways for p in loop if p.way.link != GROUND)
+        size = max(map(abs, vectors), default=0.0) or 1.0
+        self.lengths = np.where(self.is_angle, 1.0, size)[: len(self.unknown)]
 
     def _refuse(self, text: str) -> None:
         """Raise ValueError with the name of the linkage."""
@@ -178,22 +162,18 @@ class LoopEquations:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return matching[0]
 
-    def _size(self) -> float:
-        """Return the length of the longest vector through a moving link [m]; 1 m if there is none."""
-        ways = (p.way for loop in self.ways for p in loop if p.way.link != GROUND)
-        return max((abs(way.leave.at - way.enter.at) for way in ways), default=0.0) or 1.0
-
-    def _place(self, way: Way) -> PlacedWay:
-        """Return `way`, the part of a loop that runs through one link, with the indices of its variables in a state x."""
-        # the variables of this path in the order of the columns of the link unit: the angle of the link's root, then slides
-        own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[way.link]]
+    def _place(self, passage: Passage) -> PlacedWay:
+        """Return the path of a loop through one link, with the places of its variables in a state x."""
+        link = passage.link
+        way = Way(link, passage.enter.element(link), passage.leave.element(link), turns=self.roots[link] != GROUND)
+        # in the order of the columns of the link unit: the angle of the link's root, then slides
+        own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[link]]
         own += [Variable(name) for name in way.slides]
-        # the shape is given because `own` may be empty
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
     def input_levels(self, times: Array) -> Levels:
-        """Return the TK prescribed variables (inputs) and their first and second time derivatives, (k, TK) each, at times (k,).
+        """Return the TK inputs and their first and second time derivatives, (k, TK) each, at times (k,).
 
         Raises:
             ValueError: a motion law has a value that is not finite.
@@ -203,40 +183,27 @@ class LoopEquations:
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
-        # a motion law gives the angle of the driven link, but the variable is the angle of this link's root
-        return prescribed[0] - self._phases(), prescribed[1], prescribed[2]
+        return prescribed[0] - self.offsets, prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
-        """Return a dict from each input to its value in a state x [rad, m], measured as in the motion law of its driver."""
-        values = x[len(self.unknown) :] + self._phases()
+        """Return input -> value in a state x [rad, m], measured as in the motion law of its driver."""
+        values = x[len(self.unknown) :] + self.offsets
         return {driver.name: float(value) for driver, value in zip(self.drivers, values, strict=True)}
 
-    def _phases(self) -> Array:
-        """Return the constant differences (TK,) between the inputs of the drivers and the known variables [rad].
-
-        For a driven link the difference is the angle of the link minus the angle of its root, which is the variable. For driven
-        slides and bars the difference is 0.
-        """
-        return np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
-
     def start(self) -> Array:
-        """Return the state x at the mechanism's start q0: values of the TU unknown variables, then of the TK known variables."""
+        """Return the state x at the mechanism's start q0."""
         q = self.mechanism.q0
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
-        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
+        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
-        return np.array([values[key] for key in self.column])  # `column` has the order of x
+        return np.array([values[key] for key in self.column])
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
-        """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each.
-
-        They are A (the residuals of the loops), J and B (the Jacobians with respect to the unknown and the known variables), and
-        the time derivatives of J and B.
-        """
-        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate  # angles and angular speeds of all links
+        """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
+        theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, unknowns = len(self.ways), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
@@ -249,19 +216,16 @@ class LoopEquations:
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
     def close(self, x: Array) -> tuple[Array, Array, int]:
-        """Return the closed state near x with the same inputs, the Jacobian J there, and the number of Newton steps.
-
-        x has the values of the TU unknown variables, then those of the inputs, which are kept. J (2L, TU) is the Jacobian of the
-        equations of the L loops with respect to the unknown variables.
+        """Return the closed state near x with the same inputs, the Jacobian J (2L, TU) there, and the number of Newton steps.
 
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
         x, zero_rates, unknowns = x.copy(), np.zeros_like(x), len(self.unknown)
-        count, last = 0, np.inf  # number of Newton steps, size of the last one
+        count, last = 0, np.inf
         while count < NEWTON_STEPS and last >= SETTLED:
             here = self.at(x, zero_rates)
-            step = solve_rows(here.J, -here.A)  # A: residual of the loop equations
+            step = solve_rows(here.J, -here.A)
             x[:unknowns] += step
             count, last = count + 1, largest(step)
         here = self.at(x, zero_rates)
@@ -271,25 +235,18 @@ class LoopEquations:
         return x, here.J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
-        """Check that J (2L, TU) has full column rank: every singular value is above `tolerance` times the largest one.
+        """Check that every singular value of J (2L, TU) is above `tolerance` times the largest one.
 
         Raises:
-            Stopped: a singular value of J is below this limit, or J has fewer rows than columns.
+            Stopped: J has lost rank, or has fewer rows than columns.
         """
-        # the factors `lengths` make columns that belong to angles and to lengths comparable
         sizes = np.linalg.svd(J * self.lengths, compute_uv=False) if J.size else np.zeros(0)
         rank = int((sizes > tolerance * sizes.max(initial=0.0)).sum())
         if rank < len(self.unknown):
             raise Stopped(f"the Jacobian has rank {rank} of {len(self.unknown)}", singular=True)
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
-        """Return the first and second time derivatives (TU + TK,) of a closed state x = [phi, q].
-
-        phi are the TU unknown variables, and q the TK known variables, the inputs.
-
-        Args:
-            speed, second: (TK,) first and second time derivatives of the inputs.
-        """
+        """Return the first and second time derivatives (TU + TK,) of a closed state x, from those of the inputs (TK,)."""
         here = self.at(x, np.zeros_like(x))
         x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])  # J phi' = -B q'
         here = self.at(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
@@ -298,11 +255,7 @@ class LoopEquations:
         return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
-        """Return absolute coordinates, velocities and accelerations, (k, n) each, of k states and their time derivatives.
-
-        x, x_rate and x_second (k, TU + TK) have the values of the TU unknown variables, then those of the TK known variables.
-        """
+        """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
-        # variables without a link are coordinates along slides and bars
         slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)

@@ -7,9 +7,8 @@ three constant rows of coefficients a, b, c (N,) each:
     first derivative:   dphi = Re(r dz),  with  r = conj(b z) a + conj(a z) b + c
     second derivative:  phi'' = Re(r z'') + 2 Re(conj(a z') (b z'))
 
-Jacobian and acceleration bias are therefore exact. The expressions phi of the equations are listed here with the points or drivers
-to which they belong. In this list A, B, C, P are points in the world, a, b, c are the places of A, B, C in the frame of a link, and
-u is the unit vector of a slide's line through the point G:
+The equations are listed here with the points or drivers to which they belong. A, B, C, P are points in the world, a, b, c the
+places of A, B, C in the frame of a link, and u is the unit vector of a slide's line through the point G:
 
     (|B - A|^2 - L^2) / 2 L:             the two points that show a link's direction
     C - A - (c - a) (B - A) / (b - a):   two rows, for every further point of a link, or of a link that shares its angle
@@ -18,12 +17,11 @@ u is the unit vector of a slide's line through the point G:
     u . (P - G) - s:                     the point P of the block of a driven slide
     (|B - A|^2 - L(t)^2) / 2 size:       an active bar, whose length L(t) is an input
 
-All residuals are in metres. Two equations of this list are linear on purpose. If only its distances from A and B were given, a
-third point of a link could also lie at the mirror image of its place. If only a cross product of two directions had to be zero, one
-of them could also be turned by 180 degrees. The paper prints the equation of a line as a quotient of differences, which is 0/0 if
-the line is parallel to the x axis; here it is a cross product.
-Source: Men, Feng, He, General simulation software of planar linkages based on geometric constraints, Journal of Mechanical
-Transmission 33(4), 2009, section 1: eq. (2).
+All residuals are in metres. The two linear equations exclude the mirror image of a third point, and the turn of a direction by 180
+degrees. The paper prints the equation of a line as a quotient, which is 0/0 if the line is parallel to the x axis; here it is a
+cross product.
+
+Source: Men, Feng, He (2009), section 1: eq. (2).
 """
 
 from cmath import exp
@@ -43,11 +41,10 @@ Equation = tuple[Vectors, Vectors, Vectors]  # rows a, b, c (N,) of Re(conj(a z)
 
 @dataclass(frozen=True, eq=False)
 class PointGroup:
-    """Points that can only be solved together (an Assur group).
+    """Points that can only be solved together (an Assur group), such as the point that joins the two links of a dyad.
 
     The sign of the determinant of the group's block of the Jacobian distinguishes assemblies, and changes only at a singular
-    position. In a dyad two links are joined at one unknown point, and their other joints are known: the sign of the determinant
-    then tells on which side of the line between the known joints the point lies.
+    position.
 
     Attributes:
         name: names of the points, joined by "+".
@@ -60,67 +57,58 @@ class PointGroup:
 
 
 def link_equations(p: Points, link: int) -> Iterator[Equation]:
-    """Yield the equations (rows a, b, c each) that keep the points of one link at their places in the frame of the link."""
+    """Yield the equations that keep the points of one link at their places in the frame of the link."""
     anchor, zeros = p.anchor[link], np.zeros(p.N, dtype=complex)
     # the points A and B of the link `owner` show the direction of this link too; no owner if the direction is an input
     owner, A, B = p.base.get(p.frames[link][0], (None, -1, -1))
     if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)  # a = b = bar: the product conj(a z) (b z) is |B - A|^2 / 2 L
-        yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0; entry 0 of z is 1
+        yield bar, bar, -L / 2 * p.unit(0)
     # every further point C: neither the anchor A, from which the others are computed, nor known already, nor the point B above
     for k in p.entries_of[link]:
         if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
             row = p.unit(k) - p.point(link, p.local(link, k))  # C minus its place computed from A and the direction of the link
-            yield zeros, zeros, row  # real part of C - A - ... = 0
-            yield zeros, zeros, -1j * row  # imaginary part
+            yield zeros, zeros, row
+            yield zeros, zeros, -1j * row
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
-    """Yield the equation that keeps the block on the line of a slide and, if the slide is driven, the equation of its coordinate s.
-
-    Each equation is a triple of coefficient rows a, b, c (N,), as defined at the top of this file.
-    """
-    u = exp(1j * slide.angle) * p.direction(slide.guide.link)  # unit vector along the line
-    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))  # P - G, from guide to block
+    """Yield the equation that keeps the block on the line of a slide and, if it is driven, that of its coordinate s."""
+    u = exp(1j * slide.angle) * p.direction(slide.guide.link)
+    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))
     yield u, -1j * gap, -slide.offset * p.unit(0)  # Re(conj(u) (-i) gap) is the cross product u x gap
     if slide.name in p.pushed:
         yield u, gap, -p.unit(p.pushed[slide.name])  # Re(conj(u) gap) is the dot product u . gap
 
 
 def bar_equation(p: Points, name: str) -> Equation:
-    """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B, as rows a, b, c (N,).
-
-    The squared length L^2 is an entry of z, and `size` is the size of the linkage [m].
-    """
+    """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B, with L^2 an entry of z."""
     bar, root = p.bars[name], np.sqrt(2 * p.size)
-    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root  # (B - A) / sqrt(2 size)
+    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root
     return gap, gap, -p.unit(p.stretched[name]) / root**2
 
 
 class PointModel:
     """The points of a mechanism, whose drivers are the i inputs, and the m equations between the points.
 
-    z (N,) is the complex vector of 1, all inputs and all points, as in `Points`. p (2 u,) has the coordinates of the u unknown
-    points [m], x and y of one point after the other. The number m of equations is 2 u, or larger if the linkage has redundant
-    constraints.
+    p (2 u,) has the coordinates of the u unknown points [m], x and y of one point after the other. m is 2 u, or larger if the
+    linkage has redundant constraints.
 
     Attributes:
         points: the points, and the rows of quantities that are linear in z.
         a, b, c: (m, N) coefficients of the equations, see the top of this file.
         size: largest distance of two points of a link [m].
-        unknown: (u,) indices in z of the unknown points.
-        names: names of the unknown points.
-        directions: (links, N) matrix; directions z are the unit vectors exp(i theta) of the links.
-        centres: (links, N) matrix; centres z are the centres of mass of the links [m].
-        groups: the groups of points that can only be solved together and have more than one assembly.
+        unknown, names: (u,) indices in z of the unknown points, and their names.
+        directions, centres: (links, N) matrices; their products with z are exp(i theta) of the links and their centres of mass [m].
+        groups: the groups of points that have more than one assembly.
     """
 
     def __init__(self, mechanism: Mechanism):
         """Set up the equations of a mechanism.
 
         Raises:
-            ValueError: there are not as many drivers as degrees of freedom, or the drivers contradict each other; or the mechanism
+            ValueError: the number of drivers is not that of degrees of freedom, the drivers contradict each other, or the mechanism
                 has couplings or knife edges.
         """
         if mechanism.couplings:
@@ -151,7 +139,7 @@ class PointModel:
         return z
 
     def at(self, x: Array, p: Array) -> Vectors:
-        """Return the vector z (N,) of all inputs and points for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
+        """Return z (N,) for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
         still = np.zeros_like(x)
         return self.fill(self.points.known(x, still, still)[0], p)
 
@@ -160,7 +148,7 @@ class PointModel:
         return np.asarray(((self.a @ z).conj() * (self.b @ z) + self.c @ z).real)
 
     def rows(self, z: Vectors) -> Vectors:
-        """Return the complex matrix r (m, N) with which a change dz (N,) of z changes the residual by dphi = Re(r dz)."""
+        """Return the complex matrix r (m, N) of dphi = Re(r dz)."""
         return np.asarray((self.b @ z).conj()[:, None] * self.a + (self.a @ z).conj()[:, None] * self.b + self.c)
 
     def jacobian(self, r: Vectors) -> Array:
@@ -169,31 +157,21 @@ class PointModel:
         return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
     def residual(self, x: Array) -> Residual:
-        """Return the equations with the inputs fixed at x (i,) [rad, m], as a function.
-
-        The function maps the coordinates p (2 u,) of the u unknown points to the residual phi (m,) and its Jacobian J (m, 2 u).
-        """
+        """Return the equations at fixed inputs x (i,) as a function: p (2 u,) -> phi (m,) [m] and its Jacobian (m, 2 u)."""
         known = self.at(x, np.zeros(2 * len(self.unknown)))
 
         def evaluate(p: Array) -> tuple[Array, Array]:
-            """Return the residual and its Jacobian at the coordinates p of the unknown points."""
             z = self.fill(known, p)
             return self.phi(z), self.jacobian(self.rows(z))
 
         return evaluate
 
     def bias(self, dz: Vectors) -> Array:
-        """Return 2 Re(conj(a z') (b z')) (m,), the part of phi'' that is quadratic in the rates z' = dz (N,) of inputs and points.
-
-        a and b are the coefficients of the equations, see the top of this file.
-        """
+        """Return 2 Re(conj(a z') (b z')) (m,), the part of phi'' that is quadratic in the rates dz (N,)."""
         return np.asarray(2 * ((self.a @ dz).conj() * (self.b @ dz)).real)
 
     def signs(self, J: Array) -> Array:
-        """Return the sign of a determinant for each of the g groups of points (g,); it differs between a group's assemblies.
-
-        The determinant is that of the square block of J (m, 2 u) that has the group's equations (rows) and unknowns (columns).
-        """
+        """Return the sign of the determinant of each group's block of J (m, 2 u), as (g,); it differs between assemblies."""
         signs = [np.sign(np.linalg.det(J[np.ix_(group.rows, group.columns)])) for group in self.groups]
         return np.array(signs, dtype=int)
 
@@ -201,22 +179,21 @@ class PointModel:
 def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     """Return the groups of points that have more than one assembly, in an order in which they can be solved one after the other.
 
-    Each unknown coordinate is matched with an equation, from which it can be computed if the other unknowns in this equation are
-    known: the coordinate depends on these other unknowns. Unknowns that depend on each other (a strongly connected component of the
-    graph of dependences) form a group. Two kinds of groups are left out: those of linear equations, which have only one solution,
-    and those that depend on redundant equations, which have more equations than unknowns and therefore no determinant.
+    Each unknown coordinate is matched with an equation, and depends on the other unknowns in it. Unknowns that depend on each other
+    (a strongly connected component) form a group. Left out are groups of linear equations, and those that depend on redundant
+    equations and therefore have no determinant.
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
-    z[0] = 1.0  # the constant entry of z
+    z[0] = 1.0
     J = model.jacobian(model.rows(z))
     m, n = J.shape
     pattern = np.abs(J) > SAME * largest(J)
-    columns_of = [np.flatnonzero(row).tolist() for row in pattern]  # the unknowns in each equation
+    columns_of = [np.flatnonzero(row).tolist() for row in pattern]
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
     tops = sorted(node for node in graph if node[0] == "row")
     matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
-    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
+    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
     # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
     redundant: set[int] = set()  # unknowns in equations without a match, and those on which they depend

@@ -7,9 +7,9 @@ Points and directions of the plane are complex numbers. A position of the linkag
 An input enters z as exp(i theta) for the driven angle of a link, as the coordinate s for a driven slide, or as the squared length
 L^2 for an active bar (a bar whose length is an input).
 
-Many quantities are linear in z. Let A and B be two points of a link, and a and b their places in the frame of the link. A vector
-that is s in the frame of the link is s (B - A) / (b - a) in the world. If an input gives the direction exp(i theta) of the link, a
-further point with the place C in the world and c in the frame of the link follows from A alone: C = A + (c - a) exp(i theta).
+Let A and B be two points of a link, and a and b their places in its frame. A vector s in the frame of the link is s (B - A) / (b -
+a) in the world. If an input gives the direction exp(i theta) of the link, a further point C with the place c follows from A alone:
+C = A + (c - a) exp(i theta). Places and directions are thus linear in z.
 """
 
 from cmath import exp
@@ -31,9 +31,7 @@ SAME = 1e-12  # [m] distance below which two places in a file are the same up to
 class BasicPoint:
     """A point of one or more links: its place in the world is an entry of z.
 
-    Attributes:
-        name: name of the point.
-        at: index of a link -> place x + i y of the point in the frame of that link, whose origin is the centre of mass [m].
+    `at` gives, by index of a link, its place x + i y from the centre of mass in the frame of that link [m].
     """
 
     name: str
@@ -49,26 +47,18 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     """Return the basic points: pins (merged if they coincide in a link), blocks of slides, and points that show directions.
 
     Args:
-        frames: link -> (root, phase) as from `shared_angles`: links that slides join turn by the same angle, and one of them, the
-            root, stands for their angles.
-        turned: roots whose angle is known, because it is an input or because the root is the ground. Links with such a root need no
-            second point to show their direction.
+        frames: link -> (root, phase) as from `shared_angles`.
+        turned: roots whose angle is an input, and the ground; links with such a root need no second point.
     """
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
-        """Add a point to the list `basic`; `ends` has its places in the frames of one or more links.
+        """Add a point, given by its places in one or more links, merged with points that have the same place in one of them.
 
-        Points of the list that have the same place in the frame of one of these links are merged with the new point; the name of
-        the first of them is kept.
+        The name of the first of those is kept.
         """
         at = {end.link: place(end) for end in ends}
-
-        def coincides(x: BasicPoint) -> bool:
-            """Tell whether the point x of the list has the same place as the new point in the frame of one of its links."""
-            return any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())
-
-        same = [x for x in basic if coincides(x)]
+        same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
         merged: dict[int, complex] = {}
         for x in same:
             merged |= x.at
@@ -79,11 +69,11 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         add(pin.joint, *pin.ends)
     for slide in slides:
         add(slide.block.name, slide.block)
-    for bar in active_bars(mechanism).values():
+    for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
-    for slide in slides:  # every guide needs a point
+    for slide in slides:
         if not any(slide.guide.link in x.at for x in basic):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
@@ -107,47 +97,50 @@ def link_size(points: list[BasicPoint]) -> float:
     return largest or 1.0
 
 
-def active_bars(mechanism: Mechanism) -> dict[str, LengthDriver]:
-    """Return a dict of the drivers that prescribe the distance of two points, from name to driver."""
-    return {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
-
-
 class Points:
     """The vector z (N,) of a mechanism, whose drivers are the inputs, and rows (N,) of quantities that are linear in z.
 
-    The quantities are places of points and directions of links. A row has N complex coefficients; its product with z is the value
-    of the quantity. An entry is an index in z. A point is known if its place follows from the ground and the inputs alone. Slides
-    make links turn by the same angle; one of these links, their root, stands for their angles, as in `shared_angles`.
+    The product of a row with z is the place of a point or the direction of a link. An entry is an index in z. A point is known if
+    its place follows from the ground and the inputs alone.
 
     Attributes:
-        N: number of entries of z.
-        frames: link -> (its root, angle of the link minus angle of the root [rad]).
-        bars: name of an active bar (a bar whose length is an input) -> its driver.
-        points: all basic points.
+        frames: link -> (root, phase), see `shared_angles`.
+        bars: active bars by name.
         first: entry of the first basic point; the entries of the others follow.
         unknown: (u,) entries of the points that are not known.
         entries_of: link -> entries of the points of this link.
         anchor: link -> entry of the point from which the other points of this link are computed.
         turned: root whose direction is known -> entry of this direction; for the ground this is entry 0, which is 1 = exp(0 i).
-        pushed: name of a driven slide -> entry of the coordinate along it.
-        stretched: name of an active bar -> entry of its squared length.
-        base: root whose direction is not known -> (a link with this root, entries A and B of two points of this link, from which
-            the direction is computed).
+        pushed, stretched: name of a driven slide or active bar -> entry of its coordinate or squared length.
+        base: root whose direction is not known -> (link, entries A and B of two of its points that show the direction).
         placed_by: entry of a known point -> link from whose position the place of the point follows.
         rows: entry of a known point -> row of its place; the rows can be evaluated in this order.
         size: largest distance of two points of a link [m].
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Choose the basic points of a mechanism, and find those whose places follow from the ground and the inputs alone.
+        """Choose the basic points of a mechanism, and find the known ones.
 
         Raises:
             ValueError: a link has no joint, or a driver prescribes a quantity that another driver or the joints already determine.
         """
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
-        self.bars = active_bars(mechanism)
-        self.turned, self.pushed, self.stretched = self._enter_inputs()
+        self.bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
+        # the driver k, counted from 1, has the entry k; `setdefault` returns an older entry of a quantity that is known already
+        self.turned: dict[int, int] = {GROUND: 0}
+        self.pushed: dict[str, int] = {}
+        self.stretched: dict[str, int] = {}
+        for entry, driver in enumerate(self.drivers, 1):
+            match driver:
+                case AngleDriver():
+                    found = self.turned.setdefault(self.frames[driver.link][0], entry)
+                case SlideDriver():
+                    found = self.pushed.setdefault(driver.name, entry)
+                case LengthDriver():
+                    found = self.stretched.setdefault(driver.name, entry)
+            if found != entry:
+                raise ValueError(f"{mechanism.name}: the position of {driver.name} is known without driver {entry}")
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
         self.first = 1 + len(self.drivers)
@@ -164,31 +157,6 @@ class Points:
         self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
-    def _enter_inputs(self) -> tuple[dict[int, int], dict[str, int], dict[str, int]]:
-        """Return the attributes `turned`, `pushed` and `stretched`.
-
-        These are dictionaries from a root, the name of a slide or the name of an active bar to the index in z of the quantity that
-        its driver prescribes. The driver k, counted from 1, has the index k. Entry 0 of z is the constant 1 = exp(0 i), the
-        direction of the ground.
-
-        Raises:
-            ValueError: a driver prescribes a quantity that another driver or the joints already determine.
-        """
-        turned: dict[int, int] = {GROUND: 0}
-        pushed: dict[str, int] = {}
-        stretched: dict[str, int] = {}
-        for entry, driver in enumerate(self.drivers, 1):
-            match driver:  # `setdefault` enters the driver, or returns the older entry if this quantity is already determined
-                case AngleDriver():
-                    is_known = turned.setdefault(self.frames[driver.link][0], entry) != entry
-                case SlideDriver():
-                    is_known = pushed.setdefault(driver.name, entry) != entry
-                case LengthDriver():
-                    is_known = stretched.setdefault(driver.name, entry) != entry
-            if is_known:
-                raise ValueError(f"{self.mechanism.name}: the position of {driver.name} is known without driver {entry}")
-        return turned, pushed, stretched
-
     def unit(self, entry: int) -> Vectors:
         """Return the row (N,) that selects one entry of z."""
         row = np.zeros(self.N, dtype=complex)
@@ -196,26 +164,20 @@ class Points:
         return row
 
     def local(self, link: int, entry: int) -> complex:
-        """Return the place x + i y [m], in the frame of a link, of the point of this link that has the given entry in z."""
+        """Return the place x + i y [m], in the frame of a link, of its point with the given entry."""
         return self.points[entry - self.first].at[link]
 
     def direction(self, link: int) -> Vectors:
-        """Return the row (N,) whose product with z = [1, inputs, points] is exp(i theta) of a link.
-
-        exp(i theta) follows from an input, or from two points.
-        """
-        root, phase = self.frames[link]  # theta of the link is theta of the root plus `phase`
+        """Return the row (N,) of exp(i theta) of a link, which follows from an input or from two points."""
+        root, phase = self.frames[link]
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
-        owner, A, B = self.base[root]  # of all links with this root, `owner` is the one whose points A and B show the direction
+        owner, A, B = self.base[root]
         turn = exp(1j * (phase - self.frames[owner][1]))
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
     def point(self, link: int, s: complex) -> Vectors:
-        """Return the row (N,) whose product with z = [1, inputs, points] is the world position of a point of a link.
-
-        s = x + i y [m] is the place of the point in the frame of the link.
-        """
+        """Return the row (N,) of the world position of the place s = x + i y [m] in the frame of a link."""
         if link == GROUND:
             return self.unit(0) * s  # entry 0 of z is 1
         anchor = self.anchor[link]  # position = anchor + (s - place of the anchor) exp(i theta)
@@ -223,57 +185,43 @@ class Points:
         return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
-        """Return the index, in z = [1, inputs, points], of the point that lies in the block of a slide."""
+        """Return the entry of the point in the block of a slide."""
         link = slide.block.link
         return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
     def _place(self) -> None:
         """Fill `placed_by` and `rows` with the known points: those of the ground, then those of driven links.
 
-        A link whose direction is an input is determined by one known point, which becomes its anchor; its other points are then
-        known too.
+        A link whose direction is an input is determined by one known point, which becomes its anchor.
         """
         link: int | None = GROUND
-        # links whose direction is an input, and none of whose points is placed yet
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
             for k in self.entries_of[link]:
                 if k not in self.placed_by:
                     self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
-            # next comes a link of known direction with a point that is placed
             link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.entries_of[i])), None)
             if link is not None:
                 self.anchor[link] = next(k for k in self.entries_of[link] if k in self.placed_by)
                 waiting.remove(link)
 
     def _base(self, root: int) -> tuple[int, int, int]:
-        """Return (link, A, B): the line from A to B, two points of this link, gives the direction of all links with this `root`.
+        """Return (link, A, B): the line between these points of a link gives the direction of all links with this `root`.
 
-        A and B are indices of points in z. A is a point whose place is known, if these links have any; among such pairs the
-        distance from A to B is the largest.
+        A known point A wins first, then the larger distance, then the smaller entry B.
         """
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
-
-        def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
-            """Return the key by which the best pair of points A, B is chosen: the largest key wins.
-
-            Pairs whose point A has a known place win first, then larger distances, then points B with a smaller index in z.
-            """
-            link, A, B = pair
-            return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
-
-        return max(pairs, key=rank)
+        return max(pairs, key=lambda x: (x[1] in self.placed_by, abs(self.local(x[0], x[2]) - self.local(x[0], x[1])), -x[2]))
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
-        """Return z = [1, inputs, points] and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
+        """Return z and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
 
-        Args:
-            x: (i,) values of the inputs [rad, m]; for an active bar x has the length, whereas z has the squared length.
-            rate, second: (i,) first and second time derivatives of x.
+        `x`, `rate`, `second` (i,) are the inputs [rad, m] and their time derivatives; an active bar has its length in x, not the
+        square.
         """
         Z = np.zeros((3, self.N), dtype=complex)
-        Z[0, 0] = 1.0  # the constant of z
+        Z[0, 0] = 1.0
         for k, driver in enumerate(self.drivers):
             match driver:
                 case AngleDriver():
@@ -288,11 +236,11 @@ class Points:
         return Z
 
     def inputs_at(self, q: Array) -> Array:
-        """Return the values (i,) of the inputs [rad, m] at a state q (n,)."""
+        """Return the inputs (i,) [rad, m] at a state q (n,)."""
         return np.array([float(value(driver.coordinate, q)) for driver in self.drivers])
 
     def unknown_at(self, q: Array) -> Array:
-        """Return the coordinates (2 u,) [m] of the u unknown points at a state q (n,): x and y of one point after the other."""
-        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]  # a link of each point, its place there
+        """Return the coordinates (2 u,) [m] of the unknown points at a state q (n,)."""
+        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]
         places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
         return np.array(places).reshape(-1)

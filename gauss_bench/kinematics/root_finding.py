@@ -6,7 +6,8 @@ Let J be the Jacobian of F at the present point x. Each method goes from x to x 
     Gauss-Newton:         J h = -F; the step is halved until |F|^2 falls enough (backtracking, Armijo's condition)
     Levenberg-Marquardt:  (J^T J + mu I) h = -J^T F; mu falls if the linear model predicts |F| well, else it grows (Nielsen's rule)
 
-There may be more equations than unknowns if the equations are consistent; J h = -F is then solved in the least-squares sense.
+More equations than unknowns must be consistent; J h = -F is then solved in the least-squares sense.
+
 Sources: Nocedal and Wright, Numerical Optimization (2006), sections 3.1, 10.3 and 11.1; Madsen, Nielsen, Tingleff, Methods for
 Non-Linear Least Squares Problems (2004), algorithm 3.16.
 """
@@ -21,8 +22,8 @@ from gauss_bench.terms import Array, largest
 
 Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
-TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
-LIMIT = 100  # largest number of iterations
+TOLERANCE = 1e-13
+LIMIT = 100
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
@@ -41,14 +42,7 @@ class ExitFlag(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Root:
-    """The end of a search.
-
-    Attributes:
-        x: (n,) the last iterate.
-        flag: CONVERGED if x is a root, else the reason why the search ended.
-        iterations: number of steps that were tried.
-        residual: max |F| at x, in the unit of F.
-    """
+    """The end of a search: the last iterate x (n,), the reason why it ended, the number of tried steps, and max |F| at x."""
 
     x: Array
     flag: ExitFlag
@@ -66,26 +60,15 @@ def at_rest(x: Array, h: Array) -> bool:
 
 
 def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
-    """Return the result of a search if it ends at x (n,): x is a root, or F is not finite there; None if the search goes on."""
+    """Return the result of a search that ends at x (n,), a root or a point where F is not finite; None if it goes on."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
 
 
-def full_step(F: Array, J: Array) -> Array | None:
-    """Solve J h = -F for h (n,) in least squares; None if the columns of J are dependent."""
-    if not J.size:
-        return None if J.shape[1] else np.zeros(0)
-    h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)
-    return None if rank < J.shape[1] else h
-
-
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
-    """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`.
-
-    Newton-Raphson is the fastest of the methods near a root. Far from a root the full steps of this method may lead anywhere.
-    """
-    return search_along(residual, x, tolerance, lengths=0)  # 0: no shorter step is tried
+    """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`."""
+    return search_along(residual, x, tolerance, lengths=0)
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
@@ -94,39 +77,30 @@ def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> 
 
 
 def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -> Root:
-    """Search for a root from x (n,) by Newton's method, with steps h that solve J h = -F.
+    """Search for a root from x (n,) by the first of `lengths` steps h, h/2, h/4, ... that reduces |F|^2 enough, with J h = -F.
 
-    The steps h, h/2, h/4, ... are tried until |F|^2 falls enough. The search has stalled if |F|^2 falls enough with none of these
-    steps.
-
-    Args:
-        lengths: largest number of these steps that are tried; with 0 every step h is taken in full, even if |F| grows.
+    With lengths = 0 every step h is taken in full, even if |F| grows.
     """
     F, J = residual(x)
     for iteration in range(LIMIT):
         end = end_search(x, F, tolerance, iteration)
         if end:
             return end
-        h = full_step(F, J)
-        if h is None:
+        h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE) if J.size else (np.zeros(0), None, 0, None)
+        if rank < J.shape[1]:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
         # Armijo's condition: to first order the step part h reduces |F|^2 by 2 part |J h|^2; it must reduce it by a share
         # SUFFICIENT of this
         size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
         for part in 0.5 ** np.arange(max(1, lengths)):
-            G, K = residual(x + part * h)  # F and J after the step
+            G, K = residual(x + part * h)
             if not lengths or size - part * required >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if at_rest(x, part * h):  # the step changes x only within rounding
+        if at_rest(x, part * h):
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
-    return give_up(x, F, tolerance)
-
-
-def give_up(x: Array, F: Array, tolerance: float) -> Root:
-    """Return the result of a search that has made all LIMIT allowed iterations: x may be a root by now."""
     return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 
@@ -153,7 +127,7 @@ def levenberg_marquardt(residual: Residual, x: Array, tolerance: float = TOLERAN
             mu, growth = mu * max(1 / 3, 1 - (2 * gain - 1) ** 3), 2.0
         else:
             mu, growth = mu * growth, 2 * growth
-    return give_up(x, F, tolerance)
+    return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 
 ROOT_FINDERS: dict[str, RootFinder] = {

@@ -1,12 +1,12 @@
 """Find the limits of motion and the dead centres of a linkage with one degree of freedom, with an error of the order of rounding.
 
-The positions of the linkage form a curve q(s), where s is the length along the curve. The tangent x of the curve satisfies J x = 0
-for the Jacobian J of the joints. A coordinate c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage
-there. Such a position is a limit of motion if the coordinate is the crank's angle, and a dead centre if it is any other coordinate.
+The positions of the linkage form a curve q(s), whose tangent x satisfies J x = 0 for the Jacobian J of the joints. A coordinate
+c(q) with the gradient g reverses where g . x = 0, and cannot drive the linkage there. Such a position is a limit of motion if the
+coordinate is the crank's angle, and a dead centre if it is any other coordinate.
 
-The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses its direction. If g . x
-changes its sign between two positions, a root finder searches along the tangent for the position between them at which g . x = 0,
-and solves the constraints at every trial.
+The curve is followed in steps of equal length, because q(s) is smooth even where a coordinate reverses. If g . x changes its sign,
+a root finder searches along the tangent for g . x = 0, and solves the constraints at every trial.
+
 Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (2000), sections 2.4 and 3.2 (fold points).
 """
 
@@ -23,10 +23,10 @@ from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-STEP = 0.02  # [rad, m] length of a step along the curve
+STEP = 0.02
 LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
 ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which the last step has passed a reversal
-NEWTON_STEPS = 30  # largest number of corrections of a position
+NEWTON_STEPS = 30
 TOLERANCE = 1e-12  # [rad, m] largest last correction; |g . x| below it is zero
 REVERSED = 1e-9  # largest |g . x| at a root; at a fork of the curve the search ends at a jump of g . x instead
 SAME = 1e-6  # [rad, m] distance below which two positions are the same
@@ -34,23 +34,18 @@ RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singu
 
 
 class ChangePoint(ArithmeticError):
-    """The curve of positions forks: the Jacobian of the joints loses rank, and the motion can go on in more than one way.
-
-    The exception is also raised if another thread ends the search.
-    """
+    """The curve of positions forks, because the Jacobian of the joints loses rank; or another thread has ended the search."""
 
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """A position at which a coordinate reverses its direction.
+    """A position q (n,) at which a coordinate reverses its direction.
 
     Attributes:
         coordinate: name of the link (for its angle) or slide that reverses.
         kind: "limit" if this coordinate is the driving one, else "dead centre".
-        value: value of the coordinate at the position [rad, m].
-        input: value of the driving coordinate at the position [rad, m].
+        value, input: values of the coordinate and of the driving coordinate at the position [rad, m].
         driving: the driving coordinate: the crank's angle or, without a crank, the measured coordinate.
-        q: (n,) the position.
     """
 
     coordinate: str
@@ -67,10 +62,7 @@ class Singular:
 
 
 def input_coordinate(mechanism: Mechanism) -> Measured:
-    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank.
-
-    If the measured coordinate is one of `driving_coordinates`, the member of that list is returned, which has a shorter name.
-    """
+    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     for x in driving_coordinates(mechanism):
@@ -86,8 +78,8 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
         if GROUND in links:
-            turning = max(links)  # the other link: the ground has the smallest index, -1
-            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))  # a motor at the pin drives the link's angle
+            turning = max(links)
+            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
             coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
     return coordinates
 
@@ -120,10 +112,7 @@ class Curve:
         return -x if along is not None and x @ along < 0 else x
 
     def orientation(self, q: Array, x: Array) -> float:
-        """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,); 0 if the matrix is not square.
-
-        This sign of the determinant changes where the curve crosses another curve of positions.
-        """
+        """Return the sign of det [J; x] for the unit tangent x (n,) at q (n,), which changes at a fork; 0 if it is not square."""
         A = np.vstack([self.constraints.residual(q)[1], x])
         return float(np.linalg.slogdet(A)[0]) if A.shape[0] == A.shape[1] else 0.0
 
@@ -135,22 +124,14 @@ class Curve:
         """Project q (n,) onto the constraints by Gauss-Newton."""
 
         def shortest(J: Array, phi: Array) -> Array:
-            """Return the shortest least-squares solution dq of J dq = phi."""
             return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
 
-        def is_still(_: Array, size: Array) -> bool:
-            """Tell whether the last correction, of this size, was negligible."""
-            return bool(size < TOLERANCE)
-
-        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=is_still)
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """Return the position (n,) at which a coordinate reverses, g . x = 0, on the last step of the curve before q.
+        """Return the position (n,) at which a coordinate reverses, g . x = 0, on the last step of the curve, which ended at q (n,).
 
-        Args:
-            coordinate: the coordinate that reverses; its gradient is g.
-            q: (n,) the first position of the curve after the reversal; the position before it was one step (STEP) away.
-            x: (n,) unit tangent of the curve at q.
+        `x` (n,) is the unit tangent of the curve at q.
 
         Raises:
             ChangePoint: the coordinate does not reverse at a single position near here, because the curve forks.
@@ -170,35 +151,33 @@ class Curve:
 
 
 def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list[Singular]:
-    """Return all positions at which a coordinate that could serve as an input reverses its direction.
+    """Return the positions at which a coordinate of `driving_coordinates` reverses, in the order of the curve from q0.
 
-    The coordinates are those of `driving_coordinates`. The positions are in the order in which the curve of positions, followed
-    from q0, passes them.
-
-    Args:
-        ended: an event that another thread sets to end the search.
+    Another thread may set the event `ended` to end the search.
 
     Raises:
         ValueError: the linkage has more or fewer than one degree of freedom.
-        ChangePoint: the curve of positions forks before it is closed, or the search was ended by `ended`.
+        ChangePoint: the curve of positions forks before it is closed, or the search was ended.
     """
     curve = Curve(mechanism)
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q = mechanism.q0
-    tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
-    first, side = tangent, curve.orientation(q, tangent)  # the orientation changes its sign where the curve forks
-    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
+    tangent = curve.tangent(q, gradient(driving.coordinate, q))
+    first, side = tangent, curve.orientation(q, tangent)
+    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
         q = curve.step(q, tangent)
         tangent = curve.tangent(q, tangent)
         if curve.orientation(q, tangent) * side < 0:
-            raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
+            x = float(value(driving.coordinate, q))
+            place = f" at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f" = {x:.4g} m"
+            raise ChangePoint(f"change point near {driving.name}{place}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
             rate = gradient(c.coordinate, q) @ tangent
-            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
+            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):
                 at = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
@@ -212,14 +191,8 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     return positions
 
 
-def _describe(driving: Measured, q: Array) -> str:
-    """Return a text that describes a position by the name and value of the driving coordinate."""
-    x = float(value(driving.coordinate, q))
-    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
-
-
 def _distance(q: Array, other: Array) -> float:
-    """Return the distance [m, rad] between two positions (n,) after removal of whole turns of the links."""
+    """Return the distance [m, rad] between two positions (n,) up to whole turns of the links."""
     gap = q - other
     angles(gap)[:] = np.angle(np.exp(1j * angles(gap)))
     return float(np.linalg.norm(gap))

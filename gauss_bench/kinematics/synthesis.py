@@ -1,10 +1,10 @@
 """Find a four-bar whose coupler takes three given poses, and tell whether it moves through them without being taken apart.
 
-The coupler is the link of the four-bar that carries a body through three poses. In these three poses a pin of the coupler is at
-three places, and the centre of the circle through these places is the fixed pivot of the bar that guides the pin. In kinematic
-inversion, seen from the coupler, a fixed pivot is at three places, and the centre of the circle through these is the pin. If the
-three places of a pin lie on a line, a slide along this line guides the pin. Places are complex numbers x + i y [m]. A pose is the
-place and the angle [rad] of the coupler's frame.
+The coupler carries a body through three poses. A pin of the coupler is then at three places, and the centre of the circle through
+these is the fixed pivot of the bar that guides the pin. In kinematic inversion, seen from the coupler, a fixed pivot is at three
+places, and the centre of their circle is the pin. If the three places of a pin lie on a line, a slide guides the pin. Places are
+complex numbers x + i y [m]. A pose is the place and the angle [rad] of the coupler's frame.
+
 Source: Sandor, Erdman (1984), Advanced Mechanism Design, vol. 2; for branch and order Waldron, Kinzel (1999), Kinematics, Dynamics,
 and Design of Machinery.
 """
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import pi
 
 Pose = tuple[complex, float]
-NAMES = ("first", "second")  # connections of the coupler to the ground
+NAMES = ("first", "second")
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
 FARTHEST = 100.0  # largest distance to a pivot, in lengths of that side: a farther one moves by metres for a tiny change of a pose
@@ -39,7 +39,7 @@ class Connection:
     """
 
     pin: complex
-    places: tuple[complex, complex, complex]
+    places: tuple[complex, ...]
     pivot: complex
     direction: complex | None = None
 
@@ -49,12 +49,12 @@ class Connection:
         return abs(self.places[0] - self.pivot)
 
     def input(self, place: complex) -> float:
-        """Return the input at which the pin is at a place: the angle of the bar [rad], or the coordinate along the slide [m]."""
+        """Return the angle of the bar [rad], or the coordinate along the slide [m], with the pin at a place."""
         along = place - self.pivot
         return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
 
     def at(self, value: float) -> complex:
-        """Return the place of the pin at a value of the input, the angle of the bar [rad] or the coordinate along the slide [m]."""
+        """Return the place of the pin at a value of the input."""
         return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
 
 
@@ -63,8 +63,8 @@ class Drive:
     """The motion of a four-bar through its three poses if one of its two connections to the ground is driven.
 
     Attributes:
-        fault: "branch" if the four-bar cannot move from pose to pose without being taken apart; "order" if it passes the third pose
-            before the second; else "".
+        fault: "branch" if it cannot move from pose to pose without being taken apart; "order" if it passes the third pose before
+            the second; else "".
         text: a sentence for the user that describes the motion or the fault.
         travel: change of the input from the first to the third pose [rad, m]; 0 if there is a fault.
     """
@@ -85,16 +85,13 @@ class FourBar:
 def four_bar_of_pins(poses: Sequence[Pose], pins: Sequence[complex]) -> FourBar:
     """Return the four-bar whose coupler takes three poses, and has its two pins at given places in the coupler's frame.
 
-    A pin whose three places lie on a line gets a slide along it. Any other pin gets a bar that turns about the centre of the circle
-    through the three places.
-
     Raises:
         NoFourBar: a pin has no pivot, the two pins coincide, the two pivots coincide, or a pin coincides with its pivot.
     """
     connections = []
     for name, pin in zip(NAMES, pins, strict=True):
         places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
-        connections.append(connect(pin, (places[0], places[1], places[2]), f"the {name} pin"))
+        connections.append(connect(pin, places, f"the {name} pin"))
     return join(connections[0], connections[1])
 
 
@@ -106,26 +103,21 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     """
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
-        # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin
-        seen = [(pivot - place) * rect(1.0, -angle) for place, angle in poses]  # the pivot in the coupler's frame
-        # `connect` finds the circle through three places, here those of the pivot. Its first argument is arbitrary (0j), because
-        # only the centre of the circle is used
-        circle = connect(0j, (seen[0], seen[1], seen[2]), f"the {name} fixed pivot, seen from the coupler,")
+        # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin, its centre
+        seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
+        circle = connect(0j, seen, f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
-        pin = circle.pivot  # the centre, in the coupler's frame
+        pin = circle.pivot
         places = tuple(place + rect(1.0, angle) * pin for place, angle in poses)
-        connections.append(Connection(pin, (places[0], places[1], places[2]), pivot))
+        connections.append(Connection(pin, places, pivot))
     return join(connections[0], connections[1])
 
 
-def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -> Connection:
+def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     """Return the connection that guides a pin through three places: a bar from their circle's centre, or a slide along their line.
 
-    Args:
-        pin: place of the pin in the frame of the coupler.
-        places: places of the pin at the three poses.
-        name: text for the pin with which the message of an exception begins.
+    `pin` is its place in the frame of the coupler; `name` begins the message of an exception.
 
     Raises:
         NoFourBar: two of the three places coincide, or the circle through them is too large.
@@ -139,7 +131,7 @@ def connect(pin: complex, places: tuple[complex, complex, complex], name: str) -
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))  # of the circle through a, b and c
+    centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
     return Connection(pin, places, centre)
@@ -151,9 +143,7 @@ def cross(a: complex, b: complex) -> float:
 
 
 def join(first: Connection, second: Connection) -> FourBar:
-    """Return the four-bar that two connections form with the coupler and the ground, and its motions.
-
-    One motion is that with the first connection driven, the other that with the second connection driven.
+    """Return the four-bar that two connections form with the coupler and the ground, and its motions with either driven.
 
     Raises:
         NoFourBar: the coupler, the frame or a bar would have no length.
@@ -172,15 +162,14 @@ def join(first: Connection, second: Connection) -> FourBar:
 def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     """Check whether the four-bar passes the three poses in their order, on one branch, if the connection `driven` is driven.
 
-    Return the fault, if any, a sentence for the user, and the travel of the input. `name` is the name of the driven connection,
-    "first" or "second", for the text of the result.
+    `name` is "first" or "second", for the text of the result.
     """
-    coupler = abs(driven.pin - other.pin)  # length of the coupler between its pins
+    coupler = abs(driven.pin - other.pin)
     part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
-        first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
+        first_side = next(x for x in sides if x)
         k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
@@ -189,7 +178,6 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
-    # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         ends = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
@@ -198,14 +186,12 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
-    """Return the branch on which the four-bar is in a pose: 1 or -1, or 0 at a dead point, which belongs to both branches.
+    """Return the branch of the four-bar in a pose: 1 or -1, or 0 at a dead point, which belongs to both branches.
 
-    The branch is the sign of the sine of the angle between the coupler and the bar that is not driven. If a slide replaces the bar,
-    the angle is measured between the coupler and the normal of the slide.
+    It is the sign of the sine of the angle between the coupler and the bar `other` that is not driven, or the normal of its slide.
 
     Args:
-        other: the connection that is not driven, a bar or a slide.
-        a, b: places of the pin of the driven connection, and of the pin of the other one.
+        a, b: places of the pin of the driven connection, and of the other one.
         coupler: length of the coupler between its two pins [m].
     """
     if other.direction is None:
@@ -218,12 +204,10 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
 
 
 def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
-    """Return the ways in which the input can move from the first pose to the second and to the third, as (sense, travels).
+    """Return the ways in which the input can move from the first pose to the other two, as (sense +-1, two travels [rad, m]).
 
-    The sense is +1 or -1. The two travels are the changes of the input [rad, m] from the first to the second pose, and from the
-    first to the third. A slide can reach each pose by only one travel, and this pair of travels is returned once for each sense. A
-    bar can turn to each pose in both directions, which gives four pairs of travels. `values` are the values of the input at the
-    three poses.
+    A slide has one pair of travels, returned once for each sense. A bar can turn to each pose in both directions. `values` are
+    those of the input at the three poses.
     """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
@@ -237,13 +221,11 @@ def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tup
 def stays_closed(driven: Connection, other: Connection, coupler: float, start: float, end: float) -> bool:
     """Tell whether the four-bar stays closed at every input of the driven connection from `start` to the larger `end`.
 
-    A connection is a bar that turns about a fixed pivot, or a slide along a fixed line. `driven.at(x)` is the place of the driven
-    pin at the input x. The loop can be closed if this pin is neither too far from the other connection's pivot (or line) nor too
-    near it. The distance of the driven pin from the other pivot (or line) has its extremes at `start`, at `end`, or at inputs
-    between them at which the pin is nearest or farthest. All these inputs are tried.
+    The driven pin must be neither too far from the other pivot (or line) nor too near it. This distance is extreme at `start`, at
+    `end`, or where the pin is nearest or farthest between them.
     """
     tried = [start, end]
-    if driven.direction is None:  # a bar
+    if driven.direction is None:
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
         # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
         # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi

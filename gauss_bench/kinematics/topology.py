@@ -1,16 +1,16 @@
 """The links and pairs of a linkage as a graph, and its independent loops.
 
-In the graph of a linkage the links are the nodes, and the kinematic pairs are the edges. A joint of m links consists of m - 1 pairs
-J, J.001, ... at the same place, so that every pair joins two links. Two links may share several pairs. A spanning tree of the n
-links (frame included) has n - 1 of the p pairs. Each of the other
+The links are the nodes of the graph, and the kinematic pairs its edges. A joint of m links consists of m - 1 pairs J, J.001, ... at
+the same place, so that every pair joins two links. A spanning tree of the n links (frame included) has n - 1 of the p pairs. Each
+of the other
 
     L = p - n + 1
 
-pairs closes one loop; the other pairs of this loop lie on the path through the tree. The tree is the breadth-first tree from the
-frame, which keeps the loops short and near the frame.
-Source: Wang et al., Automated modeling for kinematic analysis of planar linkages based on link units, Transactions of CSAM 41(2),
-2010: sections 2.2 and 3.1 have the number L of loops and the pairs of multiple joints. The paper does not say how loops are chosen,
-but the loops of its examples are those of the breadth-first tree.
+pairs closes one loop with the path through the tree. The tree is the breadth-first tree from the frame, which keeps the loops
+short.
+
+Source: Wang et al. (2010), sections 2.2 and 3.1. The paper does not say how loops are chosen; those of its examples are of the
+breadth-first tree.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -57,17 +57,12 @@ class Passage:
     enter: Pair
     leave: Pair
 
-    def way(self, turns: bool) -> Way:
-        """Return the loop's path through the link as a `Way`; `turns` tells whether the angle of the link is variable."""
-        return Way(self.link, self.enter.element(self.link), self.leave.element(self.link), turns)
-
 
 @dataclass(frozen=True)
 class Loop:
     """A loop: its links in cyclic order, each with the two pairs at which the loop enters and leaves it.
 
-    The first link is the one that is nearest to the frame in the tree. Two pairs of this link belong to the loop; the loop leaves
-    the link by the pair that is earlier in the file.
+    The first link is the one nearest to the frame; the loop leaves it by that of its two pairs that is earlier in the file.
     """
 
     passages: tuple[Passage, ...]
@@ -84,29 +79,19 @@ class Loop:
         return "-".join(self.joints)
 
 
-@dataclass(frozen=True)
-class TreeEdge:
-    """An edge of the spanning tree: a link, its parent (the next link towards the frame), and the pair between them."""
-
-    link: int
-    parent: int
-    pair: Pair
-
-
 @dataclass(frozen=True, eq=False)
 class LinkageGraph:
     """The graph of a linkage, whose nodes are links and whose edges are kinematic pairs.
 
     Attributes:
         links: number of links without the frame.
-        pairs: all pairs of the linkage.
-        tree: edges of the breadth-first spanning tree, parents first.
+        tree: link -> (parent, the next link towards the frame; the pair between them), parents first: the spanning tree.
         loops: one loop for each pair outside the tree.
     """
 
     links: int
     pairs: tuple[Pair, ...]
-    tree: tuple[TreeEdge, ...]
+    tree: Mapping[int, tuple[int, Pair]]
     loops: tuple[Loop, ...]
 
     def elements(self, link: int) -> tuple[Element, ...]:
@@ -115,7 +100,7 @@ class LinkageGraph:
 
 
 def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[Pair, ...]:
-    """Return the kinematic pairs of a linkage: those of its joints in file order, then two pins for each active bar.
+    """Return the pairs of a linkage: those of its joints in file order, then two pins for each active bar.
 
     An active bar (a bar whose length is an input) is one more link, with an index after those of the linkage's links.
     """
@@ -130,13 +115,12 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
 
 
 def _pair(joint: Joint) -> Pair:
-    """Return the pair of a joint, with the two elements that it connects: pin and pin, or guide and block of a slide."""
+    """Return the pair of a joint, with its two elements: pin and pin, or guide and block of a slide."""
     if not isinstance(joint, Prismatic):
-        # the pairs of a multiple pin have names of their own and the name `joint` in common
         a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
     along = complex(np.cos(joint.angle), np.sin(joint.angle))
-    start = complex(*joint.guide.local) + 1j * along * joint.offset  # the point of the line at which the coordinate s is zero
+    start = complex(*joint.guide.local) + 1j * along * joint.offset
     guide = Element(joint.name, node=joint.name, kind=GUIDE, at=start, along=along, slide=joint.name)
     block = Element(joint.name, node=joint.name, kind=BLOCK, at=complex(*joint.block.local))
     return Pair((joint.guide.link, joint.block.link), (guide, block))
@@ -157,10 +141,10 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        first = next(iter(net[parent][i].values()))  # of the pairs between both links
+        first = next(iter(net[parent][i].values()))
         tree.add_edge(parent, i, pair=first["pair"])
-    edges = tuple(TreeEdge(i, parent, tree[parent][i]["pair"]) for i, parent in parents.items())
-    used = {edge.pair.name for edge in edges}
+    edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
+    used = {pair.name for _, pair in edges.values()}
     return LinkageGraph(links, pairs, edges, tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in used))
 
 
@@ -181,12 +165,10 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
 
 def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     """Return the linkage with a pin on the frame for every group of links that no joint connects to it; it closes no loop."""
-    loose = loose_links(mechanism)
-    while loose:
+    while loose := loose_links(mechanism):
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
         mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
-        loose = loose_links(mechanism)  # without the group of this link
     return mechanism
 
 
@@ -194,7 +176,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
     """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links."""
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
-    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
+    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))
     links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
     # crossed[k] is the pair between links[k] and the next link, cyclically
     crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]
@@ -205,11 +187,10 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
-    """Return link -> (root, phase): the angle of the link is the angle of its root plus the constant `phase` [rad].
+    """Return link -> (root, phase): the angle of the link is that of its root plus the constant `phase` [rad].
 
-    Slides make the links that they join turn by the same angle. One link of such a group, the root, stands for the angles of all.
-    If the ground belongs to such a group, the ground is the root of the group. Otherwise the root is the first link of the group
-    that is not the block of a slide. A link without a slide is its own root.
+    Slides make the links that they join turn by the same angle, for which one link, the root, stands: the ground if it is one of
+    them, else the first link that is no block. A link without a slide is its own root.
     """
     blocks = {j.block.link for j in mechanism.slides}
     roots: dict[int, tuple[int, float]] = {}
@@ -228,29 +209,26 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     """Return q, v, a (k, 3 links) of the first `links` links at k times, computed along the tree from the frame.
 
     Args:
-        angles: angles, angular speeds and angular accelerations, (k, all links + 1) each, with the ground in the last column.
-        slides: name of a slide or active bar -> (coordinate along the slide or length of the bar, its speed, its acceleration),
-            (k,) each.
+        angles: angles and their two derivatives, (k, all links + 1) each, with the ground in the last column.
+        slides: name of a slide or active bar -> its coordinate or length and two derivatives, (k,) each.
     """
     theta, omega, alpha = angles
     E = np.exp(1j * theta)
     turning = 1j * alpha - omega**2  # E' = i omega E, and E'' = turning E
 
     def arm(i: int, element: Element) -> tuple[Array, Array, Array]:
-        """Return the vector from the centre of link i to one of its elements, and its first two time derivatives, complex (k,)."""
+        """Return the vector from the centre of link i to an element, and its two time derivatives, complex (k,)."""
         zero = np.zeros(len(theta))
         s, s_rate, s_second = (x * element.along for x in slides.get(element.slide, (zero, zero, zero)))
-        local = element.at + s  # in the frame of the link, as a complex number
+        local = element.at + s
         e, rate = E[:, i], omega[:, i]  # for the ground, i = -1 is the last column
-        # e local, differentiated twice by the product rule
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)
     at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
-    for edge in graph.tree:  # both arms end at the pair, so that the centre of the link is that of its parent + near - far
-        near = arm(edge.parent, edge.pair.element(edge.parent))
-        far = arm(edge.link, edge.pair.element(edge.link))
-        at[edge.link] = tuple(z + x - y for z, x, y in zip(at[edge.parent], near, far, strict=True))
+    for link, (parent, pair) in graph.tree.items():  # both arms end at the pair: the centre is that of the parent + near - far
+        near, far = arm(parent, pair.element(parent)), arm(link, pair.element(link))
+        at[link] = tuple(z + x - y for z, x, y in zip(at[parent], near, far, strict=True))
     q, v, a = (
         np.stack([x for i in range(links) for x in (at[i][level].real, at[i][level].imag, angle[:, i])], axis=-1)
         for level, angle in enumerate(angles)

@@ -1,17 +1,15 @@
 """Expand cylinders into links and joints, and merge welded links into one body.
 
 A cylinder C between the points P and Q is a link C_barrel pinned at P, a link C_rod pinned at Q, and the slide C between them,
-along the line of both pins. The coordinate of the slide is the length of the cylinder. The x axes of barrel and rod point from P
-to Q.
+along the line of both pins; its coordinate is the length of the cylinder. The x axes of barrel and rod point from P to Q.
 
 A body is made of links that are welded to each other. It has the frame and the name of one of these links, its root. A point P of
-a link L of the body that is not the root becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of
-the links, in the frame of the body,
+another link L of the body becomes the point L.P of the body. With mass m_i, centre of mass c_i and inertia I_i of the links, in the
+frame of the body,
 
     m = sum m_i,    m c = sum m_i c_i,    I = sum (I_i + m_i |c_i - c|^2)        (parallel axes)
 
-Point masses count as links without inertia. `motion_of_links` in mechanism/coordinates.py computes the motion of single links
-from that of the bodies, and `weld_forces` in metrics.py the force in a weld from the motion of the links that it carries.
+Point masses count as links without inertia.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,29 +30,22 @@ SAME = 1e-6  # relative: largest mismatch of the distances between two pairs of 
 
 
 def write_out(document: dict[str, Any]) -> dict[str, Any]:
-    """Return the document with links and joints in place of cylinders.
-
-    Each cylinder becomes two links, barrel and rod, each with a revolute joint at its end of the cylinder, and a slide between
-    them.
-    """
+    """Return the document with two links, two revolute joints and a slide in place of each cylinder."""
     cylinders = document.get("cylinders")
     if not cylinders:
         return document
     links, joints = dict(document["links"]), dict(document.get("joints", {}))
     for name, cylinder in cylinders.items():
         for part, sense, at in zip((BARREL, ROD), (1, -1), cylinder["between"], strict=True):
-            links[f"{name}_{part}"] = _cylinder_part(cylinder[part], sense)
+            table = cylinder[part]  # a bar from its pin at the origin along sense * x
+            link = {key: table[key] for key in ("mass", "kg_per_m", "inertia") if key in table}
+            if "com" in table:
+                link["com"] = [sense * table["com"], 0]
+            points = {PIN: [0, 0], END: [sense * table["length"], 0]}
+            links[f"{name}_{part}"] = link | {"points": points, "bars": [[PIN, END]]}
             joints[f"{name}_{part}"] = {"type": "revolute", "at": [at, f"{name}_{part}.{PIN}"]}
         joints[name] = {"type": "prismatic", "guide": f"{name}_{BARREL}.{PIN}", "block": f"{name}_{ROD}.{PIN}"}
     return {key: x for key, x in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
-
-
-def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
-    """Return the table of barrel or rod: a bar from its pin at the origin along +x (`sense` 1, barrel) or -x (`sense` -1, rod)."""
-    link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
-    if "com" in part:
-        link["com"] = [sense * part["com"], 0]
-    return link | {"points": {PIN: [0, 0], END: [sense * part["length"], 0]}, "bars": [[PIN, END]]}
 
 
 class Mass(NamedTuple):
@@ -84,8 +75,7 @@ def together(parts: Sequence[Mass]) -> Mass:
 def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
     """Return link -> pose of the link in the body that it belongs to.
 
-    The root of a body is the first of its links in `preferred`; if none of them is there, the root is
-    the link of the body that no weld attaches to another link.
+    The root of a body is the first of its links in `preferred`, else the link that no weld attaches to another link.
 
     Raises:
         BuildError: two pairs of points of a weld have different distances, so that they cannot coincide.
@@ -113,15 +103,11 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
 
 
 def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Number) -> tuple[Array, Any]:
-    """Return origin (2,) [m] and angle [rad] of the frame of `link` in the frame of `to`, the link that it is welded to.
-
-    Args:
-        key, weld: name and table of the weld.
-    """
+    """Return origin (2,) [m] and angle [rad] of the frame of `link` in that of `to`, by the weld called `key`."""
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
-    # pairs "to.P", "link.Q" of points that coincide: their places in the frames of both links
+    # points "to.P", "link.Q" that coincide, in the frames of both links
     points = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
     on_to, on_link = points[0]
     if len(points) == 2:  # the second pair gives the angle
@@ -134,46 +120,35 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
 
 
 def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
-    """Return one link for each body, in the order in which the file first names a link of the body."""
-    roots = dict.fromkeys(poses[name].root for name in links)
-    return tuple(_body(links[root], {name: x for name, x in poses.items() if x.root == root}, links) for root in roots)
-
-
-def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
-    """Return a group of welded links as one link, in the frame and with the name of `root`.
-
-    `members` are the links of the group with their poses in the root's frame; points, bars and masses are those of all members.
-    """
-    if len(members) == 1:
-        return root
-    points: dict[str, Array] = {}
-    bars, masses = [], []
-    for name, pose in members.items():
-        link = links[name]
-        renamed = {key: key if name == root.name else f"{name}.{key}" for key in link.points}
-        points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
-        bars += [(renamed[a], renamed[b]) for a, b in link.bars]
-        masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
-    whole = together(masses)
-    return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
-
-
-def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
-    """Return every link of the file as a `Part`: the index of its body (welded links), and the pose of the link in the body."""
-    index = {body.name: i for i, body in enumerate(bodies)}  # a body has the name of its root link
+    """Return one link for each body, with the points, bars and masses of its members, in the order of its first link."""
     found = []
-    for name, link in links.items():
-        root, origin, turn = poses[name]
-        i = index[root]
-        found.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
+    for root in dict.fromkeys(poses[name].root for name in links):
+        members = {name: x for name, x in poses.items() if x.root == root}
+        if len(members) == 1:
+            found.append(links[root])
+            continue
+        points: dict[str, Array] = {}
+        bars, masses = [], []
+        for name, pose in members.items():
+            link = links[name]
+            renamed = {key: key if name == root else f"{name}.{key}" for key in link.points}
+            points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
+            bars += [(renamed[a], renamed[b]) for a, b in link.bars]
+            masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
+        whole = together(masses)
+        found.append(Link(root, whole.mass, whole.inertia, whole.com, points, tuple(bars)))
     return tuple(found)
 
 
-def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
-    """Return the welds of a file.
+def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
+    """Return every link of the file as a `Part` of its body."""
+    index = {body.name: i for i, body in enumerate(bodies)}  # a body has the name of its root link
+    placed = [(link, index[poses[name].root], poses[name]) for name, link in links.items()]
+    return tuple(Part(x.name, i, p.origin + turn_vector(x.com, p.turn) - bodies[i].com, p.turn) for x, i, p in placed)
 
-    Each weld has the links that it connects with the root of the body, and the point about which the weld's moment is reported.
-    """
+
+def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
+    """Return the welds of a file, each with the links that it carries and the point about which its moment is reported."""
     names = list(links)
     found = []
     for key, weld in welds.items():

@@ -1,7 +1,6 @@
 """Build the frozen `Mechanism` of a checked document: resolve points, compute masses, turn names into indices.
 
-All numbers have one type, double by default. Certificates (computations of error bounds) use a type with more digits, which keeps
-all decimals of the file.
+All numbers have one type, double by default. Certificates use a type with more digits, which keeps all decimals of the file.
 """
 
 from collections.abc import Mapping
@@ -13,44 +12,19 @@ from gauss_bench.linkage.bodies import Mass, bodies, parts, poses, read_welds, t
 from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
-from gauss_bench.mechanism import motion_laws
+from gauss_bench.mechanism import model, motion_laws
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import (
-    GROUND,
-    Along,
-    Angle,
-    AngleDriver,
-    CoulombFriction,
-    Driver,
-    Force,
-    Joint,
-    KnifeEdge,
-    LengthDriver,
-    Link,
-    Measured,
-    Mechanism,
-    Point,
-    Prismatic,
-    Revolute,
-    SlideDriver,
-    pins_of_all_pairs,
-)
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, length, pair, radians
 from gauss_bench.terms import Array
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
-    """Return name -> position (2,) [m] of every point in the link's frame; polar and relative points are resolved.
-
-    Args:
-        table: name -> position as the file gives it.
-        number: the function that converts decimal text to the type of the numbers; `exact` and `radians` apply it to a value.
-    """
+    """Return name -> position (2,) [m] of every point in the link's frame; polar and relative points are resolved."""
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
-        """Return the position (2,) [m] of a point; if it is relative to another point, that point is resolved first."""
+        """Return the position of a point, after that of the point to which it is relative."""
         if name not in positions:
             value = table[name]
             if not isinstance(value, dict):
@@ -67,13 +41,8 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
     return {name: resolve(name) for name in table}
 
 
-def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link:
-    """Return the link that a table of the file describes.
-
-    A missing mass, centre of mass or moment of inertia is computed from uniform bars and point masses.
-
-    Args:
-        number: converts the numbers of the file to the number type of the computation.
+def build_link(name: str, table: dict[str, Any], number: Number = float) -> model.Link:
+    """Return the link of a table; what is missing of mass, centre and inertia follows from uniform bars and point masses.
 
     Raises:
         BuildError: a bar has zero length, or the link has zero inertia.
@@ -94,14 +63,11 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> Link
         whole = together([*point_masses, *own_inertia])
         if not whole.inertia > 0:
             raise BuildError(f"links.{name}.inertia", "required: masses at one point have none")
-    return Link(name, whole.mass, whole.inertia, whole.com, points, bars)
+    return model.Link(name, whole.mass, whole.inertia, whole.com, points, bars)
 
 
 def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number: Number) -> Mass:
-    """Return mass, centre and inertia of a link without its point masses: from its table, else from uniform thin bars.
-
-    `bars` has the places (2,) [m] of the ends of each bar. `number` converts the file's numbers to the computation's number type.
-    """
+    """Return mass, centre and inertia of a link without point masses: from its table, else from uniform bars (ends (2,) [m])."""
     zero = number("0")
     lengths = [length(b - a) for a, b in bars]
     middles = [(a + b) / 2 for a, b in bars]
@@ -130,11 +96,7 @@ class Resolver:
     """
 
     def __init__(self, document: dict[str, Any], number: Number = float, unwelded: bool = False):
-        """Resolve all links, points and joints of a document.
-
-        Args:
-            number: type of the numbers.
-            unwelded: ignore the welds, so that each link of the file is a body of its own.
+        """Resolve all links, points and joints of a document; with `unwelded`, each link of the file is a body of its own.
 
         Raises:
             BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
@@ -142,13 +104,15 @@ class Resolver:
         self.number_type, self.format = number, document["format"]  # format: edition of the grammar, such as "planar-linkage/1"
         links = {name: build_link(name, table, number) for name, table in document["links"].items()}
         welds = {} if unwelded else document.get("welds", {})
-        # links that are welded to each other make up one body; each pose is a link's frame in the frame of its body
-        self.poses = poses(links, welds, _preferred_roots(document), number)
+        # the crank and the driven links give their bodies (groups of welded links) their frames
+        drivers = [driver for scenario in document["scenarios"].values() for driver in drivers_of(scenario)]
+        preferred = [document.get("crank"), *(driver.get("link") for driver in drivers)]
+        self.poses = poses(links, welds, preferred, number)
         self.links = bodies(links, self.poses)
         self.parts = parts(links, self.poses, self.links) if welds else ()
         self.welds = read_welds(links, welds)
         body_index = {body.name: i for i, body in enumerate(self.links)}
-        self.index = {name: body_index[pose.root] for name, pose in self.poses.items()} | {"ground": GROUND}
+        self.index = {name: body_index[pose.root] for name, pose in self.poses.items()} | {"ground": model.GROUND}
         self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
         self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.build_joint(name, table))
 
@@ -156,120 +120,111 @@ class Resolver:
         """Return the index of the body that carries a link."""
         return self.index[name]
 
-    def pairs(self, joint: str) -> tuple[Joint, ...]:
-        """Return the kinematic pairs of a joint: the slide, or a pin between every two consecutive links in the joint's list."""
+    def pairs(self, joint: str) -> tuple[model.Joint, ...]:
+        """Return the pairs of a joint: the slide, or a pin between every two consecutive links in its list."""
         return tuple(pair for pair in self.joints if pair.joint == joint)
 
-    def pairs_to_damp(self, joint: str) -> tuple[Joint, ...]:
+    def pairs_to_damp(self, joint: str) -> tuple[model.Joint, ...]:
         """Return the pairs in which damping of a joint acts: all pairs of its links; in the first edition, neighbours only."""
-        return pins_of_all_pairs(self.pairs(joint)) if self.format == SECOND else self.pairs(joint)
+        return model.pins_of_all_pairs(self.pairs(joint)) if self.format == SECOND else self.pairs(joint)
 
     def pair(self, values: Any) -> Array:
-        """Return a pair of numbers of the file, such as [x, y], as an array (2,) of the computation's number type."""
+        """Return a pair of numbers of the file as an array (2,)."""
         return np.asarray(pair(self.number_type, values))
 
     def number(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the number at `key` of a table of the file, in the computation's number type; 0 if the key is missing."""
+        """Return the number at `key` of a table; 0 if it is missing."""
         return exact(self.number_type, table.get(key, 0))
 
     def angle(self, table: Mapping[str, Any], key: str) -> Any:
-        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
+        """Return the angle [rad] at `key` or, in degrees, at `key_deg` of a table; 0 if both are missing."""
         return angle_of(table, key, self.number_type)
 
     @property
-    def world(self) -> Point:
+    def world(self) -> model.Point:
         """The origin of the world."""
-        return Point(GROUND, pair(self.number_type, (0, 0)), "ground.")
+        return model.Point(model.GROUND, pair(self.number_type, (0, 0)), "ground.")
 
-    def point(self, reference: str) -> Point:
+    def point(self, reference: str) -> model.Point:
         """Return the point "link.point" as a point of the body that carries the link."""
         owner, name = reference.split(".")
         i = self.index[owner]
-        if i == GROUND:
-            return Point(i, self.ground_points[name], reference)
+        if i == model.GROUND:
+            return model.Point(i, self.ground_points[name], reference)
         body = self.links[i]
         key = name if body.name == owner else reference  # a body has the points of the other links under their full names
-        return Point(i, body.points[key] - body.com, f"{body.name}.{key}")
+        return model.Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        """Return the angle [rad] of a link in the frame of its body; 0 for the ground. `name` is LINK or LINK.POINT."""
-        owner = name.partition(".")[0]  # the link of a point "link.point"
-        return 0 if self.index[owner] == GROUND else self.poses[owner].turn
+        """Return the angle [rad] of a LINK, or of that of LINK.POINT, in the frame of its body; 0 for the ground."""
+        owner = name.partition(".")[0]
+        return 0 if self.index[owner] == model.GROUND else self.poses[owner].turn
 
-    def build_joint(self, name: str, table: dict[str, Any]) -> list[Joint]:
+    def build_joint(self, name: str, table: dict[str, Any]) -> list[model.Joint]:
         """Return the kinematic pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
-            # the file gives the angles of the slide's axis in the frames of links; here they are in the frames of the links' bodies
+            # in the frames of the bodies that carry the links
             angle = self.angle(table, "angle") + self.turn(table["guide"])
             block_angle = self.angle(table, "block_angle") + self.turn(table["block"])
             guide, block = self.point(table["guide"]), self.point(table["block"])
             # the axis has one direction: theta_guide + angle = theta_block + block_angle, which gives theta_block - theta_guide
-            return [Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
+            return [model.Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
-        return [Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
+        return [model.Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
-    def build_force(self, name: str, table: dict[str, Any]) -> Force | CoulombFriction:
+    def build_force(self, name: str, table: dict[str, Any]) -> model.Force | model.CoulombFriction:
         """Return the force or dry friction that a table of the file describes."""
-        force: Force | CoulombFriction = FORCES[table["type"]].read(name, table, self)
+        force: model.Force | model.CoulombFriction = FORCES[table["type"]].read(name, table, self)
         return force
 
-    def build_driver(self, table: dict[str, Any]) -> Driver:
-        """Return the driver that a table of the file describes."""
-        law = build_law(table, self.number_type, self.turn(table["link"]) if "link" in table else 0)
-        return self.drive(table, law)
-
-    def drive(self, table: dict[str, Any], law: MotionLaw) -> Driver:
+    def drive(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
         """Return the driver that moves, by a law, the coordinate that a table names by `joint`, `between` or `link`."""
         if "joint" in table:
-            slide = next(j for j in self.joints if isinstance(j, Prismatic) and j.name == table["joint"])
-            return SlideDriver(slide.name, law, slide)
+            slide = next(j for j in self.joints if isinstance(j, model.Prismatic) and j.name == table["joint"])
+            return model.SlideDriver(slide.name, law, slide)
         if "between" in table:
             a, b = (self.point(x) for x in table["between"])
-            return LengthDriver(f"{a.name}-{b.name}", law, a, b)
-        return AngleDriver(table["link"], law, self.index[table["link"]])
+            return model.LengthDriver(f"{a.name}-{b.name}", law, a, b)
+        return model.AngleDriver(table["link"], law, self.index[table["link"]])
 
-    def measure(self, table: dict[str, Any]) -> Measured:
-        """Return the coordinate that the table `measure` of the file names, which reports show."""
+    def measure(self, table: dict[str, Any]) -> model.Measured:
+        """Return the coordinate that the table `measure` of the file names."""
         if "point" in table:
             angle = self.angle(table, "angle")
             degrees = float(np.degrees(float(angle)))
             axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
-            return Measured(f"{axis} of {table['point']}", Along(self.world, self.point(table["point"]), angle))
+            return model.Measured(f"{axis} of {table['point']}", model.Along(self.world, self.point(table["point"]), angle))
         still = motion_laws.constant(0.0, 0.0)  # `drive` finds the coordinate; its law does not matter
         return self.choose_measured((self.drive(table, still),), None)
 
-    def choose_measured(self, drivers: tuple[Driver, ...], crank: str | None) -> Measured:
+    def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
         """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
-        If the angle of the first link is chosen, `assemble` replaces it by the first coordinate that can move.
+        `assemble` replaces the angle of the first link by the first coordinate that can move.
         """
         match drivers:
-            case (SlideDriver() as first, *_):
+            case (model.SlideDriver() as first, *_):
                 return measure_slide(first.joint)
-            case (LengthDriver() as first, *_):
-                return Measured(f"distance {first.name}", first.coordinate)
-            case (AngleDriver() as first, *_):
+            case (model.LengthDriver() as first, *_):
+                return model.Measured(f"distance {first.name}", first.coordinate)
+            case (model.AngleDriver() as first, *_):
                 return measure_angle(self.links, first.link)
         return measure_angle(self.links, 0 if crank is None else self.index[crank])
 
 
-def measure_angle(links: tuple[Link, ...], index: int) -> Measured:
+def measure_angle(links: tuple[model.Link, ...], index: int) -> model.Measured:
     """Return the angle of a link, with the name under which reports print it."""
-    return Measured(f"angle of {links[index].name}", Angle(GROUND, index))
+    return model.Measured(f"angle of {links[index].name}", model.Angle(model.GROUND, index))
 
 
-def measure_slide(joint: Prismatic) -> Measured:
+def measure_slide(joint: model.Prismatic) -> model.Measured:
     """Return the coordinate along a slide, with the name under which reports print it."""
-    return Measured(f"slide {joint.name}", joint.motion)
+    return model.Measured(f"slide {joint.name}", joint.motion)
 
 
 def build_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> MotionLaw:
-    """Return the motion law of a driver's table.
-
-    Args:
-        turn: angle [rad] of the driven link in the frame of its body; 0 unless it is welded.
-    """
+    """Return the motion law of a driver's table; `turn` [rad] is the angle of the driven link in its body."""
     start = angle_of(table, "start", number) - turn
     match table["law"]:
         case "constant":
@@ -284,26 +239,13 @@ def build_law(table: dict[str, Any], number: Number = float, turn: Any = 0) -> M
             return motion_laws.rise(name, start, travel, time, number)
 
 
-def _preferred_roots(document: dict[str, Any]) -> list[str]:
-    """List the links whose frames become those of their bodies (groups of welded links): the crank, then the driven links."""
-    names = [document.get("crank")]
-    for scenario in document["scenarios"].values():
-        names += [driver.get("link") for driver in drivers_of(scenario)]
-    return [name for name in names if name]
-
-
 def build_mechanism(
     document: dict[str, Any], scenario: str, source: str, sha256: str, number: Number = float, unwelded: bool = False
-) -> Mechanism:
+) -> model.Mechanism:
     """Return the mechanism of one scenario, with all numbers in one type; it is not assembled yet: q0 and v0 are empty.
 
-    Links that are welded to each other become one body. If the file has welds, `Mechanism.apart` is the same mechanism with every
-    link of the file as a body of its own; otherwise `apart` is None.
-
-    Args:
-        source, sha256: name and checksum of the file.
-        number: type of the numbers.
-        unwelded: ignore the welds, so that each link of the file is a body of its own.
+    Links that are welded to each other become one body unless `unwelded`; `Mechanism.apart` then has every link as a body of its
+    own.
 
     Raises:
         BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
@@ -315,8 +257,8 @@ def build_mechanism(
     forces = [names.build_force(name, expanded["forces"][name]) for name in chosen.get("forces", [])]
     observe = expanded.get("observe", {})
     crank = expanded.get("crank")
-    drivers = tuple(names.build_driver(x) for x in drivers_of(chosen))
-    return Mechanism(
+    drivers = tuple(names.drive(x, build_law(x, number, names.turn(x["link"]) if "link" in x else 0)) for x in drivers_of(chosen))
+    return model.Mechanism(
         name=document["name"],
         title=document.get("title", ""),
         scenario=scenario,
@@ -328,16 +270,16 @@ def build_mechanism(
         links=names.links,
         ground_points=names.ground_points,
         joints=names.joints,
-        knife_edges=tuple(x for x in constraints if isinstance(x, KnifeEdge)),
-        couplings=tuple(x for x in constraints if not isinstance(x, KnifeEdge)),
-        forces=tuple(f for f in forces if not isinstance(f, CoulombFriction)),
+        knife_edges=tuple(x for x in constraints if isinstance(x, model.KnifeEdge)),
+        couplings=tuple(x for x in constraints if not isinstance(x, model.KnifeEdge)),
+        forces=tuple(f for f in forces if not isinstance(f, model.CoulombFriction)),
         drivers=drivers,
         gravity=pair(number, document.get("gravity", (0.0, -9.81))),
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
         measured=names.measure(document["measure"]) if "measure" in document else names.choose_measured(drivers, crank),
-        frictions=tuple(f for f in forces if isinstance(f, CoulombFriction)),
+        frictions=tuple(f for f in forces if isinstance(f, model.CoulombFriction)),
         parts=names.parts,
         welds=names.welds,
         apart=build_mechanism(document, scenario, source, sha256, number, True) if names.parts else None,

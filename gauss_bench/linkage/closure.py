@@ -1,8 +1,7 @@
 """First assembly: from a rough sketch to a consistent start.
 
-The sketch decides the assembly mode. Gauss-Newton closes the joints near the sketch while no coordinate is held. Then the
-coordinates that the start holds move to their values in small steps, so that the assembly mode is kept. Speeds follow from one
-linear system.
+The sketch decides the assembly mode. Gauss-Newton closes the joints near the sketch. Then the coordinates that the start holds move
+to their values in small steps, so that the assembly mode is kept. Speeds follow from one linear system.
 """
 
 from collections.abc import Iterator
@@ -39,24 +38,19 @@ MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole t
 
 @dataclass(frozen=True)
 class Held:
-    """The k coordinates whose values and rates the start of a scenario prescribes ("holds").
-
-    Attributes:
-        target: (k,) values that the coordinates must take [m, rad].
-        rate: (k,) rates that they must take [m/s, rad/s].
-    """
+    """The k coordinates whose values (`target`) [m, rad] and rates (k,) the start of a scenario prescribes ("holds")."""
 
     coordinates: list[Coordinate]
     target: Array
     rate: Array
 
     def of(self, q: Array) -> tuple[Array, Array]:
-        """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
+        """Return the values (k,) of the held coordinates at q (n,), and their gradients (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
     def distance(self, q: Array) -> float:
-        """Return how far the held coordinates at q (n,) are from their targets: the largest difference [m or rad]."""
+        """Return the largest difference [m or rad] of the held coordinates at q (n,) from their targets."""
         return largest(self.of(q)[0] - self.target)
 
 
@@ -68,9 +62,9 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
             speeds, a number of degrees of freedom, redundant rows or loops differs from the table `expect`, or a spring has no
             direction.
     """
-    joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
+    joints = joint_constraints(mechanism)
     held = list_held(mechanism, document["scenarios"][mechanism.scenario])
-    q = close_sketch(mechanism, document)
+    q = close_joints(mechanism, joints, sketch(mechanism, document))
     q = reach_held(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
     J = joints.residual(q)[1]
@@ -79,30 +73,20 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
         closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
-    check_springs(closed)
-    closed = replace(closed, warnings=tuple(warn_of_zero_length(closed)))
-    return replace(closed, apart=closed.apart and place_apart(closed.apart, closed))
+    closed = replace(closed, warnings=tuple(check_springs(closed)))
+    if closed.apart is None:
+        return closed
+    start = motion_of_links(closed, Trajectory(np.zeros(1), q[None], v[None], np.zeros((1, mechanism.n)), 0))
+    return replace(closed, apart=replace(closed.apart, q0=start.q[0], v0=start.v[0]))
 
 
-def close_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Array:
-    """Return q (n,) with the joints closed near the sketch; the scenario's start is ignored.
-
-    Raises:
-        AssemblyError: the sketch does not place a link, or the joints cannot be closed.
-    """
-    joints = Constraints(replace(mechanism, drivers=(), knife_edges=()))
-    return close_joints(mechanism, joints, sketch(mechanism, document))
-
-
-def place_apart(apart: Mechanism, mechanism: Mechanism) -> Mechanism:
-    """Return `apart` with the start positions and velocities of `mechanism`; only in `apart` welded links are separate bodies."""
-    start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
-    links = motion_of_links(mechanism, start)
-    return replace(apart, q0=links.q[0], v0=links.v[0])
+def joint_constraints(mechanism: Mechanism) -> Constraints:
+    """Return the rows of the joints alone."""
+    return Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
 
 def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
-    """Return names of link angles and slides that, if fixed in addition to the constraints J (m, n), leave no freedom at q (n,)."""
+    """Return names of angles and slides that, fixed in addition to the constraints J (m, n), leave no freedom at q (n,)."""
     names = []
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
@@ -121,7 +105,7 @@ def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
 
 
 def first_moving(mechanism: Mechanism, J: Array) -> Measured:
-    """Return the first link angle that can change without violating the joint rows J (m, n), else the first slide that can.
+    """Return the first link angle, else the first slide, that can change without violating the joint rows J (m, n).
 
     If nothing can move, the first angle is returned.
     """
@@ -147,30 +131,24 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
             raise AssemblyError(f"expect.{key}", f"the file says {count}, the assembled linkage has {counted[key]}")
 
 
-def check_springs(mechanism: Mechanism) -> None:
-    """Refuse a spring with a rest length, or with a constant force (bias), between points that coincide at the start.
+def check_springs(mechanism: Mechanism) -> Iterator[str]:
+    """Yield a warning about each spring with a force at zero length, whose end points can coincide in some position.
 
     Raises:
-        AssemblyError: the two end points of a spring coincide, so that its force has no direction.
+        AssemblyError: the end points of such a spring coincide at the start, so that its force has no direction.
     """
-    for name, law, distance in _laws_on_distances(mechanism):
+    loads = [(force.name, load) for force in mechanism.forces for load in force.to_loads() if isinstance(load, Law)]
+    springs = [(name, law, law.coordinate) for name, law in loads if isinstance(law.coordinate, Distance)]
+    for name, law, distance in springs:
         if (law.rest != 0 or law.bias != 0) and value(distance, mechanism.q0) < CLOSED:
             raise AssemblyError(f"forces.{name}.between", "the points coincide at the start: the force has no direction")
-
-
-def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning about each spring that has a force at zero length, and whose end points can coincide in some position.
-
-    A spring without rest length and bias gives no warning, because its force is zero at zero length.
-    """
-    if mechanism.dof <= len(mechanism.drivers):
-        return  # the motion does not follow from forces
-    for name, law, distance in _laws_on_distances(mechanism):
-        if law.k * law.rest + law.bias == 0:
-            continue  # a spring without rest length passes through zero smoothly
+    for name, law, distance in springs:
+        # a spring without rest length passes through zero smoothly, and driven motions do not follow from forces
+        if law.k * law.rest + law.bias == 0 or mechanism.dof <= len(mechanism.drivers):
+            continue
         # the points can coincide if the joints can be closed with one more pin between them
         pin = Revolute(name, name, distance.a, distance.b)
-        pinned = Constraints(replace(mechanism, joints=(*mechanism.joints, pin), drivers=(), knife_edges=()))
+        pinned = joint_constraints(replace(mechanism, joints=(*mechanism.joints, pin)))
         if gauss_newton(mechanism.q0, pinned.residual)[1] < CLOSED:
             yield (
                 f"forces.{name}: the linkage can bring {pin.a.name} and {pin.b.name} together, where the spring has no "
@@ -178,29 +156,16 @@ def warn_of_zero_length(mechanism: Mechanism) -> Iterator[str]:
             )
 
 
-def _laws_on_distances(mechanism: Mechanism) -> Iterator[tuple[str, Law, Distance]]:
-    """Yield, for every force along the line between two points, its name, its law and the distance of the points."""
-    for force in mechanism.forces:
-        for load in force.to_loads():
-            if isinstance(load, Law) and isinstance(load.coordinate, Distance):
-                yield force.name, load, load.coordinate
-
-
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
-    """Solve F = 0, where residual(q) returns F (m,) and J (m, n), by Gauss-Newton with minimum-norm steps of at most LONGEST.
+    """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|, infinite if it diverged.
 
-    The iteration ends if a step is shorter than `enough` [m, rad], or than the rounding of large coordinates.
-
-    Returns:
-        q (n,), and max |F| there; infinity if the iteration diverged.
+    It ends if a step is shorter than `enough` [m, rad], or than the rounding of large coordinates.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
-        """Tell whether the iteration has diverged."""
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
-        """Tell whether a step of this size is too short to continue at q."""
         far = largest(q)
         return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
 
@@ -227,10 +192,7 @@ def _rank(J: Array) -> int:
 
 
 def _normal_equations(J: Array) -> tuple[Any, Any] | None:
-    """Return sparse J and LU factors of the smaller of J J^T and J^T J.
-
-    Return None if J has few rows or columns, or if the product is nearly singular.
-    """
+    """Return sparse J and LU factors of the smaller of J J^T and J^T J; None if J is small or the product nearly singular."""
     if min(J.shape) < LARGE:
         return None
     from scipy.sparse import csc_array
@@ -272,39 +234,24 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
     """List the angles, slides, points and lengths that start and drivers prescribe at t = 0, with their values and rates."""
-    coordinates: list[Coordinate] = []
-    targets: list[Any] = []
-    rates: list[Any] = []
-
-    def hold(coordinate: Coordinate, target: Any, rate: Any) -> None:
-        """Add a coordinate that must take this value and rate."""
-        coordinates.append(coordinate)
-        targets.append(target)
-        rates.append(rate)
-
-    for driver in mechanism.drivers:
-        hold(driver.coordinate, *driver.law(number("0"))[:2])
     start = scenario.get("start", {})
-    for link, (angle, speed) in _list_held_angles(mechanism, start, number).items():
-        hold(Angle(GROUND, link), angle, speed)
+    held: list[tuple[Coordinate, Any, Any]] = [(x.coordinate, *x.law(number("0"))[:2]) for x in mechanism.drivers]
+    held += [(Angle(GROUND, link), *prescribed) for link, prescribed in _list_held_angles(mechanism, start, number).items()]
     slides = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
         speed = start.get("slide_speeds", {}).get(name, 0)
-        hold(slides[name].motion, exact(number, target), exact(number, speed))
+        held.append((slides[name].motion, exact(number, target), exact(number, speed)))
     world = Point(GROUND, pair(number, (0, 0)), "ground.")
     for reference, place in start.get("points", {}).items():
         velocity = start.get("point_velocities", {}).get(reference, (0, 0))
         point = mechanism.find_point(reference)
         for across, target, speed in zip((False, True), place, velocity, strict=True):  # x, then y
-            hold(Along(world, point, 0.0, across), exact(number, target), exact(number, speed))
-    return Held(coordinates, np.array(targets), np.array(rates))
+            held.append((Along(world, point, 0.0, across), exact(number, target), exact(number, speed)))
+    return Held([x for x, _, _ in held], np.array([target for _, target, _ in held]), np.array([rate for _, _, rate in held]))
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return the angle [rad] and angular speed [rad/s] of each body that the table `start` prescribes, by index of the body.
-
-    `number` is the type of the numbers.
-    """
+    """Return the angle [rad] and angular speed [rad/s] that `start` prescribes, by index of the body."""
     speeds: dict[int, Any] = {}
     for name, speed in start.get("speeds", {}).items():
         body, _ = mechanism.find_body(name)
@@ -325,10 +272,6 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
 
-    The steps are small enough to keep the assembly mode. There are three attempts to reach the position: through closed
-    intermediate positions; through closed positions after whole turns have been added to links; and through intermediate positions
-    in which the joints cannot be closed.
-
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
@@ -340,7 +283,6 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
 
         With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
         """
-        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
         steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
         for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
@@ -349,7 +291,6 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             goal = held.target + part * gap
 
             def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
-                """Return the residuals of the joints and of the prescribed coordinates (`held`), and the residuals' Jacobian."""
                 nonlocal evaluations
                 evaluations += 1
                 F, J = joints.residual(x)
@@ -386,7 +327,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """Return q (n,) with whole turns added to links, so that each held angle is within half a turn of its target.
 
-    Links that slides connect to a turned link turn with it, because a slide compares the angles of its links.
+    Links that slides connect to a turned link turn with it, because a slide compares their angles.
     """
     q = q.copy()
     slides = [{end.link for end in joint.ends} for joint in mechanism.slides]

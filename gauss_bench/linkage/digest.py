@@ -17,11 +17,9 @@ NO_EFFECT = {"title", "scenarios", "source", "sha256", "digest", "warnings", "ap
 
 
 def source_digest(*folders: str, without: Collection[str] = ()) -> str:
-    """Return the SHA-256 of the names and contents of all files in folders of the package, at every depth.
+    """Return the SHA-256 of the names and contents of all files in folders or files of the package ("": all), at every depth.
 
-    Args:
-        folders: folders or files of the package; "" is the whole package.
-        without: names to leave out: of folders directly in the package, and of files in any folder.
+    `without` has names to leave out: of folders directly in the package, and of files in any folder.
 
     Raises:
         FileNotFoundError: a folder has no files.
@@ -41,9 +39,7 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return the SHA-256 of the content of values, with everything nested in them.
-
-    Fields of a mechanism that do not affect its motion are left out.
+    """Return the SHA-256 of the content of values, with everything nested in them but NO_EFFECT.
 
     Raises:
         TypeError: a value contains an object whose content cannot be read, such as a function.

@@ -7,18 +7,12 @@ from gauss_bench.untrusted import BadInput
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault of a linkage file.
-
-    Attributes:
-        path: dotted path of the table and field, such as "links.rod.mass"; empty for the whole file.
-        text: what is wrong.
-    """
+    """One fault of a linkage file at a path of keys, such as "links.rod.mass"; an empty path is the whole file."""
 
     path: str
     text: str
 
     def __str__(self) -> str:
-        """Return the path of keys and the text of the fault."""
         return f"{self.path}: {self.text}" if self.path else self.text
 
 
@@ -26,7 +20,6 @@ class LinkageError(BadInput, ValueError):
     """A linkage file cannot be used; `faults` lists all faults that were found."""
 
     def __init__(self, source: str, faults: list[Fault]):
-        """Store the faults of the file `source`; the message has a line for each."""
         self.source = source
         self.faults = faults
         super().__init__("\n".join(f"{source}: {fault}" for fault in faults))
@@ -36,7 +29,6 @@ class FaultError(ValueError):
     """A fault that is found only while a linkage is built or assembled."""
 
     def __init__(self, path: str, text: str):
-        """Store the fault `text` that was found at the key `path` of the file."""
         self.fault = Fault(path, text)
         super().__init__(str(self.fault))
 
@@ -53,7 +45,6 @@ class NotPlaced(AssemblyError):
     """The sketch does not determine the places of the links named in `links`."""
 
     def __init__(self, links: tuple[str, ...]):
-        """Store the names of the links that could not be placed."""
         self.links = links
         text = f"not placed: {', '.join(links)}; give two points, or one point and an angle, of each"
         super().__init__("assembly.sketch", text)

@@ -1,12 +1,10 @@
 """Linkages of any size: the N-four-bar and N pendulums.
 
-n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals
-between their tops. The linkage stays a row of parallelograms and moves like a pendulum. The linkage is in a singular position if
-all bars lie on the ground line.
+n_four_bar_N, from the IFToMM benchmark library (A02), has N + 1 equal verticals on ground pivots (i l, 0) and N horizontals between
+their tops. It moves like a pendulum, and is singular if all bars lie on the ground line.
 
-pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows. Gauss's principle gives equations for
-n - m = N unknowns with a full matrix. Lagrange's equations have n + m = 5N unknowns, each coupled only with those of neighbouring
-bars. The motion has no known closed form.
+pendulums_N is a chain of N bars with n = 3N coordinates and m = 2N constraint rows: Gauss's principle gives N unknowns with a full
+matrix, Lagrange's equations 5N unknowns, each coupled only with those of neighbouring bars.
 """
 
 from typing import Any
@@ -17,7 +15,7 @@ FIRST, FAN = -60.0, 7.0  # [deg] angle of the first pendulum, and of each next o
 
 
 def n_four_bar(count: int) -> dict[str, Any]:
-    """Return the document (the content of a linkage file) of an N-four-bar with `count` windows, upright at the start."""
+    """Return the document of an N-four-bar with `count` windows, upright at the start."""
     verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
     horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
     joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
@@ -45,7 +43,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """Return the document (the content of a linkage file) of a chain of `count` bars, released at rest."""
+    """Return the document of a chain of `count` bars, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}
@@ -64,5 +62,5 @@ def pendulums(count: int) -> dict[str, Any]:
 
 
 def _bar(a: str, b: str) -> dict[str, Any]:
-    """Return the table, as in a linkage file, of a link that is a uniform bar with end points called a and b."""
+    """Return the table of a link that is a uniform bar with end points called a and b."""
     return {"points": {a: [0.0, 0.0], b: [LENGTH, 0.0]}, "bars": [[a, b]], "mass": MASS}

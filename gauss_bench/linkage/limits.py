@@ -1,7 +1,6 @@
 """Limits on counts, magnitudes and characters of a linkage file; `limits.toml` lists each limit with its reason.
 
-The limits are checked before anything else, in one pass without recursion, so that an oversized file is refused at once. Values in
-a scenario's override have the limits of the values that they replace.
+They are checked before anything else, in one pass without recursion, so that an oversized file is refused at once.
 """
 
 import tomllib
@@ -39,10 +38,9 @@ ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """List the values that are too large, too small or not printable, and tables or lists that are too long or nested too deeply.
+    """List at most SHOWN values that are too large, too small or not printable; if there are none, too long chains of points.
 
-    If a table or list has too many entries or is nested too deeply, the search ends at once, and only this fault is listed.
-    Otherwise at most SHOWN faults are listed. If there is no fault, points are searched for too long chains of references.
+    A table or list that has too many entries or is nested too deeply ends the search at once.
     """
     faults: list[Fault] = []
     entries = 0
@@ -57,7 +55,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
         elif isinstance(item, (dict, list)):
             entries += len(item)
             if depth > DEEPEST:
-                return [Fault(_beginning(path), f"tables lie more than {DEEPEST} deep")]
+                return [Fault(".".join(path.split(".")[:4]), f"tables lie more than {DEEPEST} deep")]
             most = COUNTS.get(key, MOST)
             if len(item) > most:
                 return [Fault(path, f"{len(item)} entries; at most {most} are read")]
@@ -77,7 +75,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
-    """Return a list with a fault if a text is too long or not printable, else an empty list."""
+    """Return the fault of a text that is too long or not printable, in a list."""
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
@@ -86,7 +84,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
-    """Return a list with a fault if a number is out of the range that `limits.toml` gives for its key, else an empty list."""
+    """Return the fault of a number that is out of the range of its key, in a list."""
     if x - x != 0:
         return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)
@@ -99,17 +97,14 @@ def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
 
 
 def _describe(x: Any) -> str:
-    """Return a number as text; a whole number above 10^15, which may be very long, is described by its number of digits."""
+    """Return a number as text; a whole number above 10^15, which may be very long, by its number of digits."""
     if isinstance(x, int) and abs(x) > 10**15:
         return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"  # log10(2) = 0.30103
     return f"{x:g}"
 
 
 def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield a fault for the first point of a link or the ground that is given relative to others through too long a chain.
-
-    Circular chains are left to `references.py`.
-    """
+    """Yield a fault for the first point that follows from others through too long a chain; circles are left to `references.py`."""
     links = document.get("links")
     owners = {"ground": document.get("ground")}
     if isinstance(links, dict):
@@ -126,12 +121,9 @@ def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
 
 
 def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]:
-    """Follow the key `from` from the point `name` to the point to which it is relative, and so on.
+    """Follow the key `from` of unchecked `points` from the point `name` on.
 
-    Return the visited points, the first being `name`, and the first point that would occur twice, or None if the chain ends.
-
-    Args:
-        points: name -> position of each point of a link, as in the file and not yet checked.
+    Return the visited points, `name` first, and the first point that would occur twice, or None if the chain ends.
     """
     chain: dict[str, None] = {}  # a set that keeps its order
     while isinstance(name, str) and name not in chain:
@@ -143,8 +135,3 @@ def follow(points: Mapping[str, Any], name: Any) -> tuple[list[str], str | None]
 def _show(text: str) -> str:
     """Return the beginning of an untrusted text, in quotes and without control characters."""
     return harmless(repr(text[:40])) + (" ..." if len(text) > 40 else "")
-
-
-def _beginning(path: str) -> str:
-    """Return the first four keys of a path, which may be very deep."""
-    return ".".join(path.split(".")[:4])

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.linkage.build import build_mechanism
-from gauss_bench.linkage.closure import assemble, close_sketch
+from gauss_bench.linkage.closure import assemble, close_joints, joint_constraints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.references import items, reference_faults, table
 from gauss_bench.linkage.schema import check_grammar
+from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import in_a_sentence
 from gauss_bench.untrusted import TooDeep, parse_toml, read_bytes
@@ -96,9 +97,7 @@ def generate(name: str) -> dict[str, Any] | None:
 
 
 def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
-    """Return the document with every fractional number as the exact Decimal of the file, not the nearest double.
-
-    A linkage without a file keeps the doubles with which it is generated.
+    """Return the document with every fractional number of a file as its exact Decimal, not the nearest double.
 
     Raises:
         LinkageError: the file cannot be read.
@@ -110,7 +109,7 @@ def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
 
 def place_by_sketch(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """Return the mechanism at rest with its joints closed near the sketch; the scenario's start is ignored."""
-    q = close_sketch(mechanism, document)
+    q = close_joints(mechanism, joint_constraints(mechanism), sketch(mechanism, document))
     return replace(mechanism, q0=q, v0=0.0 * q)
 
 
@@ -125,9 +124,8 @@ def load_document(
     """Return the mechanism of a document in one scenario, by default the first with a start.
 
     Args:
-        source: name of the file for messages.
-        sha256: digest of the file's bytes.
-        stem: name of the file without its suffix, which must be the name of the linkage. `stem` is None if there is no file.
+        source, sha256: name of the file for messages, and digest of its bytes.
+        stem: the name that the linkage must have; None if there is no file.
         place: function that finds the positions and velocities at the start of the mechanism.
 
     Raises:
@@ -180,7 +178,6 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
-        """Return the error with a single fault, which concerns the whole file or, if given, the key path `where` in it."""
         return LinkageError(source, [Fault(where, text)])
 
     try:
@@ -208,7 +205,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _toml_fault(message: str) -> tuple[str, str]:
-    """Return the text and the path of the fault for a message of the TOML parser; a table declared twice is a duplicate name."""
+    """Return the text and the path of the fault for a message of the TOML parser."""
     twice = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
     if twice:
         return f"duplicate name: declared twice {twice[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", twice[1]))
@@ -218,7 +215,7 @@ def _toml_fault(message: str) -> tuple[str, str]:
 
 
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
-    """Return every fault of a document: of its keys, values and names, and those that the override of a scenario causes."""
+    """Return every fault of a document, also those that the override of a scenario causes."""
     faults = _faults_without_overrides(document, stem)
     if any(f.path == "format" for f in faults):  # another format may have other keys
         return [f for f in faults if f.path == "format"]
@@ -234,7 +231,7 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document, without overrides of scenarios; `stem` is the file's name without ending, if known."""
+    """Return every fault of a document, without overrides of scenarios."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
         return faults  # a faulty cylinder is not expanded into links, so that references to its links would be reported wrongly
@@ -242,12 +239,7 @@ def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> lis
 
 
 def override_faults(document: dict[str, Any], override: dict[str, Any], path: str, fixed: Collection[str] = FIXED) -> list[Fault]:
-    """Return the faults of the paths in an override: tables that do not exist, and keys that may not change.
-
-    Args:
-        path: path in the file of the override, or of a table inside the override.
-        fixed: keys that may not change at this level.
-    """
+    """Return the faults of the paths in an override at `path`: tables that do not exist, and keys (`fixed`) that may not change."""
     faults = []
     for key, value in override.items():
         inner = f"{path}.{key}"
@@ -261,7 +253,7 @@ def override_faults(document: dict[str, Any], override: dict[str, Any], path: st
 
 
 def merge(document: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
-    """Return a copy of the document in which the values of a scenario's `override` replace the values at the same paths of keys."""
+    """Return a copy of the document in which the values of `override` replace those at the same paths of keys."""
     merged = copy.deepcopy(document)
     for key, value in override.items():
         inner = merged.get(key)

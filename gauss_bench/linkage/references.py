@@ -1,8 +1,7 @@
 """Checks beyond the schema: names must exist, points must be determined, and some keys exclude or need each other.
 
-`schema.py` has replaced every value that it rejected by None. The checks of this module skip None, so that they can report all
-other faults of the same file at once. `grammar.toml` lists the places of names, each with the kind of thing that it must name, and
-faulty combinations of keys.
+`schema.py` has replaced every value that it rejected by None, which the checks of this module skip, so that all other faults of the
+file are reported at once. `grammar.toml` lists the places of names and faulty combinations of keys.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -55,12 +54,7 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each entry of the table or list x whose key matches `part`, one component of a pattern.
-
-    Args:
-        path: path of x in the document; empty for the whole document.
-        part: "[*]" for all entries of a list; "*" for all values of a table, "~" for all keys of a table as values, or one key.
-    """
+    """Yield path and value of each entry of x whose key matches `part`, one component of a pattern of `places`."""
     if part == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
@@ -74,16 +68,16 @@ class Names:
     """The names that a document defines, and the faults that the checks have found so far.
 
     Attributes:
-        bodies: link -> the link at the end of its chain of welds: the root of its body; itself if it is not welded.
+        bodies: link -> the link at the end of its chain of welds: the root of its body.
         points: link, or "ground" -> names of its points.
     """
 
     def __init__(self, document: Document):
-        """Collect the names of links, joints, forces and points."""
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
-        self.bodies = {name: _body(document, name) for name in self.links}
+        welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
+        self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
         self.points["ground"] = set(table(table(document, "ground"), "points"))
 
@@ -92,7 +86,7 @@ class Names:
         self.faults.append(Fault(path, text))
 
     def check(self, path: str, name: str, kind: str) -> None:
-        """Add a fault unless the document defines an item `name` of a kind, such as "link"; `grammar.toml` lists the kinds."""
+        """Add a fault unless the document defines an item `name` of a kind of `grammar.toml`, such as "link"."""
         if kind in ("point", "own point"):
             self.check_point(path, name, ground=kind == "point")
             return
@@ -130,10 +124,8 @@ class Names:
                 self.fault(path, f"the links {a!r} and {b!r} are welded together")
 
     def check_turns_on_ground(self, path: str, link: str) -> None:
-        """Add a fault if the link has no revolute joint on the ground; do nothing if the schema has rejected a joint.
-
-        A rejected joint, or a rejected point of one, is None in the document.
-        """
+        """Add a fault if the link has no revolute joint on the ground, unless the schema has rejected a joint."""
+        # None is a rejected joint, or a rejected point of one
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
         if link not in self.links or any(at is None or None in at for at in points_of_joints):
             return
@@ -143,10 +135,7 @@ class Names:
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
-    """Return all faults in the names and in the combinations of keys of a document.
-
-    `stem` is the name of the document's file without its suffix, or None if there is no file.
-    """
+    """Return all faults in names and combinations of keys; `stem` is the file's name without suffix, if there is a file."""
     cylinder_faults = _cylinder_faults(document)  # first, because `write_out` needs faultless cylinders to expand them
     if cylinder_faults:
         return cylinder_faults
@@ -177,22 +166,25 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for key in IN_DEGREES:
             if {key, f"{key}_deg"} <= entry.keys():
                 names.fault(f"{path}.{key}", f"given together with {key}_deg")
-    # the rules that only a function can express
+    for path, joint in places(document, "joints.*"):
+        if joint.get("type") == "prismatic":
+            names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+    for path, rows in places(document, "forces.*.over_time.rows", *(f"{driver}.rows" for driver in GRAMMAR["tables"]["driver"])):
+        times = [row[0] for row in rows if row and row[0] is not None]
+        if any(b <= a for a, b in pairwise(times)):
+            names.fault(path, "times must increase")
+    for path, name in places(document, "assembly.sketch.~"):
+        names.check(path, name, "point" if "." in name else "joint")
+    for path, scenario in places(document, "scenarios.*"):
+        active = sequence(scenario, "forces")
+        for i, force in enumerate(active):
+            if force in names.forces and force in active[:i]:
+                names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
+    # the rules that take a function
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
             check(names, path, entry)
     return names.faults
-
-
-def _body(document: Document, name: str) -> str:
-    """Return the link to which the welds lead from the link `name`, one after another; the link itself if it is not welded."""
-    welds = {weld.get("link"): weld.get("to") for _, weld in items(document, "welds")}
-    chain = [name]
-    to = welds.get(name)
-    while to is not None and to not in chain:  # welds in a circle, which are a fault, end before the circle closes
-        chain.append(to)
-        to = welds.get(to)
-    return chain[-1]
 
 
 def _cylinder_faults(document: Document) -> list[Fault]:
@@ -265,17 +257,8 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
             names.fault(f"{place}.angle_deg", "given together with two pairs of points, which fix it")
 
 
-def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
-    """Check that guide and block of a slide are different links."""
-    if joint.get("type") == "prismatic":
-        names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
-
-
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
-    """Check the names that a force refers to, and that the force acts between different links.
-
-    Also check that dry friction in a pin has a radius, and dry friction in a slide has none.
-    """
+    """Check the names of a force, that it acts between different links, and that friction has a radius in a pin only."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
@@ -297,30 +280,10 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
-def _check_times(names: Names, path: str, rows: list[Any]) -> None:
-    """Check that the times in the rows of a table of values over time increase."""
-    times = [row[0] for row in rows if row and row[0] is not None]
-    if any(b <= a for a, b in pairwise(times)):
-        names.fault(path, "times must increase")
-
-
-def _check_sketch(names: Names, path: str, name: str) -> None:
-    """Check that the sketch places an existing joint or point "link.point"."""
-    names.check(path, name, "point" if "." in name else "joint")
-
-
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
-    """Check that the table of a driver has a value for the travel if the driver's motion law needs one."""
+    """Check that a driver has a travel if its law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
-
-
-def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
-    """Check that a scenario names no force twice."""
-    active = sequence(scenario, "forces")
-    for i, force in enumerate(active):
-        if force in names.forces and force in active[:i]:
-            names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
 
 
 def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
@@ -330,7 +293,7 @@ def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
 
 
 def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
-    """Check that the start prescribes the crank's angle only once, and gives rates only of coordinates that it prescribes."""
+    """Check that the start holds the crank's angle only once, and gives rates only of coordinates that it holds."""
     crank = names.document.get("crank") or ""
     angles = {*table(start, "angles"), *table(start, "angles_deg")}  # links whose angles are prescribed
     holds_crank = bool({"crank", "crank_deg"} & start.keys())
@@ -354,15 +317,10 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {  # pattern -> the check
     "links.*.points": _check_points,
     "links.*": _check_link,
     "welds": _check_welds,
-    "joints.*": _check_joint,
     "crank": Names.check_turns_on_ground,
     "forces.*": _check_force,
-    "forces.*.over_time.rows": _check_times,
     "assembly": _check_angles,
-    "assembly.sketch.~": _check_sketch,
-    "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
     **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
-    **{f"{driver}.rows": _check_times for driver in GRAMMAR["tables"]["driver"]},
     **{f"{driver}.link": Names.check_turns_on_ground for driver in GRAMMAR["tables"]["driver"]},
 }

@@ -1,9 +1,9 @@
 """The grammar of linkage files as types: the keys of each table, and the values that they take.
 
-There are two editions of the grammar, planar-linkage/1 and /2. The second edition of the grammar adds the keys that a `Table` lists
-as `second`. A file with a key of the second edition must say format = "planar-linkage/2", so that a reader of the first edition
-does not misread the file. One key has two meanings: `c` of `joint_damping`, on a pin through several links, acts between neighbours
-in the list of links in the first edition, and between every two of the links in the second.
+There are two editions of the grammar, planar-linkage/1 and /2. A file with a key of the second edition, which a `Table` lists as
+`second`, must say format = "planar-linkage/2", so that a reader of the first edition does not misread it. One key has two meanings:
+`c` of `joint_damping`, on a pin through several links, acts between neighbours in the list of links in the first edition, and
+between every two of the links in the second.
 
 `references.py` checks names and combinations of keys, `closure.py` the geometry.
 """
@@ -22,16 +22,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, StringConstraints, Tag, ValidationError
 
 from gauss_bench.linkage.errors import Fault
-from gauss_bench.mechanism.model import (
-    AxisSpringDamper,
-    CoulombFriction,
-    JointDamping,
-    KnifeEdge,
-    PointForce,
-    RotationalSpringDamper,
-    SpringDamper,
-    Torque,
-)
+from gauss_bench.mechanism import model
 
 FORMAT = "planar-linkage/1"
 SECOND = "planar-linkage/2"
@@ -47,15 +38,15 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
-    """A table of the file. The arguments `other`, `second` and `units` of a class statement list some keys of the table.
+    """A table of the file; the class arguments, `other` and `second` as "key key", `units` as "key: unit; key: unit", list keys.
 
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
         second: keys that only the second edition of the grammar has.
-        units: key -> unit of its numbers, "1" if they have none; angles are in degrees if their key ends in `_deg`, else in rad.
+        units: key -> unit of its numbers, "1" if they have none; angles KEY_deg and KEY need no entry.
 
     Raises:
-        TypeError: an argument of the class statement lists a key that the table does not have.
+        TypeError: a class argument lists a key that the table does not have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -64,17 +55,12 @@ class Table(BaseModel):
     units: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Do not pass this module's class arguments on to pydantic; `__pydantic_init_subclass__` receives and uses them."""
+        """Do not pass this module's class arguments on to pydantic; `__pydantic_init_subclass__` uses them."""
         super().__init_subclass__(**more)  # the keys of the table are not known yet
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Add the class arguments to those inherited from the parent class.
-
-        `other` (keys without effect on a motion) and `second` (keys of the second edition) are texts of keys with spaces between
-        them. `units` is a text "key: unit; key: unit". A key that ends in `_deg`, and the same key without this ending, need no
-        entry.
-        """
+        """Add the class arguments to the attributes inherited from the parent class."""
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
         cls.second |= {*second.split()}
@@ -88,12 +74,12 @@ class Table(BaseModel):
 
 
 def key_of(kind: type[Table], name: str) -> str:
-    """Return the key under which the file has the field `name`; the two differ if the key is a Python keyword, such as `from`."""
+    """Return the key of the field `name` in the file, which differs if it is a Python keyword, such as `from`."""
     return kind.model_fields[name].alias or name
 
 
 def one_of(key: str, kinds: Mapping[str, Any]) -> Any:
-    """Return the union type of several kinds of table; the value of `key` in a table names its kind."""
+    """Return the union type of several kinds of table, one of which the value of `key` in a table names."""
     tagged: Any = reduce(or_, [Annotated[table, Tag(name)] for name, table in kinds.items()])
     return Annotated[tagged, Discriminator(lambda x: str(x.get(key)) if isinstance(x, dict) else None)]
 
@@ -172,7 +158,7 @@ class PrismaticTable(AngledTable, units="offset: m"):
 
 
 class KnifeEdgeTable(AngledTable):
-    read: ClassVar = KnifeEdge.read
+    read: ClassVar = model.KnifeEdge.read
     type: Literal["knife_edge"]
     point: Text
 
@@ -214,7 +200,7 @@ class VaryingTable(Table, second="over_time against"):
 
 
 class TorqueTable(VaryingTable, units="value: N m"):
-    read: ClassVar = Torque.read
+    read: ClassVar = model.Torque.read
     type: Literal["torque"]
     link: Text
     reaction: Text = "ground"
@@ -222,7 +208,7 @@ class TorqueTable(VaryingTable, units="value: N m"):
 
 
 class ForceTable(VaryingTable, units="value: N"):
-    read: ClassVar = PointForce.read
+    read: ClassVar = model.PointForce.read
     type: Literal["force"]
     point: Text
     value: Pair
@@ -236,34 +222,34 @@ class LinearTable(Table):
 
 
 class SpringDamperTable(LinearTable, units="k: N/m; c: N s/m; rest: m"):
-    read: ClassVar = SpringDamper.read
+    read: ClassVar = model.SpringDamper.read
     type: Literal["spring_damper"]
     between: Couple
 
 
 class AxisSpringDamperTable(AngledTable, LinearTable, units="k: N/m; c: N s/m; rest: m"):
-    read: ClassVar = AxisSpringDamper.read
+    read: ClassVar = model.AxisSpringDamper.read
     type: Literal["axis_spring_damper"]
     point: Text
     origin: Text | None = None
 
 
 class RotationalSpringDamperTable(LinearTable, units="k: N m/rad; c: N m s/rad"):
-    read: ClassVar = RotationalSpringDamper.read
+    read: ClassVar = model.RotationalSpringDamper.read
     type: Literal["rotational_spring_damper"]
     links: Couple
     rest_deg: Number | None = None
 
 
 class JointDampingTable(Table, units="c: N m s/rad or N s/m"):
-    read: ClassVar = JointDamping.read
+    read: ClassVar = model.JointDamping.read
     type: Literal["joint_damping"]
     joint: Text
     c: NotNegative
 
 
 class CoulombFrictionTable(Table, units="mu: 1; radius: m; speed: rad/s or m/s"):
-    read: ClassVar = CoulombFriction.read
+    read: ClassVar = model.CoulombFriction.read
     type: Literal["coulomb_friction"]
     joint: Text
     mu: NotNegative
@@ -271,10 +257,13 @@ class CoulombFrictionTable(Table, units="mu: 1; radius: m; speed: rad/s or m/s")
     speed: Positive
 
 
-class DrivenTable(Table, units="start: rad or m"):
+class CoordinateTable(Table):
     link: Text | None = None
     joint: Text | None = None
     between: Couple | None = None
+
+
+class DrivenTable(CoordinateTable, units="start: rad or m"):
     start_deg: Number | None = None
     start: Number | None = None
 
@@ -346,10 +335,7 @@ class ObserveTable(Table):
     links: list[Text] = []
 
 
-class MeasureTable(Table):
-    link: Text | None = None
-    joint: Text | None = None
-    between: Couple | None = None
+class MeasureTable(CoordinateTable):
     point: Text | None = None
     angle_deg: Number | None = None
     angle: Number | None = None
@@ -382,18 +368,20 @@ class LinkageTable(Table, other="format name title expect observe measure", seco
 
 
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
-    """Return every fault of keys and values, and the document with None in place of each refused value.
-
-    A key that only the second edition of the grammar has is a fault in a file that names the first edition as its format.
-    """
+    """Return every fault of keys and values, and the document with None in place of each refused value."""
     try:
         linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
         faults, accepted = [], copy.deepcopy(document)
         for one in error.errors(include_url=False):
             keys = _keys_to(one["loc"], document)
-            faults.append(Fault(_path(keys), _text(dict(one))))
-            _put_none(accepted, keys)
+            path = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
+            faults.append(Fault(path, _text(dict(one))))
+            place: Any = accepted
+            for key in keys[:-1]:
+                place = place[key]
+            if place is not None:
+                place[keys[-1]] = None
         return faults, accepted
     if linkage.format == SECOND:
         return [], document
@@ -402,7 +390,7 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
 
 
 def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
-    """Yield the paths of all keys in a table, dict or list at `path` that only the second edition of the file format has."""
+    """Yield the paths of all keys in a table, dict or list at `path` that only the second edition has."""
     if isinstance(item, Table):
         for name in item.model_fields_set:  # the fields that the file gives
             key = key_of(type(item), name)
@@ -420,11 +408,7 @@ def _keys_of_second(item: Any, path: str = "") -> Iterator[str]:
 
 
 def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
-    """Return the path of keys and indices to a fault in a document.
-
-    This is the location that pydantic reports, without the tags that it adds for tagged unions (`one_of`, `PointValue`) and for
-    keys.
-    """
+    """Return the path of keys and indices to a fault: pydantic's location without the tags of unions and keys."""
     keys: list[Any] = []
     parts = [x for x in location if x not in ("<list>", "<table>", "[key]")]
     for part in parts:
@@ -438,20 +422,6 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
     return keys
 
 
-def _put_none(document: Any, keys: list[Any]) -> None:
-    """Replace the value at a place in a document by None."""
-    *parents, last = keys
-    for key in parents:
-        document = document[key]
-    if document is not None:
-        document[last] = None
-
-
-def _path(keys: list[Any]) -> str:
-    """Return keys and indices as the text of a path, such as joints.A.at[1]."""
-    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
-
-
 def _text(error: dict[str, Any]) -> str:
     """Return the sentence for one of pydantic's errors."""
     kind, context = error["type"], error.get("ctx", {})
@@ -460,17 +430,13 @@ def _text(error: dict[str, Any]) -> str:
     if kind == "union_tag_invalid":
         return f"type {context['tag']!r} is not one of {context['expected_tags']}"
     if kind in ("too_short", "too_long"):
-        return f"must have {_count_of_entries(error, context)} entries"
+        least, most = context.get("min_length"), context.get("max_length")
+        count = f"at least {least}" if kind == "too_short" else f"at most {most}"
+        if least == most or error["loc"][-1] in ("value", "com", "gravity", "xy"):  # pairs: only the bound that failed is given
+            count = str(least if least is not None else most)
+        return f"must have {count} entries"
     message: str = error["msg"]
     return str(GRAMMAR["words"].get(kind, message[0].lower() + message[1:]))
-
-
-def _count_of_entries(error: dict[str, Any], context: dict[str, Any]) -> str:
-    """Return the number of entries that a list must have, such as "at least 2", from the context of pydantic's error."""
-    least, most = context.get("min_length"), context.get("max_length")
-    if least == most or error["loc"][-1] in ("value", "com", "gravity", "xy"):  # pairs: the context has only the bound that failed
-        return str(least if least is not None else most)
-    return f"at least {least}" if error["type"] == "too_short" else f"at most {most}"
 
 
 def physics_digest(document: dict[str, Any], scenario: str) -> str:
@@ -487,13 +453,13 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _physics(item: Any) -> Any:
-    """Return a table and the tables inside it as dicts; only keys that stand in the file and affect a motion are kept.
+    """Return a table and the tables inside it as dicts of the keys that stand in the file and affect a motion.
 
-    Numbers of type float become decimal texts, the same for equal numbers; pydantic has made floats of whole numbers too.
+    Floats, which pydantic makes of whole numbers too, become decimal texts, the same for equal numbers.
     """
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion
+        return {key: _physics(value) for key, value in given.items() if key not in item.other}
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):

@@ -1,8 +1,7 @@
 """First guess of a position: links are placed one after the other from the points and angles that the file gives.
 
-A link is placed by two points with known positions, or by one point with known position and a known angle. The link's angle is
-given in the file, or follows from a slide that connects the link to a link already placed. When a link is placed, the positions of
-its pins are also known on the neighbouring links.
+A link is placed by two known points, or by one known point and an angle, which the file gives or a slide on a link already placed.
+The pins of a placed link are then known on the neighbouring links.
 """
 
 from typing import Any
@@ -37,14 +36,13 @@ class _Placing:
 
     Attributes:
         given: index of a body -> angle [rad] that the file gives.
-        drawn: name of a point -> world position (2,) [m] that the file gives: for the point itself, for its joint, or for the
-            ground point of its joint.
-        theta, centre: index of a body -> angle [rad] and centre of mass (2,) [m], for the bodies placed so far.
+        drawn: name of a point -> world position (2,) [m] that the file gives for it, its joint, or the ground point of its joint.
+        theta, centre: index of a placed body -> angle [rad] and centre of mass (2,) [m].
         pin_ends: the two points (a, b) that each pin joins, and also (b, a).
     """
 
     def __init__(self, mechanism: Mechanism, document: dict[str, Any]):
-        """Read the angles and positions in the table `assembly` of the file; so far only the ground has a known position."""
+        """Read the table `assembly` of the file; so far only the ground has a known position."""
         self.mechanism = mechanism
         assembly = document.get("assembly", {})
         angles = {name: float(np.radians(x)) for name, x in assembly.get("angles_deg", {}).items()}
@@ -53,29 +51,20 @@ class _Placing:
         for name, angle in angles.items():
             body, turn = mechanism.find_body(name)  # `turn` is the constant angle of the named link in its body
             self.given[body] = angle - turn
-        self.drawn = self._read_points(document, assembly.get("sketch", {}))
-        self.theta: dict[int, float] = {GROUND: 0.0}
-        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
-        self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
-
-    def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
-        """Return name of a point -> world position (2,) [m] that the file gives.
-
-        All points of a joint get the position that `drawing` gives for the joint, else that of the joint's point on the ground.
-
-        Args:
-            drawing: the file's table `sketch`: name of a joint, or LINK.POINT -> rough world position.
-        """
-        points: dict[str, Any] = {}
+        # all points of a joint get the position that the sketch gives for the joint, else that of the joint's point on the ground
+        drawing, points = assembly.get("sketch", {}), dict[str, Any]()
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]
             on_ground = next((x.partition(".")[2] for x in references if x.startswith("ground.")), None)
             if name in drawing:
                 points |= dict.fromkeys(references, drawing[name])
             elif on_ground is not None:
-                points |= dict.fromkeys(references, self.mechanism.ground_points[on_ground])
+                points |= dict.fromkeys(references, mechanism.ground_points[on_ground])
         points |= {reference: x for reference, x in drawing.items() if "." in reference}
-        return {self.mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
+        self.drawn = {mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
+        self.theta: dict[int, float] = {GROUND: 0.0}
+        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
+        self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
 
     def world(self, point: Point) -> Array:
         """Return the world position (2,) [m] of a point of a placed body."""
@@ -100,18 +89,12 @@ class _Placing:
         return True
 
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
-        """Return the angle [rad] of body i: from the file, else from a second known point, else from a slide; None if unknown.
+        """Return the angle [rad] of body i from the file, else a second known point, else a slide; None if unknown.
 
-        If a slide connects the body to a body that is already placed, the slide gives an angle too. Whole turns are then added to
-        the returned angle, so that it differs from the slide's angle by at most half a turn.
-
-        Args:
-            first: name of a known point of the body.
-            known: name of a point of the body -> its world position (2,) [m].
+        `known` has the world positions (2,) [m] of points, `first` among them. Whole turns bring the angle near that by a slide on
+        a placed body.
         """
         points = self.mechanism.links[i].points
-        # partner_angle: by a slide on a body that is placed already; angle: first that of the file, then of the other sources in
-        # order
         partner_angle, angle = self._angle_by_partner(i), self.given.get(i)
         second = next((name for name in known if np.any(points[name] != points[first])), None)
         if angle is None and second is not None:
@@ -137,7 +120,7 @@ class _Placing:
     def _angle_by_line(self, i: int) -> float | None:
         """Return the angle [rad] of body i from its first slide whose guide and block points are known; None without such a slide.
 
-        The block is taken to be on the positive side of the guide point, so that the coordinate of the slide is positive.
+        The block is taken to be on the positive side of the guide point.
         """
         for joint in self.mechanism.slides:
             guide, block = self._find(joint.guide), self._find(joint.block)
@@ -152,10 +135,7 @@ class _Placing:
         return None
 
     def _find(self, point: Point) -> Array | None:
-        """Return the world position (2,) [m] of a point, or None if it is unknown.
-
-        A point has the position that the file gives, else the position of a pin that joins the point to a body already placed.
-        """
+        """Return the world position (2,) [m] of a point, from the file or by a pin on a placed body; None if it is unknown."""
         if point.name in self.drawn:
             return self.drawn[point.name]
         shared = next((other for mine, other in self.pin_ends if mine.name == point.name and other.link in self.theta), None)

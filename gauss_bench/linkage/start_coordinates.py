@@ -1,8 +1,4 @@
-"""Choose the coordinates whose initial values a new linkage file should prescribe.
-
-Together with the joints, the prescribed coordinates determine the position of all links. The import of MJCF and URDF models and the
-studio (the drawing program of this suite) use this module.
-"""
+"""Choose the coordinates whose initial values a new linkage file, of the import or of the studio, should prescribe."""
 
 from dataclasses import dataclass
 
@@ -19,12 +15,9 @@ TABLES = {"angle": ("angles", "speeds"), "slide": ("slides", "slide_speeds"), "p
 
 @dataclass(frozen=True)
 class Candidate:
-    """An angle, a slide or a point, whose coordinates the table `start` of a linkage file may prescribe.
+    """An angle of a link, a slide, or a point (x and y), whose coordinates the table `start` of a linkage file may prescribe.
 
-    Attributes:
-        kind: "angle" of a link, "slide", or "point" for x and y of a point.
-        name: of the link or joint, or "LINK.POINT".
-        coordinates: one, or two for a point.
+    `kind` is a key of TABLES, `name` that of the link or joint, or "LINK.POINT".
     """
 
     kind: str
@@ -37,25 +30,18 @@ class Candidate:
         return TABLES[self.kind]
 
 
-def candidates(mechanism: Mechanism) -> list[Candidate]:
-    """List the coordinates that a start may prescribe: angles of links, slides, and one point of every link."""
+def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
+    """Return the angles of links, slides, and points (one of every link) to prescribe, which together determine q (n,).
+
+    The columns of `free` (n, dof) are the motions that the joints leave free. Each choice is the first candidate whose sensitivity
+    to the motions that are still free is at least GOOD times the largest.
+    """
     world = Point(GROUND, np.zeros(2), "ground.")
-    candidates = [Candidate("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
-    candidates += [Candidate("slide", joint.name, [joint.motion]) for joint in mechanism.slides]
+    offered = [Candidate("angle", link.name, [Angle(GROUND, k)]) for k, link in enumerate(mechanism.links)]
+    offered += [Candidate("slide", joint.name, [joint.motion]) for joint in mechanism.slides]
     for k, link in enumerate(mechanism.links):
         point = mechanism.point(k, next(iter(link.points)))
-        candidates.append(Candidate("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
-    return candidates
-
-
-def choose_held(mechanism: Mechanism, q: Array, free: Array) -> list[Candidate]:
-    """Return the link angles, slides and points to prescribe at the start, which together determine the position at q (n,).
-
-    The columns of `free` (n, dof) are the directions of motion that the joints leave free. Candidates are chosen one after the
-    other, until no motion remains free. Each choice is the first candidate, in the order of `candidates`, whose sensitivity to the
-    motions that are still free is at least GOOD times the largest sensitivity.
-    """
-    offered = candidates(mechanism)
+        offered.append(Candidate("point", point.name, [Along(world, point, 0.0), Along(world, point, 0.0, across=True)]))
     rows = [np.array([gradient(x, q) for x in candidate.coordinates]) @ free for candidate in offered]
     chosen: list[Candidate] = []
     remaining = np.eye(free.shape[1])  # columns: an orthonormal basis of the freedoms that no chosen candidate determines

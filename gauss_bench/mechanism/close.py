@@ -1,7 +1,6 @@
 """Close a linkage by Gauss-Newton iteration: find the nearest position that satisfies its constraints.
 
-Each correction is the shortest dq with J dq = -F. The caller chooses how it is solved for (rank tolerance, units), when the
-iteration stops, and the longest correction.
+Each correction is the shortest dq with J dq = -F.
 """
 
 from collections.abc import Callable
@@ -29,17 +28,13 @@ def project(
     still: Callable[[Array, Array], bool] = never,
     longest: float = np.inf,
 ) -> Array:
-    """Return the position (n,), or positions (k, n), after at most `corrections` Gauss-Newton corrections.
+    """Return the position (n,), or positions (k, n), after at most `corrections` Gauss-Newton corrections of q.
 
     Args:
-        q: first guess.
         residual: function of q that returns F (..., m) and J (..., m, n).
         shortest: function of J and F that returns the shortest vector x (..., n) with J x = F.
-        corrections: largest number of corrections.
-        closed: function of q, F and J; if it returns True before a correction, the iteration stops. By default, neither `closed`
-            nor `still` stops the iteration, and all corrections are made.
-        still: function of the corrected q and the largest entry (...) of the correction; if it returns True after a correction, the
-            iteration stops too.
+        closed: function of q, F and J; if it returns True before a correction, the iteration stops. By default it never stops.
+        still: function of the corrected q and the largest entry (...) of the correction; if True, the iteration stops too.
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):

@@ -6,22 +6,22 @@
     Slip        x' = n . p'             n turns with the body of p; there is no x (a knife edge keeps x' at zero)
 
 p = z + r is the place of a point, with z the centre of mass of its body, u = z', and the arm r from there to the point. The
-gradient G of a coordinate with respect to the positions and angles of the bodies is stored as one `Entry` for each body. The bias
-of a coordinate is the part of x'' without accelerations. With v and a the velocities and accelerations (n,) of all bodies,
+gradient G of a coordinate by the positions and angles of the bodies is stored as one `Entry` for each body. The bias is the part of
+x'' without accelerations. With v and a the velocities and accelerations (n,) of all bodies,
 
     x' = G v,    x'' = G a + bias
 
-A force is a function of a coordinate and its rate (`Law`). For a law, `push` gives the generalised force, `energy` the potential
-energy and `loss` the dissipated power. The functions in the second half of the file evaluate coordinates and points for arrays of
-states.
+A force is a function of a coordinate and its rate (`Law`), with a generalised force (`push`), a potential `energy` and a dissipated
+power (`loss`). The second half of the file evaluates coordinates and points for arrays of states.
 
 Source: Haug, Computer-Aided Kinematics and Dynamics of Mechanical Systems (1989), sections 3.3 and 3.6. `reference/taylor` derives
 all of this independently and must not import this file: a certificate is only as good as the independence of its two derivations.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, assert_never
+from typing import ClassVar, NamedTuple, assert_never
 
 import numpy as np
 
@@ -34,22 +34,14 @@ from gauss_bench.trajectory import Trajectory
 
 
 class Entry(NamedTuple):
-    """The part of a coordinate's gradient that belongs to one body.
-
-    The rate of the coordinate is the sum of n . z' + m omega over its entries.
-
-    Attributes:
-        frame: the body.
-        n: coefficient of z', the velocity of the body's centre of mass; None if z' does not affect the coordinate, as for an angle.
-        m: coefficient of omega, the angular speed of the body.
-    """
+    """The part n . z' + m omega of a coordinate's rate that belongs to one body; n is None if z' does not affect the coordinate."""
 
     frame: Frame
     n: Vec | None
     m: Real
 
     def scale(self, factor: Real) -> "Entry":
-        """Return the same part of the gradient of `factor` times the coordinate."""
+        """Return the same part for `factor` times the coordinate."""
         return Entry(self.frame, None if self.n is None else self.n * factor, self.m * factor)
 
 
@@ -59,12 +51,12 @@ def total(terms: Sequence[Real]) -> Real:
 
 
 def _gap_entries(n: Vec, a: End, b: End) -> tuple[Entry, Entry]:
-    """Return the gradient of n . (p_b - p_a) as its parts for the bodies of a and b, for a vector n that does not turn."""
+    """Return the gradient of n . (p_b - p_a) for a vector n that does not turn."""
     return Entry(a.frame, -n, wedge(n, a.arm)), Entry(b.frame, n, wedge(b.arm, n))
 
 
 def _gap_rate(n: Vec, a: End, b: End, entries: Sequence[Entry]) -> Real:
-    """Return the rate of x = n . (p_b - p_a), with n a direction and p the points a and b, from the gradient `entries` of x."""
+    """Return the rate of x = n . (p_b - p_a) from the gradient `entries` of x."""
     turning = [e.frame.omega * e.m for e in entries if not e.frame.rests]
     return total([dot(n, b.frame.u - a.frame.u), *turning])
 
@@ -78,7 +70,6 @@ class AlongState:
     """The coordinate x = n . (p_b - p_a) at a state; the unit vector n is fixed in the body whose frame is `axes`."""
 
     def __init__(self, direction: Direction, a: End, b: End):
-        """Store the body `axes` and the direction n that is fixed in it, and the points a and b; their difference is `gap`."""
         self.axes, self.n = direction
         self.a, self.b = a, b
         self.gap = b.place - a.place
@@ -90,7 +81,7 @@ class AlongState:
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of x as parts for the body of point a, the body of point b, and the body in which direction n is fixed."""
+        """The gradient of x; a third part belongs to the body in which n is fixed, unless it rests or is that of a."""
         at_a, at_b = _gap_entries(self.n, self.a, self.b)
         if self.axes.rests:
             return at_a, at_b
@@ -107,14 +98,12 @@ class AlongState:
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of x: the part of x'' without accelerations [m/s^2].
+        """The bias of x [m/s^2], with the Coriolis and centrifugal terms of axes that turn with n.
 
-        x is measured in axes that turn with n, so the bias has the Coriolis and centrifugal terms of these axes. With w_a and w_b
-        the angular speeds of the bodies of a and b, and W that of the body in which n is fixed, the bias is
+        With w_a, w_b and W the angular speeds of the bodies of a and b and of that in which n is fixed, the bias is
 
             -(w_b - W)^2 n . r_b + (w_a - W)^2 n . r_a + 2 W n x (u_b - u_a) - W^2 n . (z_b - z_a)
 
-        where p = z + r, with z the centre of mass, r the arm from there to the point, and u = z'; n x is the planar cross product.
         Terms of the body in which n is fixed vanish, and so do terms of bodies at rest.
         """
         n, axes = self.n, self.axes
@@ -130,53 +119,47 @@ class AlongState:
         return total(terms)
 
     def _relative_speed(self, frame: Frame) -> Real:
-        """Return the angular speed of a body relative to the body in which the unit vector n is fixed."""
+        """Return the angular speed of a body relative to the body in which n is fixed."""
         return frame.omega if self.axes.rests else frame.omega - self.axes.omega
 
 
+@dataclass(frozen=True, eq=False)
 class AngleState:
-    """The coordinate theta_b - theta_a at a state, unwrapped."""
+    """The coordinate theta_b - theta_a between two bodies at a state, unwrapped [rad]."""
 
-    bias: Real = 0.0
-
-    def __init__(self, a: Frame, b: Frame):
-        """Store the two bodies between which the angle is measured."""
-        self.a, self.b = a, b
+    a: Frame
+    b: Frame
+    bias: ClassVar[Real] = 0.0  # the coordinate is linear
 
     @property
     def value(self) -> Real:
-        """The angle of body b relative to body a [rad]."""
+        """The value x [rad]."""
         return self.b.angle - self.a.angle
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The derivatives of the relative angle with respect to the angles of the bodies: -1 for body a, 1 for body b."""
+        """The gradient of x."""
         return Entry(self.a, n=None, m=-1.0), Entry(self.b, n=None, m=1.0)
 
     @property
     def rate(self) -> Real:
-        """The rate of the angle of body b relative to body a [rad/s]."""
+        """The rate x' [rad/s]."""
         return self.b.omega - self.a.omega
 
 
 class DistanceState:
-    """The coordinate x = |p_b - p_a| at a state: the distance of two points.
+    """The coordinate x = |p_b - p_a| at a state; members called half_square belong to x^2 / 2, which needs no square root.
 
-    Members with half_square in their names belong to x^2 / 2 instead of x, because x^2 / 2 needs no square root.
-
-    Attributes:
-        gap: the vector p_b - p_a.
-        known: the value of the distance x if it is known without a square root, as for a length constraint; otherwise None.
+    `known` is the value of x if a constraint prescribes it, otherwise None.
     """
 
     def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
-        """Store the points a and b, the functions for their type of number, and the value of the distance x if it is known."""
         self.a, self.b, self.gap = a, b, b.place - a.place
         self.arithmetic, self.known = arithmetic, known
 
     @cached_property
     def square(self) -> Real:
-        """The square x^2 [m^2] of the distance between the two points."""
+        """The square x^2 [m^2]."""
         return dot(self.gap, self.gap)
 
     @cached_property
@@ -196,7 +179,7 @@ class DistanceState:
 
     @cached_property
     def half_square_entries(self) -> tuple[Entry, ...]:
-        """The gradient of x^2 / 2 as parts for the bodies of both points."""
+        """The gradient of x^2 / 2."""
         return _gap_entries(self.gap, self.a, self.b)
 
     @cached_property
@@ -206,7 +189,7 @@ class DistanceState:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of the distance x as parts for the bodies of both points."""
+        """The gradient of x."""
         return tuple(entry.scale(self.inverse) for entry in self.half_square_entries)
 
     @property
@@ -216,24 +199,22 @@ class DistanceState:
 
     @cached_property
     def bias(self) -> Real:
-        """The bias of x, the part of x'' without accelerations [m/s^2].
+        """The bias of x [m/s^2].
 
         It is (gap . difference of the centripetal accelerations of the points + (relative speed across the gap)^2) / x.
         """
         gap, (a, arm_a), (b, arm_b) = self.gap, self.a, self.b
-        # cross product of the gap and the relative velocity, gap x (p_b' - p_a'): x times the relative speed across the gap
+        # gap x (p_b' - p_a'): x times the relative speed across the gap
         turning = wedge(gap, b.u - a.u) + b.omega * dot(gap, arm_b) - a.omega * dot(gap, arm_a)
         across = turning * self.inverse
         inward = _centripetal(b.omega, gap, arm_b) - _centripetal(a.omega, gap, arm_a)
         return (inward + across * across) * self.inverse
 
 
-class WeightedState:
-    """A weighted sum of coordinates at a state."""
+class WeightedState(NamedTuple):
+    """A weighted sum of coordinates at a state, from pairs of coordinate and weight."""
 
-    def __init__(self, terms: Sequence[tuple["State", float]]):
-        """Store the coordinates, each with its weight."""
-        self.terms = terms
+    terms: Sequence[tuple["State", float]]
 
     @property
     def value(self) -> Real:
@@ -242,7 +223,7 @@ class WeightedState:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """The gradient of the weighted sum, as parts that each belong to one body; a body may occur several times."""
+        """The gradient of the sum; a body may occur several times."""
         return tuple(entry.scale(weight) for x, weight in self.terms for entry in x.entries)
 
     @property
@@ -275,10 +256,9 @@ def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
 
 
 def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
-    """Return the gradient and the bias of a slip s = n . p' at a state; the direction n turns with the body of the point.
+    """Return the gradient and the bias of a slip s = n . p' at a state.
 
-    The bias is the part of s' without accelerations. With u the velocity of the body's centre of mass, p' = u + omega x r and
-    n' = omega x n, it is n' . u: the terms of the arm r, which turns with n, cancel.
+    With n' = omega x n and p' = u + omega x r, the bias is n' . u: the terms of the arm r, which turns with n, cancel.
     """
     point = coordinate.point
     _, n = at.direction(point.link, coordinate.angle, across=True)
@@ -287,10 +267,7 @@ def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
 
 
 def columns(entries: Sequence[Entry]) -> dict[int, Real]:
-    """Convert a gradient from parts for each body to a dict: index in a state (n,) -> number; bodies at rest are left out.
-
-    A body may occur in several entries, which are added.
-    """
+    """Convert a gradient to a dict: index in a state (n,) -> number, the sum of all entries; bodies at rest are left out."""
     sums: dict[int, Real] = {}
     for frame, n, m in entries:
         if frame.rests:
@@ -309,16 +286,14 @@ def is_zero(number: Real) -> bool:
 
 
 def strength(x: State, law: Law) -> Real:
-    """Return the force F of a law along its coordinate x; the generalised force is F times the gradient `entries` of x.
+    """Return the force F of a law along its coordinate x; for a distance F / x, which multiplies the gradient of x^2 / 2.
 
-    For a distance x the result is F / x instead, which multiplies the gradient `half_square_entries` of h = x^2 / 2, because
-    F grad x = (F / x) grad h. With the law's stiffness k, damping c, and s for `inverse_square`,
+    With the law's stiffness k, damping c, and s for `inverse_square`,
 
-        F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3
+        F / x = -k + (k rest + bias) / x - c h' / x^2 + s / x^3,    h = x^2 / 2
 
-    A spring without rest length and bias therefore needs no square root and, if undamped, no division: its force passes through
-    zero length smoothly. A spring with a rest length or a bias reverses the direction of its force at zero length, and exerts no
-    force at exactly zero length.
+    A spring without rest length and bias therefore needs no square root and, if undamped, no division, and passes through zero
+    length smoothly. Another spring reverses its force at zero length, and exerts none at exactly zero length.
     """
     sprung, damped, biased = not is_zero(law.k), not is_zero(law.c), not is_zero(law.bias)
     terms: list[Real] = []
@@ -346,10 +321,7 @@ def strength(x: State, law: Law) -> Real:
 
 
 def push(x: State, law: Law) -> tuple[Entry, ...]:
-    """Return the generalised force of a law along its coordinate x, by body: the force times the gradient of x.
-
-    For a distance x, the two factors are the quotient force / x and the gradient of x^2 / 2 (see `strength`).
-    """
+    """Return the generalised force of a law along its coordinate x, by body: `strength` times the gradient."""
     force = strength(x, law)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(entry.scale(force) for entry in entries)
@@ -380,7 +352,7 @@ def loss(x: State, law: Law) -> Real:
 
 
 class _ArrayArithmetic:
-    """The functions sqrt, sin, cos and inverse of the protocol `Arithmetic` for numpy arrays."""
+    """The protocol `Arithmetic` for numpy arrays."""
 
     sqrt, sin, cos, inverse = np.sqrt, np.sin, np.cos, staticmethod(inverse)
 
@@ -391,11 +363,10 @@ class Placed(Placement):
     arithmetic = _ArrayArithmetic()
 
     def __init__(self, q: Array, v: Array | None = None):
-        """Store the states q, v (..., n)."""
         self.q, self.v = q, np.zeros_like(q) if v is None else v
 
     def body(self, body: int) -> tuple[list[Array], list[Array]]:
-        """Return the coordinates x, y, angle of a body and their rates, each an array (...)."""
+        """Return x, y, angle of a body and their rates, each an array (...)."""
         q, v = ([*np.moveaxis(x[..., slots(body)], -1, 0)] for x in (self.q, self.v))
         return q, v
 
@@ -419,7 +390,7 @@ def gradient(coordinate: Coordinate, q: Array) -> Array:
 
 
 def bias(coordinate: Coordinate, q: Array, v: Array) -> Array:
-    """Return the bias (...) of a coordinate x at states q, v (..., n): the part of x'' without accelerations [rad/s^2, m/s^2]."""
+    """Return the bias (...) of a coordinate at states q, v (..., n) [rad/s^2, m/s^2]."""
     return np.asarray(state(coordinate, Placed(q, v)).bias) + np.zeros(q.shape[:-1], dtype=q.dtype)  # one for each state
 
 
@@ -453,14 +424,14 @@ def acceleration(q: Array, v: Array, a: Array, point: Point) -> Array:
 
 
 def _stack(x: Vec, q: Array) -> Array:
-    """Stack the two components of a vector as (..., 2), broadcast to the shape of the states q (..., n)."""
+    """Return the components of a vector as (..., 2), for the states q (..., n)."""
     return np.stack([np.broadcast_to(part, q.shape[:-1]) for part in x.parts], axis=-1)
 
 
 def motion_of_links(mechanism: Mechanism, motion: Trajectory) -> Trajectory:
     """Return the motion of every link of the file, at its own centre of mass, from the motion (k, n) of the bodies.
 
-    A body is a group of links that are welded to each other. Without welds every link is a body.
+    A body is a group of links that are welded to each other.
     """
     if not mechanism.parts:
         return motion

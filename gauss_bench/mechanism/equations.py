@@ -6,9 +6,8 @@ coordinate x at the value c, a constant or a law of time, has
 
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-The bias of x is the part of x'' that depends on velocities only (coordinates.py). Rows stand in the order: joints in the file's
-order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with symbols in place of coordinates, and generates
-from them functions of q, v and the values of the motion laws.
+Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
+symbols in place of coordinates, and generates functions from them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,12 +31,11 @@ LEVELS = 3  # numbers that a motion law has at a time: value, first and second t
 class Given(Placement):
     """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
-    The values have the placement's type of number. Depending on the subclass, they are numbers of the file, parameters that stay
-    symbols in a compiled program, or inputs of a program.
+    They may be numbers of the file, parameters that stay symbols in a compiled program, or inputs of a program.
     """
 
     def held(self, joint: str, index: int, value: Any) -> Real:
-        """Return `value` in this type of number: the constant at which a joint holds its coordinate number `index`."""
+        """Return the constant `value` at which a joint holds its coordinate number `index`, in this type of number."""
         return value
 
     def law(self, law: MotionLaw) -> Motion:
@@ -47,13 +45,12 @@ class Given(Placement):
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One constraint row.
+    """One constraint row of a joint, coupling, driver or knife edge.
 
     Attributes:
-        name: of the joint, coupling, driver or knife edge.
         entries: entries of J that are not zero, by index in a state (n,).
         gamma: right-hand side of J a = gamma.
-        phi: residual of the constraint on positions; None for a knife edge, which constrains velocities only.
+        phi: residual of the constraint on positions; None for a knife edge.
         phi_t: partial derivative of the residual with respect to time.
     """
 
@@ -67,10 +64,8 @@ class Row:
 def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
     """Yield all constraint rows.
 
-    Args:
-        at: the linkage at a state, with the values of its motion laws.
-        on_constraints: whether the state satisfies the constraints. The value that a constraint prescribes for a distance is then
-            used in place of the distance, which saves a square root.
+    If the state satisfies the constraints (`on_constraints`), the value that a constraint prescribes for a distance saves a square
+    root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
@@ -85,20 +80,14 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
 
 
 def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
-    """Return the constraint row that makes a coordinate follow a given motion.
-
-    With `on_constraints` the state satisfies the constraints, so that the coordinate has the value that the motion prescribes.
-    """
+    """Return the constraint row that makes a coordinate follow a given motion; `on_constraints` as in `rows`."""
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
     return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
 
 
 def generalise(at: Placement, load: Load) -> dict[int, Real]:
-    """Return the generalised force of one load, a force law on a coordinate or a force at a point, at a state of the linkage.
-
-    The result is a dict: index in a state (n,) -> number.
-    """
+    """Return the generalised force of one load at a state, as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
             return columns(push(state(load.coordinate, at), load))
@@ -132,7 +121,6 @@ class Symbols(Given):
     """
 
     def __init__(self, n: int):
-        """Begin an empty program for n coordinates."""
         self.n, self.program = n, Program()
         self.arithmetic = self.program  # a program also has the functions sqrt, sin, ... for its symbols
         self.laws: list[MotionLaw] = []  # the motion laws whose values are inputs of the program so far
@@ -157,19 +145,12 @@ class Symbols(Given):
         return self.program.input(f"g{first}"), self.program.input(f"g{first + 1}"), self.program.input(f"g{first + 2}")
 
     def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
-        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k).
-
-        The returned function evaluates the motion laws at t itself.
-        """
+        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k)."""
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])
         laws = self.laws
 
         def evaluate(t: float | Array, q: Array, v: Array) -> list[Array]:
-            """Return one array for each group of symbols at time(s) t and state(s) q, v.
-
-            The third argument of the generated function has the values and derivatives of the motion laws at t.
-            """
             if not laws:
                 return function(q, v, q[..., :0])  # an array (..., 0) in place of the values of motion laws
             levels = [np.asarray(x) for law in laws for x in law(t)]

@@ -1,7 +1,6 @@
 """Evaluate a mechanism at a state: constraint rows, the terms of its equations of motion, and its energy.
 
-Constraint rows are evaluated at one state q (n,) or a batch q (..., n). The numbers are doubles, or have the type of more digits
-with which the linkage was built.
+Constraint rows are evaluated at one state q (n,) or a batch q (..., n), in the type of number with which the linkage was built.
 """
 
 from collections.abc import Callable
@@ -30,10 +29,8 @@ class Rows:
     """All m constraint rows at a state or a batch of states: two of each joint, then couplings, drivers, knife edges.
 
     Attributes:
-        phi: (..., m) residuals.
-        J: (..., m, n) Jacobian.
-        gamma: (..., m) right-hand side of J a = gamma.
-        phi_t: (..., m) partial derivatives of the residuals by time.
+        phi, phi_t: (..., m) residuals, and their partial derivatives by time.
+        J, gamma: (..., m, n) and (..., m) of J a = gamma.
     """
 
     phi: Array
@@ -46,9 +43,8 @@ class Constraints:
     """The constraint rows of one mechanism; entries of J that are constant are computed once.
 
     Attributes:
-        m: number of rows.
-        joint_rows: number of rows of joints and couplings, which stand first.
-        holonomic: number of rows that constrain positions; the rows of knife edges follow them.
+        m, joint_rows, holonomic: numbers of all rows, of rows of joints and couplings (which stand first), and of rows that
+            constrain positions; the rows of knife edges follow these.
         laws: motion laws of the drivers.
         constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
         varying: (k,) indices of the varying entries in `constant`.
@@ -57,7 +53,7 @@ class Constraints:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; constant entries of J are stored at once, for all others a function is generated later."""
+        """Record all rows with symbols; the function for what varies is generated later."""
         self.mechanism, self.n = mechanism, mechanism.n
         at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
         rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
@@ -81,7 +77,7 @@ class Constraints:
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q and v that returns an array (..., k) for each of the four lists of symbols in `listed`."""
+        """The generated function of t, q and v that returns an array (..., k) for each list in `listed`."""
         with RECORDING:
             return self.symbols.generate(*self.listed)
 
@@ -106,8 +102,7 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    The multipliers, of which each joint has two, are determined up to vectors of the null space of J^T. A joint's force is
-    determined if its two entries are zero in every vector of the null space of J^T.
+    The multipliers, two of each joint, are determined up to the null space of J^T: both entries of the joint must be zero there.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
@@ -120,15 +115,9 @@ class UndeterminedLoads(ArithmeticError):
 
 
 class Evaluator:
-    """The equations of motion of one mechanism, to be evaluated at any state.
-
-    Attributes:
-        mass: (n,) diagonal of the mass matrix.
-        M: (n, n) mass matrix.
-    """
+    """The equations of motion of one mechanism, with the mass matrix M (n, n) and its diagonal `mass`."""
 
     def __init__(self, mechanism: Mechanism):
-        """Set up the constraint rows, applied forces and joint friction of a mechanism; functions are generated when needed."""
         self.mechanism = mechanism
         self.constraints = Constraints(mechanism)
         self.applied = AppliedForces(mechanism)
@@ -138,11 +127,7 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q and v that returns five arrays.
-
-        The arrays are the entries of J that vary with the state, Q of the steady forces (those without a time or direction factor),
-        gamma, phi and phi_t.
-        """
+        """The generated function of t, q, v for varying entries of J, Q of steady forces, gamma, phi and phi_t."""
         symbols = self.constraints.symbols
         entries, *others = self.constraints.listed
         with RECORDING:
@@ -179,26 +164,25 @@ class Evaluator:
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
         """Return the state that satisfies the constraints at time t [s] and is nearest to the given state q, v (n,).
 
-        Gauss-Newton iteration corrects q, then one linear system corrects v.
-
         Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
-        redundant rows contradict each other, a correction along the directions of these small values would move the state far in
-        directions in which the linkage is free to move. A state that is not finite becomes NaN.
+        redundant rows contradict each other, a correction along their directions would move the state far in directions in which
+        the linkage is free to move. A state that is not finite becomes NaN.
         """
         holonomic = self.constraints.holonomic
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
-            """Return phi and J of the rows that constrain positions; keep all rows in `rows` for the correction of v."""
             nonlocal rows
             rows = self.constraints(t, x, v)
             return rows.phi[:holonomic], rows.J[:holonomic]
 
         def shortest(J: Array, F: Array) -> Array:
-            """Return the x of least norm with J x = F."""
-            return _shortest(J, F, rank_tolerance)
+            """Return the least-squares x (n,) of least norm of J x = F; NaN if it is not finite (LAPACK would print to stderr)."""
+            if not (np.isfinite(J).all() and np.isfinite(F).all()):
+                return np.full(J.shape[1], np.nan)
+            return np.asarray(np.linalg.lstsq(J, F, rcond=rank_tolerance)[0])
 
-        q = project(q, residual, shortest, CORRECTIONS, _is_closed)
+        q = project(q, residual, shortest, CORRECTIONS, lambda q, F, J: largest(F) <= ROUNDING * (1.0 + largest(q)))
         return q, v - shortest(rows.J, rows.J @ v + rows.phi_t)
 
 
@@ -206,15 +190,3 @@ class Evaluator:
 def evaluator_of(mechanism: Mechanism) -> Evaluator:
     """Return the evaluator of a mechanism; the latest 16 are kept, because recording the equations takes milliseconds."""
     return Evaluator(mechanism)
-
-
-def _is_closed(q: Array, F: Array, _: Array) -> bool:
-    """Tell whether the residual F at the position q is as small as rounding errors."""
-    return largest(F) <= ROUNDING * (1.0 + largest(q))
-
-
-def _shortest(J: Array, r: Array, rank_tolerance: float) -> Array:
-    """Return the minimum-norm least-squares x (n,) of J x = r; NaN if J or r is not finite (LAPACK would print to stderr)."""
-    if not (np.isfinite(J).all() and np.isfinite(r).all()):
-        return np.full(J.shape[1], np.nan)
-    return np.asarray(np.linalg.lstsq(J, r, rcond=rank_tolerance)[0])

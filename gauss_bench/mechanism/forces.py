@@ -1,20 +1,17 @@
 """Applied forces of a linkage: generalised force Q, potential energy, and the power of forces without a potential.
 
-Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates (formulas in `coordinates.py`) and constant
-forces at points. One function is generated that computes the sum of all loads, for a state q (n,) or a batch q (..., n). Dampers
-and forces that turn with a link have no potential; the energy balance of a trajectory integrates their power instead.
+Each force is a sum of loads (`to_loads` in model.py): laws on scalar coordinates and constant forces at points. One function is
+generated for the sum of all loads, for a state q (n,) or a batch q (..., n). Dampers and forces that turn with a link have no
+potential; the energy balance of a trajectory integrates their power instead.
 
-Dry friction is computed separately, because it depends on the loads of the joints and so on the accelerations. With N_k the load
-that pair k (a pin or slide between two links) carries and s_k the relative speed of the two links, the friction is one more active
-force (Yuan and Ge, 2016, eq. 3):
+Dry friction depends on the loads of the joints and so on the accelerations. With N_k the load that pair k (a pin or slide between
+two links) carries and s_k the relative speed of the two links, the friction is one more active force (Yuan and Ge, 2016, eq. 3):
 
     M a + J^T lambda = Q + W N(lambda),    W_k = -mu_k r_k tanh(s_k / speed_k) ds_k/dv        (r_k = 1 for a slide)
     N = |(lambda_x, lambda_y)| of a pin,   N = |lambda_normal| of a slide
 
-mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. The columns W_k depend
-on the state only, the loads N on the multipliers lambda, and lambda on the friction W N. Therefore lambda is found by iteration,
-beginning with the multipliers without friction. The iteration converges unless mu is so large that friction increases the loads
-that cause it.
+mu_k is the coefficient of friction, r_k the radius of the pin, and speed_k the width of the regularisation. lambda is found by
+iteration, beginning without friction, which converges unless mu is so large that friction increases the loads that cause it.
 """
 
 from collections.abc import Callable
@@ -37,12 +34,10 @@ class AppliedForces:
 
     Attributes:
         gravity: (n,) the generalised force of gravity.
-        varying: the forces that vary with time or direction.
-        loads: the loads of all other forces.
+        varying: the forces that vary with time or direction; loads: the loads of all other forces.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Separate the steady forces of a mechanism from those that vary."""
         self.mechanism = mechanism
         self.gravity = np.zeros(mechanism.n, dtype=mechanism.gravity.dtype)
         for place, link in zip(places(self.gravity), mechanism.links, strict=True):
@@ -60,7 +55,7 @@ class AppliedForces:
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
-        """The generated function that returns the generalised force Q (..., n) of gravity and all steady forces together."""
+        """The generated function for the generalised force Q (..., n) of gravity and all steady forces."""
         at = Symbols(self.mechanism.n)
         return at.generate(self.add_steady(at))
 
@@ -86,10 +81,7 @@ class AppliedForces:
         return Q
 
     def potential(self, q: Array) -> Array:
-        """Return the potential energy (...) [J] at states q (..., n).
-
-        Constant torques and forces of constant direction have a potential too, as a function of unwrapped angles.
-        """
+        """Return the potential energy (...) [J] at q (..., n), also of constant torques and forces of constant direction."""
         potential, _ = self._energies(0.0, q, np.zeros_like(q))  # (..., 1), of all forces but gravity
         return np.asarray(potential[..., 0] - q @ self.gravity)
 
@@ -103,7 +95,7 @@ class _VaryingForce:
     """A force that varies: a steady force times a factor that depends on time and on the direction of motion."""
 
     def __init__(self, mechanism: Mechanism, force: Torque | PointForce, factor: Factor):
-        """Store the factor; the force without its factor becomes the only force of a copy of the mechanism, without gravity."""
+        """Make the force without its factor the only force of a copy of the mechanism, without gravity."""
         steady = replace(force, factor=None)
         self.name, self.factor = force.name, factor
         # magnitude [N or N m] of the steady force, by which its power is divided; 1 instead of 0
@@ -123,7 +115,7 @@ JAMMED = "the friction does not converge in {} iterations: mu is too large for t
 
 
 class Jammed(ArithmeticError):
-    """The loads of joints with friction do not converge, because load and friction increase each other, as in a jammed slide."""
+    """The loads of joints with friction do not converge, because load and friction increase each other."""
 
 
 class JointFriction:
@@ -143,7 +135,7 @@ class JointFriction:
     STALLED = 1e-11  # the same for engines that solve for lambda anew in each iteration, with rounding times the condition of J
 
     def __init__(self, mechanism: Mechanism):
-        """Find the pairs with friction; generate the function that returns their relative speeds and the gradients of these."""
+        """Find the pairs with friction; generate the function for their relative speeds and the gradients of these."""
         first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
         self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
@@ -162,7 +154,7 @@ class JointFriction:
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:
-        """Return W (..., n, p): column k is the generalised friction if pair k carries a load of 1 N, at state(s) q, v (..., n)."""
+        """Return W (..., n, p) at state(s) q, v (..., n)."""
         W = np.zeros((*q.shape, len(self.rows)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
         law = -self.lever * np.tanh(rates / self.speed)
@@ -175,11 +167,11 @@ class JointFriction:
         return np.hypot(multipliers[..., self.rows], self.pins * multipliers[..., self.rows + 1])
 
     def generalised(self, q: Array, v: Array, multipliers: Array) -> Array:
-        """Return the generalised force W N(lambda) of friction, (..., n) [N, N m]: W from `directions` times N from `loads`."""
+        """Return the generalised force W N(lambda) of friction (..., n) [N, N m]."""
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
     def consistent(self, base: Array, gain: Array) -> Array:
-        """Solve lambda = base + gain N(lambda) for the multipliers lambda (..., m), where N (..., p) are the `loads` of the pairs.
+        """Solve lambda = base + gain N(lambda) for the multipliers lambda (..., m).
 
         `base` (..., m) are the multipliers without friction, `gain` (..., m, p) their change per load of a pair.
 

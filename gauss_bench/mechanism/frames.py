@@ -1,8 +1,4 @@
-"""Bodies at a state: position and velocity of each body, and world components of points and vectors that are fixed in a body.
-
-A `Placement` has the poses and velocities of all bodies of a linkage at one state, all in one type of number. The ground is a body
-at rest at the origin.
-"""
+"""Bodies at a state, all in one type of number, and world components of points and vectors that are fixed in a body."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -16,14 +12,9 @@ from gauss_bench.terms import Array
 
 
 class Frame(NamedTuple):
-    """A body at a state.
+    """A body at a state: its index, z and u of its centre of mass [m, m/s], its angular speed and unwrapped angle [rad].
 
-    Attributes:
-        body: index of the body, or GROUND.
-        z, u: position [m] and velocity [m/s] of its centre of mass.
-        omega: angular speed [rad/s].
-        angle: angle, unwrapped [rad].
-        rests: whether the body is at rest, as the ground is: formulas leave out its terms.
+    `rests` tells whether the body is at rest, as the ground is: formulas leave out its terms.
     """
 
     body: int
@@ -72,16 +63,12 @@ def unit(angle: float, across: bool = False) -> Array:
 
 
 class Placement:
-    """The bodies of a linkage at a state; a subclass provides `body` for a type of number.
-
-    Attributes:
-        arithmetic: the functions sqrt, sin, cos and inverse for the number type of the coordinates.
-    """
+    """The bodies of a linkage at a state; a subclass provides `body` and `arithmetic` for a type of number."""
 
     arithmetic: Arithmetic
 
     def body(self, body: int) -> tuple[Sequence[Real], Sequence[Real]]:
-        """Return the coordinates of a body, x, y and its angle, and their rates."""
+        """Return x, y and angle of a body, and their rates."""
         raise NotImplementedError
 
     @cached_property
@@ -101,7 +88,7 @@ class Placement:
         return Vec(*value)
 
     def vector(self, body: int, value: Any) -> Direction:
-        """Return the vector `value` (2,), which is given and fixed in a body's frame, in world axes."""
+        """Return the vector `value` (2,), which is fixed in a body's frame, in world axes."""
         frame, local = self.frame(body), self.numbers(value)
         if frame.rests:
             return Direction(frame, local)
@@ -111,7 +98,7 @@ class Placement:
 
     @cached_property
     def turns(self) -> dict[int, Vec]:
-        """Body -> cosine and sine of its angle, computed once for each body in which a vector or point was asked for."""
+        """Body -> cosine and sine of its angle, computed once for each body."""
         return {}
 
     def direction(self, body: int, angle: float, across: bool = False) -> Direction:

@@ -1,16 +1,14 @@
 """Generated equations: straight-line Python for floats or arrays that computes every common subexpression once.
 
-The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, and equal
-operations only once. Operations with 0, with 1 and between constants are simplified while they are recorded, so that they cost
-nothing later. The result is the source text of one function without loops or indices. The same source works on floats and on arrays
-of states, in double precision or in types with more digits. Evaluating a single state with Python floats takes a tenth of the time
-that arrays take.
+The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, equal operations
+only once, and simplified where they involve 0, 1 or constants. The result is the source text of one function without loops or
+indices, which works on floats and on arrays of states, in double precision or in types with more digits. A single state takes a
+tenth of the time with floats.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from functools import partial
 from types import CodeType
 from typing import Any, NamedTuple
 
@@ -24,17 +22,11 @@ Number = Any  # a float, or one of a longer type
 
 
 class Symbol:
-    """A number of a program.
-
-    Attributes:
-        text: its name in the program, or the literal of a constant.
-        number: the value of a constant; None for a number that varies.
-    """
+    """A number of a program: its name or literal `text`, and the value `number` of a constant; None for a number that varies."""
 
     __slots__ = ("number", "program", "text")
 
     def __init__(self, program: "Program", text: str, number: Number | None = None):
-        """Create a symbol; a program creates its own symbols by `symbol`, `input` and `record`."""
         self.program, self.text, self.number = program, text, number
 
     @property
@@ -43,7 +35,7 @@ class Symbol:
         return self.number is not None and bool(self.number == 0)
 
     def __add__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the symbol of the sum; the sum of a and -x is recorded in the program as the difference a - x."""
+        """Return the sum; a + -x is recorded as the difference a - x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number + other.number)
@@ -58,7 +50,7 @@ class Symbol:
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the symbol of the difference; the difference of a and -x is recorded in the program as the sum a + x."""
+        """Return the difference; a - -x is recorded as the sum a + x."""
         program, other = self.program, self.program.symbol(other)
         if self.number is not None and other.number is not None:
             return program.symbol(self.number - other.number)
@@ -90,7 +82,7 @@ class Symbol:
     __rmul__ = __mul__
 
     def __neg__(self) -> "Symbol":
-        """Return the symbol of the negative; the negative of -x is x itself, which needs no operation."""
+        """Return the negative; that of -x is x itself."""
         if self.number is not None:
             return self.program.symbol(-self.number)
         if self.text in self.program.opposites:
@@ -109,10 +101,7 @@ class Line(NamedTuple):
 
 
 class Program:
-    """The recorded operations in order, each once.
-
-    A program also implements the protocol `Arithmetic` (frames.py) for its symbols: the methods sqrt, sin, cos and inverse record
-    an operation in the program.
+    """The recorded operations in order, each once; a program implements the protocol `Arithmetic` (frames.py) for its symbols.
 
     Attributes:
         constants: name -> number, for constants with more digits than a float.
@@ -122,7 +111,6 @@ class Program:
     """
 
     def __init__(self) -> None:
-        """Begin a program without operations."""
         self.lines: list[Line] = []
         self.constants: dict[str, Number] = {}
         self.known: dict[str, Symbol] = {}
@@ -151,17 +139,15 @@ class Program:
         return self.record(f"inverse({a.text})", a)
 
     def __getattr__(self, name: str) -> Callable[[Symbol | Number], Symbol]:
-        """Return a method for one of FUNCTIONS, such as `sin`; calling the method records a call of this function."""
+        """Return a method for one of FUNCTIONS, such as `sin`, which records a call of this function."""
         if name not in FUNCTIONS:
             raise AttributeError(name)
-        return partial(self._apply, name)
 
-    def _apply(self, name: str, a: Symbol | Number) -> Symbol:
-        """Return the symbol of f(a) for the function f called `name`, one of FUNCTIONS."""
-        a = self.symbol(a)
-        if a.number is not None:
-            return self.symbol(getattr(np, name)(a.number))
-        return self.record(f"{name}({a.text})", a)
+        def apply(a: Symbol | Number) -> Symbol:
+            a = self.symbol(a)
+            return self.record(f"{name}({a.text})", a) if a.number is None else self.symbol(getattr(np, name)(a.number))
+
+        return apply
 
     def record(self, text: str, *operands: Symbol) -> Symbol:
         """Return the symbol of an operation's result; the operation becomes a new line unless it is recorded already."""
@@ -172,7 +158,7 @@ class Program:
         return self.known[text]
 
     def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the program's lines on which the given results depend, in their order."""
+        """Return the lines on which the given results depend, in their order."""
         wanted, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in wanted:
@@ -182,11 +168,7 @@ class Program:
 
 
 class GeneratedFunction:
-    """A function that is generated from a program.
-
-    Attributes:
-        source: text of the function.
-    """
+    """A function that is generated from a program; `source` is its text."""
 
     def __init__(self, program: Program, inputs: Sequence[tuple[str, int]], groups: Sequence[Sequence[Symbol]]):
         """Generate the function.
@@ -208,9 +190,9 @@ class GeneratedFunction:
         self.source = "\n    ".join([f"def function({names}):", *heads, *lines, f"return ({', '.join(tuples)},)"])
         self.sizes = [len(group) for group in groups]
         code = compile(self.source, "<equations>", "exec")
-        self._of_floats = _function(code, {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": _inverse_of_float})
-        arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse}
-        self._of_arrays = _function(code, arrays | program.constants)
+        floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": lambda x: 1.0 / x if x else 0.0}
+        arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse} | program.constants
+        self._of_floats, self._of_arrays = _function(code, floats), _function(code, arrays)
         self._fits_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *inputs: Array) -> list[Array]:
@@ -229,7 +211,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return what `__call__` returns, computed with floats for each state in turn; `shape` is that of the batch (...)."""
+        """Return what `__call__` returns, computed with floats for each state of the batch in turn."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)
@@ -241,14 +223,9 @@ class GeneratedFunction:
 
 
 def _function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
-    """Return the function that a compiled text defines; `names` has the functions and constants that it uses."""
+    """Return the function that a compiled text defines; `names` has what it uses."""
     exec(code, names)  # the code contains only names and numbers of `Program`, no text of a user
     return names["function"]  # type: ignore[no-any-return]
-
-
-def _inverse_of_float(x: float) -> float:
-    """Return 1 / x, and 0 for x = 0."""
-    return 1.0 / x if x else 0.0
 
 
 def inverse(x: Array) -> Array:

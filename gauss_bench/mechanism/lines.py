@@ -1,9 +1,8 @@
 """Parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope for each such force.
 
-A compiled program takes some numbers of a mechanism as arguments (parameters) instead of containing them as constants. The
-parameters forces.NAME.level and forces.NAME.slope are the last in the list. The code that integrates the motion sets them for the
-interval between two kinks of the factor, and ends a step at every kink. Therefore a table of a thousand rows costs no more
-computing time than a ramp, and the last stage of a step that ends at a jump of the factor uses the value before the jump.
+The parameters forces.NAME.level and forces.NAME.slope are the last of a program. The code that integrates the motion sets them for
+the interval between two kinks of the factor, and ends a step at every kink. Therefore a table of a thousand rows costs no more than
+a ramp, and the last stage of a step that ends at a jump uses the value before the jump.
 """
 
 import numpy as np
@@ -19,7 +18,7 @@ def list_lines(mechanism: Mechanism) -> list[tuple[str, Factor]]:
 
 
 def line_names(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the names of the parameters for the forces in `list_lines`, in order: level and slope of each factor."""
+    """Return the names of the parameters: level and slope of each factor in `list_lines`."""
     return tuple(f"forces.{name}.{key}" for name, _ in list_lines(mechanism) for key in ("level", "slope"))
 
 
@@ -30,11 +29,7 @@ def line_values(mechanism: Mechanism, t: float | Array) -> Array:
 
 
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
-    """Return the values (..., p) of all parameters of a compiled program at times (...) [s].
-
-    Args:
-        values: (p,) parameters as given; the last l, those of piecewise linear factors, are replaced by `line_values` at the times.
-    """
+    """Return the parameters (..., p) of a program at times (...) [s]: `values` (p,), with `line_values` as the last l."""
     lines = line_values(mechanism, t)  # (..., l)
     given = values[: len(values) - lines.shape[-1]]
     return np.concatenate([np.broadcast_to(given, (*lines.shape[:-1], len(given))), lines], axis=-1)

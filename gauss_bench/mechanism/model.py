@@ -34,7 +34,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Angle:
-    """Scalar coordinate theta_b - theta_a [rad], unwrapped, of the links with the indices a and b; the ground's angle is 0."""
+    """Scalar coordinate theta_b - theta_a [rad], unwrapped, of the links with the indices a and b; the ground has angle 0."""
 
     a: int
     b: int
@@ -47,8 +47,7 @@ class Along:
 
     Attributes:
         angle: angle of the axis in the frame of the body in which the axis is fixed [rad].
-        across: whether the axis is turned by a further 90 degrees (without rounding), so that the coordinate is the distance of
-            `point` to the left of the axis at `angle`.
+        across: whether the axis is turned by a further 90 degrees (without rounding).
         body: index of the body in which the axis is fixed; None for the body of the origin.
     """
 
@@ -90,7 +89,7 @@ class Weighted:
 
     @property
     def unit(self) -> Literal["rad", "m"]:
-        """The unit of the weighted sum: that of its first coordinate."""
+        """The unit of its first coordinate."""
         return self.terms[0][0].unit
 
 
@@ -112,11 +111,9 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid link.
+    """A rigid link, with its mass [kg] and moment of inertia about the centre of mass [kg m^2].
 
     Attributes:
-        mass: mass [kg].
-        inertia: moment of inertia about the centre of mass [kg m^2].
         com: (2,) centre of mass in the link's own frame [m].
         points: name of each point -> its position (2,) in the link's own frame [m].
         bars: pairs of names of points, between which drawings have a bar.
@@ -132,10 +129,9 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A link of the file as a part of the rigid body that carries it after welding.
+    """A link of the file as a part of the rigid body with the index `body` that carries it after welding.
 
     Attributes:
-        body: index of the body in `Mechanism.links`.
         at: (2,) centre of mass of the link relative to that of the body, in the body's frame [m].
         turn: angle of the link minus angle of the body [rad].
     """
@@ -164,9 +160,7 @@ class Weld:
 class Revolute:
     """A pin: point a of one link coincides with point b of another.
 
-    Attributes:
-        name: name of the pin; a joint of m links has m - 1 pins.
-        joint: name of the joint in the file.
+    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own.
     """
 
     name: str
@@ -215,12 +209,12 @@ class Prismatic:
 
     @property
     def joint(self) -> str:
-        """The name of the joint in the linkage file, which the slide has too because a slide is one whole joint of the file."""
+        """The name of the joint in the file: a slide is one whole joint."""
         return self.name
 
     @property
     def ends(self) -> tuple[Point, Point]:
-        """The point on the guide and the point on the block between which the slide's coordinate is measured."""
+        """The points between which the coordinate of the slide is measured."""
         return self.guide, self.block
 
     @property
@@ -230,7 +224,7 @@ class Prismatic:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
-        """The coordinates that the slide keeps constant, with their values: the distance from the line, and the relative angle."""
+        """The coordinates that the slide keeps constant: distance from the line, and relative angle."""
         beside = Along(self.guide, self.block, self.angle, across=True)
         return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
@@ -239,12 +233,9 @@ Joint = Revolute | Prismatic
 
 
 def pins_of_all_pairs(pairs: tuple[Joint, ...]) -> tuple[Joint, ...]:
-    """Return the k (k - 1) / 2 pins between every two of the k links that a joint connects.
+    """Return the k (k - 1) / 2 pins between every two of the k links that a joint connects, from its k - 1 consecutive pins.
 
     A slide, or a pin through two links, is returned unchanged.
-
-    Args:
-        pairs: the slide of the joint, or its k - 1 pins, each between two consecutive links in the joint's list of k links.
     """
     pins = [pair for pair in pairs if isinstance(pair, Revolute)]
     if len(pins) < 2:
@@ -263,12 +254,12 @@ class KnifeEdge:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "KnifeEdge":
-        """Return the knife edge that a table of the file describes."""
+        """Return the knife edge of a table."""
         return cls(name, names.point(table["point"]), names.angle(table, "angle") + names.turn(table["point"]))
 
     @property
     def coordinate(self) -> Slip:
-        """The component of the point's velocity perpendicular to the knife edge, which the constraint keeps at zero."""
+        """The component of the point's velocity across the knife edge, which stays zero."""
         return Slip(self.point, self.angle)
 
 
@@ -288,9 +279,9 @@ class Coupling(Protocol):
 class Law:
     """The force F = bias - k (x - rest) - c dx/dt + s / x^2 along a scalar coordinate x; the generalised force is F dx/dq.
 
-    s is the attribute `inverse_square`, for forces as between magnets, on coordinates that stay positive. If x is a length, the
-    units are k [N/m], c [N s/m], rest [m], bias [N] and s [N m^2]. If x is an angle, the units are k [N m/rad], c [N m s/rad], rest
-    [rad] and bias [N m]. The attributes of a law may be symbolic expressions of the compiler instead of numbers.
+    s is the attribute `inverse_square`, for forces as between magnets, on coordinates that stay positive. For a length x the units
+    are k [N/m], c [N s/m], rest [m], bias [N] and s [N m^2]; for an angle k [N m/rad], c [N m s/rad], rest [rad] and bias [N m].
+    The attributes may be symbolic expressions of the compiler instead of numbers.
     """
 
     coordinate: Coordinate
@@ -313,7 +304,7 @@ class PointForce:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: "Names") -> "PointForce":
-        """Return the force that a table describes, whose `frame` is "ground", "body" for the link of the point, or a link."""
+        """Return the force of a table, whose `frame` is "ground", "body" for the link of the point, or a link."""
         frame = table.get("frame", "ground")
         if frame == "body":
             frame = table["point"].partition(".")[0]
@@ -323,7 +314,7 @@ class PointForce:
         return cls(name, names.point(table["point"]), value, names.link(frame), read_factor(table))
 
     def to_loads(self) -> tuple["Load", ...]:
-        """Return the force itself, because a force at a point is one of the two kinds of load."""
+        """Return the force itself, which is one of the two kinds of load."""
         return (self,)
 
 
@@ -331,10 +322,7 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 
 
 class Names(Protocol):
-    """What the method `read` of a force or constraint needs to build it from a table of the file.
-
-    The methods find links, points and joints of the linkage by name, and convert numbers of the table to the number type in use.
-    """
+    """What the method `read` of a force or constraint needs to build it from a table of the file, in the number type in use."""
 
     @property
     def world(self) -> Point:
@@ -359,7 +347,7 @@ class Names(Protocol):
         """Return the number at `key` of a table of the file; 0 if it is missing."""
 
     def angle(self, table: Mapping[str, Any], key: str, /) -> Any:
-        """Return the angle [rad] that a table of the file gives as `key` or, in degrees, as `key_deg`; 0 if both are missing."""
+        """Return the angle [rad] at `key` or, in degrees, at `key_deg` of a table; 0 if both are missing."""
 
     def turn(self, name: str, /) -> Any:
         """Return the angle of a link in the frame of the body that carries it [rad]; 0 unless the link is welded."""
@@ -377,17 +365,17 @@ class Torque:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "Torque":
-        """Return the torque that a table of the file describes."""
+        """Return the torque of a table."""
         reaction = names.link(table.get("reaction", "ground"))
         return cls(name, names.link(table["link"]), reaction, names.number(table, "value"), read_factor(table))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a law with a constant force (bias) on the angle of `link` relative to the link `reaction`."""
+        """Return a law with a constant force (bias) on the relative angle."""
         return (Law(Angle(self.reaction, self.link), bias=self.value),)
 
 
 def _linear_numbers(table: Mapping[str, Any], names: Names) -> tuple[Any, Any, Any]:
-    """Return stiffness k, damping c and rest length or angle from the table of a spring and damper; 0 for a missing one."""
+    """Return k, c and rest from the table of a spring and damper; 0 for a missing one."""
     return names.number(table, "k"), names.number(table, "c"), names.number(table, "rest")
 
 
@@ -404,12 +392,12 @@ class SpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "SpringDamper":
-        """Return the spring and damper that a table of the file describes."""
+        """Return the spring and damper of a table."""
         a, b = (names.point(x) for x in table["between"])
         return cls(name, a, b, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a force law on the distance between the points a and b."""
+        """Return a law on the distance of both points."""
         return (Law(Distance(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -427,14 +415,14 @@ class AxisSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "AxisSpringDamper":
-        """Return the spring and damper that a table describes; if the table has no `origin`, the world's origin is used."""
+        """Return the spring and damper of a table; without `origin`, the world's origin is used."""
         origin = names.point(table["origin"]) if "origin" in table else names.world
-        # the file gives the axis's angle in the frame of the link that has `origin`, which may be turned in a body of welded links
+        # the file gives the angle in the frame of the origin's link, which may be turned in a body of welded links
         angle = names.angle(table, "angle") + names.turn(table.get("origin", "ground"))
         return cls(name, names.point(table["point"]), origin, angle, *_linear_numbers(table, names))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return the force law along the axis, as a function of the point's position along the axis."""
+        """Return a law on the point's position along the axis."""
         return (Law(Along(self.origin, self.point, self.angle), self.k, self.c, self.rest),)
 
 
@@ -451,17 +439,13 @@ class RotationalSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
-        """Return the spring and damper that a table of the file describes.
-
-        The file gives the rest angle between two links. A welded link has a constant angle `turn` in its body; the difference of
-        these angles is subtracted, so that `rest` is the angle between the two bodies.
-        """
+        """Return the spring and damper of a table, with the rest angle between the bodies that carry the links."""
         a, b = (names.link(x) for x in table["links"])
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
         return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return a law on the angle of link b relative to link a."""
+        """Return a law on the relative angle."""
         return (Law(Angle(self.a, self.b), self.k, self.c, self.rest),)
 
 
@@ -475,19 +459,17 @@ class JointDamping:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "JointDamping":
-        """Return the damping in a joint that a table of the file describes."""
+        """Return the damping of a table."""
         return cls(name, names.pairs_to_damp(table["joint"]), names.number(table, "c"))
 
     def to_loads(self) -> tuple[Load, ...]:
-        """Return, for each kinematic pair of the joint, a damping law on the relative motion of its two links."""
+        """Return a damping law for each pair of the joint."""
         return tuple(Law(pair.motion, c=self.c) for pair in self.pairs)
 
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair.
-
-    This class is not among the kinds of `Force`, because every `Force` depends only on q, v and t.
+    """Dry friction in every pair of a joint, proportional to the load of the pair; every `Force` depends on q, v and t only.
 
     Attributes:
         mu: coefficient of friction.
@@ -503,7 +485,7 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
-        """Return the dry friction that a table of the file describes."""
+        """Return the friction of a table."""
         numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
         return cls(name, names.pairs(table["joint"]), *numbers)
 
@@ -517,7 +499,7 @@ def factor_of(force: Force) -> Factor | None:
 
 
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
-    """Return the loads of steady forces: force laws (`Law`) on one scalar coordinate each, and forces at points.
+    """Return the loads of steady forces.
 
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
@@ -541,7 +523,7 @@ class AngleDriver:
 
     @property
     def coordinate(self) -> Angle:
-        """The coordinate that is prescribed: the angle of the link."""
+        """The angle of the link."""
         return Angle(GROUND, self.link)
 
 
@@ -555,7 +537,7 @@ class SlideDriver:
 
     @property
     def coordinate(self) -> Along:
-        """The coordinate that is prescribed: the position of the block point along the line of the guide."""
+        """The position of the block point along the line of the guide."""
         return self.joint.motion
 
 
@@ -570,7 +552,7 @@ class LengthDriver:
 
     @property
     def coordinate(self) -> Distance:
-        """The coordinate that is prescribed: the distance between the points a and b."""
+        """The distance between the points a and b."""
         return Distance(self.a, self.b)
 
 
@@ -582,25 +564,18 @@ class Mechanism:
     """One linkage in one scenario; all engines start from the same q0, v0.
 
     Attributes:
-        scenario: name of the scenario.
-        scenarios: names of all scenarios of the file.
-        source: path of the file, as the caller gave it.
-        sha256: digest of the file's bytes.
+        source, sha256: path of the file, as the caller gave it, and digest of its bytes.
         digest: digest of everything that determines the motion; comments, titles and other scenarios do not change it.
-        duration: duration of the scenario [s].
         links: bodies; welded links are one body.
         gravity: (2,) [m/s^2].
         crank: index of the input link, or None.
-        observed_points: points that results report.
-        observed_links: indices of links whose angles results report.
-        measured: coordinate by which motions are compared: that which the file names, otherwise the coordinate of the first driver,
-            otherwise the crank's angle, otherwise the first angle of a link or coordinate of a slide that can move.
+        observed_points, observed_links: points, and indices of links by their angles, that results report.
+        measured: coordinate by which motions are compared: that which the file names, else that of the first driver, else the
+            crank's angle, else the first angle of a link or coordinate of a slide that can move.
         q0, v0: (n,) consistent start, read-only; empty before assembly.
         frictions: dry friction in joints; it depends on accelerations and is therefore not among the forces.
-        dof: n minus the rank of the joint rows at the start; -1 before assembly.
-        redundant: number of joint rows beyond that rank; -1 before assembly.
+        dof, redundant: n minus the rank of the joint rows at the start, and joint rows beyond that rank; -1 before assembly.
         parts: every link of the file with the body that carries it; empty if no links are welded.
-        welds: welds of the file.
         apart: the same linkage with its links unwelded, in which results are reported; None if no links are welded.
         warnings: sentences on positions that the linkage can reach and a motion should avoid.
         couplings: constraints on positions other than joints and drivers.
@@ -637,9 +612,7 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only, and check the types of all forces, joints, drivers and other parts of the mechanism.
-
-        Code that selects parts by type would skip a part of an unknown type.
+        """Make the arrays read-only, and check the types of all parts, because code that selects by type would skip others.
 
         Raises:
             TypeError: a force, joint or other part is of an unknown type; the message names it.
@@ -677,17 +650,17 @@ class Mechanism:
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
-        """Couplings and knife edges: an engine that does not support them must not run this mechanism."""
+        """Couplings and knife edges: an engine without them must not run this mechanism."""
         return *self.couplings, *self.knife_edges
 
     @property
     def has_friction(self) -> bool:
-        """Whether dry friction acts in a joint: an engine without friction must not run this mechanism."""
+        """Whether dry friction acts in a joint: an engine without it must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property
     def varying(self) -> tuple[Torque | PointForce, ...]:
-        """The forces that vary with time or direction: an engine that does not support them must not run this mechanism."""
+        """The forces that vary with time or direction: an engine without such forces must not run this mechanism."""
         return tuple(force for force, _ in self.factors)
 
     @property
@@ -713,7 +686,7 @@ class Mechanism:
 
     @property
     def m(self) -> int:
-        """Number of constraint rows: one for each coordinate that a joint or coupling holds, each driver and each knife edge."""
+        """Number of constraint rows: held coordinates, drivers and knife edges."""
         held = sum(len(part.held) for part in (*self.joints, *self.couplings))
         return held + len(self.drivers) + len(self.knife_edges)
 
@@ -750,8 +723,7 @@ class Mechanism:
     def find_point(self, reference: str) -> Point:
         """Return the point "link.point" of the file as a point of the body that carries the link.
 
-        Links that are welded together make up one body, which has the name of one of these links. Points of the link with the
-        body's name keep their names in the body; points of the body's other links are named "link.point" in the body.
+        A welded body has the name of one of its links; points of its other links are named "link.point" in the body.
         """
         owner, _, name = reference.partition(".")
         if owner == "ground":

@@ -1,23 +1,19 @@
 """Functions of time: laws of a prescribed motion, and factors of forces that vary.
 
-A law gives a value and its first and second time derivatives. The families are those of cam mechanisms (Wang et al., 2010):
-constant speed, sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with an end keeps its first value before
-its beginning and its last value after its end. A law is evaluated in the number type of its parameters and of t (for example float
-or long double).
+A law gives a value and its first and second time derivatives, in the number type of its parameters and of t. The families are those
+of cam mechanisms (Wang et al., 2010): constant speed, sine (cycloidal) and cosine acceleration, 3-4-5 polynomial, table. A law with
+an end keeps its first value before its beginning and its last value after its end.
 
-A force may be multiplied by a time factor and by a direction factor. The time factor is one of
+The time factor of a force is one of
 
     table:    straight lines between rows (t, factor), the first and last value outside
     ramp:     from 0 at `start` to 1 after `time`
     step:     0 before `start`, 1 from then on
     sine:     sin(2 pi frequency t + phase)
 
-A time factor lists the times of its kinks and jumps, so that an integrator can restart there. Between two kinks or jumps the factor
-is a straight line; a sine has neither.
-
-The direction factor is 1 if the point of application moves in the direction of the force, and `share` if it moves in the opposite
-direction. With w the speed along the force (the force's power divided by its magnitude), and `speed` the width of the transition,
-the factor changes smoothly from `share` to 1, as regularised dry friction does:
+It lists the times of its kinks and jumps, so that an integrator can restart there; between two of them it is a straight line, or a
+sine. The direction factor changes smoothly from `share`, if the point of application moves against the force, to 1, with w the
+speed along the force (its power divided by its magnitude), and `speed` the width of the transition:
 
     (1 + share) / 2 + (1 - share) / 2 tanh(w / speed)
 """
@@ -40,10 +36,7 @@ STEADY = (1.0, 0.0)  # the line of a constant factor 1: value at t = 0 [-] and s
 class MotionLaw:
     """A function of t [s] that returns a value [rad or m] and its first and second time derivative; t may be an array.
 
-    Attributes:
-        name: family of the law.
-        motion: function of t that returns the value and both derivatives.
-        numbers: parameters of the law by name; other code can rebuild the law from family and parameters.
+    Other code can rebuild the law from its family `name` and its parameters `numbers`.
     """
 
     name: str
@@ -51,11 +44,11 @@ class MotionLaw:
     numbers: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, t: Any) -> Motion:
-        """Return the value of the law and its first and second time derivatives at time(s) t [s]."""
+        """Return the value and both derivatives at time(s) t [s]."""
         return self.motion(t)
 
     def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
-        """Pickle family and parameters of the law, because its function is a closure, which cannot be pickled."""
+        """Pickle family and parameters, because the function is a closure, which cannot be pickled."""
         return make_law, (self.name, dict(self.numbers))
 
 
@@ -88,15 +81,8 @@ def cosine(s: Any, pi: Any = np.pi) -> Motion:
 
 
 def poly345(s: Any, pi: Any = np.pi) -> Motion:
-    """Return the 3-4-5 polynomial 10 s^3 - 15 s^4 + 6 s^5 and its first and second derivative at s in 0..1.
-
-    `pi` is not used: all RISE_LAWS have the same arguments.
-    """
-    return (
-        s * s * s * (10 - 15 * s + 6 * s * s),
-        30 * s * s * (1 - s) * (1 - s),
-        60 * s * (1 - s) * (1 - 2 * s),
-    )
+    """Return the 3-4-5 polynomial and its first and second derivative at s in 0..1; `pi` is there for equal arguments."""
+    return s * s * s * (10 - 15 * s + 6 * s * s), 30 * s * s * (1 - s) * (1 - s), 60 * s * (1 - s) * (1 - 2 * s)
 
 
 RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "poly345": poly345}
@@ -105,15 +91,12 @@ RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "
 def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) -> MotionLaw:
     """Return a law that moves from `start` by `travel` [rad, m] within `time` [s], as the law `name` in RISE_LAWS does from 0 to 1.
 
-    The value is constant before and afterwards. `number` converts text to the type of the numbers, such as float.
+    The value is constant before and afterwards. `number` converts text to the type of the numbers.
     """
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        """Return the value and both time derivatives at t, by the chain rule from a law of s = t / time in [0, 1].
-
-        `moving` is 1 for s in [0, 1] and 0 outside, where both derivatives are zero.
-        """
+        """Return the value and both derivatives at t, by the chain rule with s = t / time in [0, 1]."""
         s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
@@ -129,9 +112,7 @@ def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
 
 
 def table(start: Any, times: Array, angles: Array) -> MotionLaw:
-    """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s].
-
-    The first derivative is zero at the first and at the last time; outside them the value is constant.
+    """Return `start` plus a cubic spline through angles [rad] (or lengths [m]) at times [s], at rest at both ends and outside.
 
     With second derivatives k (curvatures) at the knots, widths h of the pieces and slopes d of their chords, the first derivative
     is continuous if
@@ -143,11 +124,7 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     k = _solve_curvatures(h, d)
 
     def motion(t: Any) -> Motion:
-        """Return value, first and second derivative at t of the cubic on the piece that contains t.
-
-        Before the first and after the last of the `times`, the value is that of the nearest end, and the factor `moving`, which is
-        0 there and 1 between, makes both derivatives zero.
-        """
+        """Return value, first and second derivative at t of the cubic on the piece that contains t; outside, it rests."""
         inside, moving = clip(t, times[0], times[-1])
         piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
         j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
@@ -161,10 +138,9 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
 
 
 def _solve_curvatures(h: Array, d: Array) -> Array:
-    """Return the curvatures k of a spline at its knots, for widths h of the pieces and slopes d of their chords.
+    """Return the curvatures k of a spline from the tridiagonal equations in `table`.
 
-    The tridiagonal equations are given in `table`. They are eliminated here because solvers of numpy and scipy round longer number
-    types to double.
+    Solvers of numpy and scipy would round longer number types to double.
     """
     zero = h[:1] * 0
     below, above = np.concatenate([zero, h]), np.concatenate([h, zero])
@@ -182,7 +158,7 @@ def _solve_curvatures(h: Array, d: Array) -> Array:
 
 @dataclass(frozen=True)
 class Wave:
-    """The factor sin(turning t + phase) of a force at time t [s]; `turning` is the angular frequency [rad/s], `phase` in [rad]."""
+    """The factor sin(turning t + phase) of a force at time t [s], with `turning` in [rad/s] and `phase` in [rad]."""
 
     turning: float
     phase: float
@@ -193,12 +169,10 @@ class Factor:
     """A factor of a force that depends on time t (...) [s] and on the speed w (...) along the force.
 
     Attributes:
-        kinks: times [s], in order, at which the time-dependent factor or its slope jumps.
-        lines: (level, slope [1/s]) of the straight line level + slope t, for each interval: before the first kink, between two
-            kinks, and after the last one; at a kink the line of the later interval counts.
+        kinks: times [s], in order, at which the time factor or its slope jumps.
+        lines: (level, slope [1/s]) of the line level + slope t before the first kink, between two kinks, and after the last one.
         wave: a sine in place of the straight lines, or None.
-        share: the factor while the point of application moves against the force; while it moves with the force, the factor is 1.
-        speed: the direction factor changes from `share` to 1 within a few times this speed around w = 0 [m/s or rad/s].
+        share, speed: of the direction factor, see the top of this file [-, m/s or rad/s].
     """
 
     kinks: tuple[float, ...] = ()
@@ -208,11 +182,11 @@ class Factor:
     speed: float = 1.0
 
     def line(self, t: float | Array) -> Array:
-        """Return level and slope of the time factor's straight line at times t (...) [s], as an array (..., 2)."""
+        """Return level and slope of the straight line at times t (...) [s], as an array (..., 2); at a kink, those after it."""
         return np.asarray(np.array(self.lines)[np.searchsorted(self.kinks, t, side="right")])
 
     def of_time(self, t: Any) -> Array:
-        """Return the time factor of the force at times t (...) [s], without the direction factor."""
+        """Return the time factor at times t (...) [s]."""
         t = np.asarray(t, dtype=float)
         if self.wave:
             return np.asarray(np.sin(self.wave.turning * t + self.wave.phase))
@@ -220,27 +194,22 @@ class Factor:
         return np.asarray(level + slope * t)
 
     def __call__(self, t: Any, w: Array) -> Array:
-        """Return the product of time factor and direction factor at times t (...) [s] and speeds w (...) along the force."""
+        """Return the product of time factor and direction factor."""
         of_direction = (1 + self.share) / 2 + (1 - self.share) / 2 * np.tanh(w / self.speed)
         return np.asarray(self.of_time(t) * of_direction)
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
-    """Return the factor of a force from its table; None if the table has neither `over_time` nor `against`.
-
-    `over_time` gives the factor as a function of time, `against` the factor while the point of application moves against the force.
-    """
+    """Return the factor of a force from its table; None if it has neither `over_time` nor `against`."""
     if "over_time" not in table and "against" not in table:
         return None
     factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()
-    if "against" not in table:
-        return factor
-    against = table["against"]
-    return replace(factor, share=float(against["share"]), speed=float(against["speed"]))
+    against = table.get("against")
+    return replace(factor, share=float(against["share"]), speed=float(against["speed"])) if against else factor
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:
-    """Return the time factor of a force from its table `over_time`: a table, a ramp, a step or a sine."""
+    """Return the time factor of a force from its table `over_time`."""
     match table["law"]:
         case "table":
             return _straight_between([(float(t), float(factor)) for t, factor in table["rows"]])

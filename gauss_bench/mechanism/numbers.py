@@ -1,7 +1,6 @@
 """Numbers of any precision: a linkage is built from the decimals of its file in the type in which it will be computed.
 
 A `Number` is a function that converts decimal text to the type of the computation: float, numpy.longdouble, or a 128-bit type.
-Arrays of each type have + - * and the elementary functions of numpy. This file has the operations that numpy would round to double.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,12 +20,12 @@ def exact(number: Number, value: float | int | Decimal) -> Any:
 
 
 def pair(number: Number, values: Any) -> Any:
-    """Return a pair of numbers of the file, such as [x, y], as an array (2,) of the type that `number` returns."""
+    """Return a pair of numbers of the file, such as [x, y], as an array (2,)."""
     return np.array([exact(number, x) for x in values])
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Convert an angle in degrees to radians, as a number of the type that `number` returns."""
+    """Convert an angle in degrees to radians."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 

@@ -1,7 +1,7 @@
 """Vectors of the plane, and the parts of a state that belong to one body.
 
 The components of a vector are numbers of any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that
-every formula of mechanics is written once. An angular speed or a moment is one number, about the normal of the plane.
+every formula of mechanics is written once.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ SIZE = 3  # coordinates of a body: x and y of its centre of mass, and its angle
 
 
 class Vec:
-    """A vector in the plane, given by its components x and y, which are numbers of any type."""
+    """A vector in the plane, given by its components x and y."""
 
     __slots__ = ("parts",)
 
@@ -53,7 +53,7 @@ def cross(omega: Real, r: Vec) -> Vec:
 
 
 def rotate_vec(turn: Vec, vector: Vec) -> Vec:
-    """Return a vector rotated by an angle; `turn` is the cosine and sine of the angle."""
+    """Return a vector rotated by the angle whose cosine and sine are `turn`."""
     (cosine, sine), (x, y) = turn.parts, vector.parts
     return Vec(x * cosine - y * sine, x * sine + y * cosine)
 

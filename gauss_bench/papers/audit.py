@@ -1,15 +1,12 @@
 """Measure every checked statement of three papers, as printed and as intended, and derive a verdict.
 
-The data file of a paper lists the paper's statements (equations, numbers, claims) in their order, in chapters; each statement is
-called a line. A line has two versions of the statement, called forms: as it is printed, and as the authors intended it, which is
-the corrected statement. In the data file, each form is either a string or data (a number, a list or a table). Such a string is the
-name of a function, in the chapter's module in `forms`, which computes what the paper's statement says. A form that consists of text
-is given as a list with this text.
+The data file of a paper lists its statements (equations, numbers, claims) in chapters; each statement is called a line. A line has
+two forms of the statement: as it is printed, and as the authors intended it. A form is data (a number, a list or a table), or a
+string that names a function in the chapter's module in `forms`, which computes what the statement says.
 
-Each line also names its measure: a function that returns the discrepancy of a form of the statement from a reference. The reference
-is computed without either of the two forms, so that the data file cannot decide the verdict. A chapter of the data file may give
-cases for a measure, under the key `over`. With cases, the measure is evaluated for each case, and the worst value is used. The data
-file also gives the cause of each error; lines with the same cause count as one mistake.
+Each line also names its measure: a function that returns the discrepancy of a form from a reference, which is computed without
+either form, so that the data file cannot decide the verdict. If the chapter gives cases for a measure under `over`, the worst case
+counts. Lines with the same cause of error count as one mistake.
 """
 
 import math
@@ -26,14 +23,6 @@ import numpy as np
 FOLDER = Path(__file__).parent
 PAPERS = ("yuan_ge_2016", "wang_2010", "men_2009")
 APART = 1e3  # a printed form counts as wrong only if it differs by this many tolerances, far beyond rounding
-CELLS = {  # cell of a row -> key of the line from which it is copied
-    "name": "name",
-    "printed": "printed",
-    "intended": "intended",
-    "cause": "cause",
-    "equation": "place",
-    "sentence": "remark",
-}
 
 Table = dict[str, Any]
 
@@ -53,18 +42,14 @@ class Verdict(StrEnum):
 class Line:
     """One statement of a paper.
 
-    A form of the statement is a function that computes what it says, or data such as a number or a list.
-
     Attributes:
-        texts: cells of the statement's row in the table `audit` that are copied from the data file.
-        verdict: the verdict that the data file claims: "ok" if the file names no cause of an error, else the kind of this cause.
-        printed, intended: form of the statement as printed, and form as intended by the authors; the same object if the statement
-            is right as printed.
-        measure: function that maps a form to its discrepancy from the reference, >= 0.
+        texts: cells of its row in the table `audit` that are copied from the data file.
+        verdict: the verdict that the data file claims: "ok", or the kind of the cause of the error.
+        printed, intended: the two forms (functions or data); the same object if the statement is right as printed.
+        measure: form -> its discrepancy from the reference, >= 0.
         tolerance: largest discrepancy of a form that counts as right.
-        example: function that maps a form to a number that a reader can check with pencil and paper; None if there is no example.
-        truth: function that computes the true value of the example's number independently of both forms; None if there is no
-            example.
+        example: form -> a number that a reader can check with pencil and paper; None if there is none.
+        truth: returns the true value of that number, independently of both forms.
     """
 
     texts: dict[str, str]
@@ -78,12 +63,12 @@ class Line:
 
 
 def audit() -> dict[str, Any]:
-    """Return {"audit": rows} with a row for each statement of the papers: its texts, both discrepancies, and the verdict."""
+    """Return {"audit": rows} with a row (`measure_line`) for each statement of the papers."""
     return {"audit": [measure_line(line) for line in lines()]}
 
 
 def lines() -> tuple[Line, ...]:
-    """Return all checked statements of all papers, in the order of PAPERS and of each paper's data file."""
+    """Return all checked statements, in the order of PAPERS and of each data file."""
     return tuple(line for name in PAPERS for line in lines_of(read(name)))
 
 
@@ -93,12 +78,7 @@ def read(name: str) -> Table:
 
 
 def lines_of(paper: Table) -> Iterator[Line]:
-    """Yield the statements of a paper's data file, with the functions themselves in place of their names in the file.
-
-    The data file has chapters with lines, one for each statement. `printed` is the function or data of the statement as printed,
-    `intended` as the authors meant it. A line refers to its measure, its cause of error, its tolerance and its number (what its
-    example computes) by keys of tables in the file or the chapter.
-    """
+    """Yield the statements of a paper's data file, with functions in place of their names."""
     cited = f"{paper['authors']}: {paper['title']}. {paper['source']}. {paper['extract']}"
     for chapter in paper["chapter"]:
         module = f"forms.{chapter['forms']}"
@@ -106,7 +86,9 @@ def lines_of(paper: Table) -> Iterator[Line]:
             cause = paper["cause"][entry["cause"]] if "cause" in entry else {"kind": Verdict.OK}
             tolerance, example = paper["tolerance"][entry["tolerance"]], entry.get("example")
             number = paper["number"][example["number"]] if example else {"text": ""}  # what the example computes
-            texts = {cell: entry.get(key, "") for cell, key in CELLS.items()} | {
+            texts = {key: entry.get(key, "") for key in ("name", "printed", "intended", "cause")} | {
+                "equation": entry.get("place", ""),
+                "sentence": entry.get("remark", ""),
                 "paper": paper["paper"],
                 "measured": chapter["measure"][entry["measure"]],
                 "reason": tolerance["reason"],
@@ -129,11 +111,7 @@ def lines_of(paper: Table) -> Iterator[Line]:
 
 
 def form_of(module: str, form: Any) -> Any:
-    """Return the function that a string in a data file names; return any other value (a number, list or table) unchanged.
-
-    The string `form` is the name of a function in `module`, the chapter's module, or the path of a function in
-    `gauss_bench.papers`.
-    """
+    """Return the function that a string names, in `module` or by its path in `gauss_bench.papers`; other values unchanged."""
     if not isinstance(form, str):
         return form
     path, _, name = form.rpartition(".")
@@ -141,12 +119,9 @@ def form_of(module: str, form: Any) -> Any:
 
 
 def measure_of(module: str, chapter: Table, entry: Table) -> Callable[[Any], float]:
-    """Return a function of one form of a statement: its largest discrepancy over all cases for which the statement is tested.
+    """Return a function of a form: its largest discrepancy over all cases of the line's measure.
 
-    Args:
-        module: module of the chapter in `papers`.
-        chapter: table of the data file; its table `over` names, for a measure, the function that lists the cases of this measure.
-        entry: table of the statement; the value of its key `on`, if there is one, is passed to the measure as the last argument.
+    `entry` is the table of the line; its key `on`, if there is one, is the last argument of the measure.
     """
     measure, cases = form_of(module, entry["measure"]), chapter.get("over", {}).get(entry["measure"])
     on = [entry["on"]] if "on" in entry else []
@@ -161,10 +136,7 @@ def worst(values: Sequence[float]) -> float:
 
 
 def discrepancy(line: Line, form: Any) -> float:
-    """Return the measured discrepancy of a form of a statement from the reference.
-
-    The discrepancy is infinite if the form cannot be evaluated, for example because shapes of arrays do not fit.
-    """
+    """Return the measured discrepancy of a form; infinity if it cannot be evaluated, as if shapes of arrays do not fit."""
     try:
         return float(line.measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
@@ -172,15 +144,9 @@ def discrepancy(line: Line, form: Any) -> float:
 
 
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
-    """List the contradictions between the verdict that the data file claims for a statement and the measured discrepancies.
+    """List the contradictions between a claimed verdict and the discrepancies of both forms.
 
-    The list is empty if they agree.
-
-    Args:
-        verdict: the verdict that the data file claims.
-        printed, intended: differences of the statement as printed and as intended from the reference.
-        tolerance: largest difference of a correct statement. A statement as printed counts as wrong only if its difference exceeds
-            APART times the tolerance.
+    A form counts as right within the tolerance, and as wrong beyond APART tolerances.
     """
     # `not x <= tolerance` also is true if x is NaN
     faults = [] if intended <= tolerance else ["what is called right is not"]
@@ -192,17 +158,9 @@ def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: fl
 
 
 def measure_line(line: Line) -> dict[str, Any]:
-    """Measure a statement of a paper, and return its row of texts and numbers in the table `audit`.
+    """Return the row of a statement in the table `audit`: its texts, discrepancies, verdict, faults and the numbers of its example.
 
-    Besides the texts that quote and explain the statement, the row has these columns:
-        verdict: "ok" if the statement is right as printed; otherwise the verdict that the data file claims, or "wrong" if the file
-            claims "ok".
-        printed_off, intended_off: differences of the statement as printed and as intended from the reference.
-        tolerance: largest difference of a correct statement.
-        stands: whether the measured discrepancies agree with the verdict of the data file.
-        faults: the contradictions between the measured discrepancies and the verdict of the data file.
-        example_printed, example_intended, example_true: the number of the statement's example as computed by the printed form and
-            by the intended form, and its true value; None if the paper's statement has no numerical example.
+    A statement that is claimed to be "ok" and is not has the verdict "wrong".
     """
     printed = discrepancy(line, line.printed)
     intended = printed if line.intended is line.printed else discrepancy(line, line.intended)

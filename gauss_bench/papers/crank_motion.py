@@ -1,32 +1,53 @@
 """The motion of the crank-slider as one equation for its crank angle th, in closed form, with any torque, damper or inertia.
 
-The angle of the rod is th2, with sin th2 = -l1/l2 sin th. The coordinates q(th) of crank, rod and slider are those of
-`crank_slider`. With the derivatives d = dq/dth and e = d2q/dth2 and the crank's speed w, every acceleration that the constraints
-allow is a = d w' + e w^2. The true acceleration is the one among them that is nearest to M^-1 Q in the metric of M (Gauss's
-principle). Some wrong formulas of Yuan and Ge (2016) also satisfy the constraints J a = g, but minimise another distance among
-these accelerations. With a weight matrix W and a vector R, the true formula and the wrong ones give
+The angle of the rod is th2, with sin th2 = -l1/l2 sin th. With the derivatives d = dq/dth and e = d2q/dth2 of the coordinates of
+`crank_slider` and the crank's speed w, every acceleration that the constraints allow is a = d w' + e w^2. The true one is nearest
+to M^-1 Q in the metric of M (Gauss's principle). Some wrong formulas of Yuan and Ge (2016) minimise another distance:
 
     w' = d . (R - W e w^2) / (d . W d)
 
     true:                          W = M,      R = Q;          a is nearest to M^-1 Q in the metric of M
     eq. (16), Moore-Penrose:       W = I,      R = M^-1 Q;     a is nearest to M^-1 Q in the Euclidean metric
     eqs. (10), (11) as printed:    W = M^-1,   R = M^-1 Q;     a is nearest to Q in the metric of M^-1
+
+F(theta) = d . Q(q, 0) is the static torque of weight and spring on the crank, with d = dq/dtheta. Under an applied torque tau, the
+crank is in equilibrium where F + tau = 0; this equilibrium is stable if dF/dtheta < 0.
+
+The equation of motion does not depend on time, so that two motions cannot cross in the plane of crank angle and speed. A crank that
+starts at rest and completes a turn is therefore faster at each angle of every later turn, and never stops. A crank that turns back
+before stays between two angles and comes to rest, because torque, weight and spring are conservative and the damper takes energy.
+
+In steady turning, with the travelled angle s = |theta| and the direction D = +-1, the speed u = |w| obeys du/ds = D w'/u. The time
+t, and the energy E lost in the damper c at the slider's place x3, are integrated together with u:
+
+    dt/ds = 1/u,    dE/ds = c (dx3/dtheta)^2 u
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar, newton
 
 from gauss_bench.mechanism.model import AxisSpringDamper, Mechanism, Torque
-from gauss_bench.papers.crank_slider import KEPT
+from gauss_bench.papers.crank_slider import KEPT, derivative
 from gauss_bench.terms import Array
 
 RTOL, ATOL = 1e-10, 1e-12
 TRUE, EQ_16, EQS_10_11 = "true", "(16) with Moore-Penrose inverses", "(10), (11) as printed"
+GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
+LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
+WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
+MARGIN = 100.0  # distance from the last bracket at which the second search begins, in widths of the bracket
+SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
+TURN = 2 * np.pi
+SAMPLES = 2001  # in a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
+STEADY = 1e-2  # relative: a turn that starts within this of the steady speed counts as steady
+TURNS = 500  # largest number of turns; the paper's example needs some 50 to become steady
+POINTS = 4096  # in a turn, for the mean of a smooth periodic function: exact to rounding
 
 Seven = tuple[Any, ...]  # one entry for each of the paper's coordinates
 Event = Callable[[float, Array], float]
@@ -58,8 +79,7 @@ class CrankMotion:
     def positions(self, theta: Any) -> tuple[Seven, Seven, Seven]:
         """Return q, dq/dtheta and d2q/dtheta2 at crank angles theta [rad]: seven entries each, which have the shape of theta.
 
-        The seven coordinates are x1, y1, theta1 and x2, y2, theta2 (centre and angle of crank and rod), and x3 of the slider. For a
-        single float `math` is used, which is faster than numpy, because an integrator calls this a million times.
+        For a single float `math` is used, because an integrator calls this a million times.
         """
         library = math if isinstance(theta, float) else np
         l1, l2, one = self.l1, self.l2, 0 * theta + 1.0  # one: the number 1, or ones in the shape of theta
@@ -77,18 +97,13 @@ class CrankMotion:
         return q, d, e
 
     def forces(self, x3: Any, x3_rate: Any) -> Seven:
-        """Return the seven applied forces of the paper's eq. (19) at positions x3 [m] and speeds x3_rate [m/s] of the slider."""
+        """Return the seven applied forces of eq. (19) at positions x3 [m] and speeds x3_rate [m/s] of the slider."""
         m1, m2 = self.mass[1], self.mass[4]  # of crank and rod
         push = self.k * (self.rest - x3) - self.c * x3_rate
         return (0.0, -m1 * self.gravity, self.torque, 0.0, -m2 * self.gravity, 0.0, push)
 
     def acceleration(self, theta: Any, w: Any) -> Any:
-        """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape.
-
-        The acceleration is w' = d . (R - W e w^2) / (d . W d), where d and e are the first and second derivatives of the
-        coordinates with respect to theta. The weight W and the load R are W = M and R = Q for the formula TRUE, W = 1 and R = Q/M
-        for EQ_16, and W = 1/M and R = Q/M for EQS_10_11. M is diagonal.
-        """
+        """Return the crank's acceleration w' [rad/s^2] by `formula`, for crank angles theta and speeds w of any shape."""
         q, d, e = self.positions(theta)
         force = inertia = 0.0  # d . (R - W e w^2) and d . W d
         # q[6] is the slider's position x3, and d[6] * w is its speed
@@ -107,10 +122,7 @@ class CrankMotion:
     def run(
         self, t_end: float, start: tuple[float, float] = (0.0, 0.0), rtol: float = RTOL, event: Event | None = None
     ) -> "CrankRun":
-        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until the function `event` of t and y becomes 0.
-
-        y is the crank's angle and speed. The run stops at a zero of `event` only if this function has the attribute `terminal`, as
-        scipy defines it.
+        """Integrate from `start` (angle [rad], speed [rad/s]) to t_end [s], or until event(t, y) becomes 0, if it is `terminal`.
 
         Raises:
             ArithmeticError: the integrator fails.
@@ -138,13 +150,204 @@ class CrankRun:
 
 
 def motion_of(mechanism: Mechanism) -> CrankMotion:
-    """Return the closed-form model of the linkage file `crank_slider`, loaded in any scenario that has the spring.
-
-    The scenario may have a torque on the crank or none.
-    """
+    """Return the closed form of the linkage file `crank_slider`, in a scenario that has the spring."""
     torque = sum(f.value for f in mechanism.forces if isinstance(f, Torque))
     (spring,) = (f for f in mechanism.forces if isinstance(f, AxisSpringDamper))
     crank, rod, _ = mechanism.links
     l1, l2 = (float(np.linalg.norm(link.points[b] - link.points[a])) for link, (a, b) in ((crank, "OA"), (rod, "AB")))
     mass, gravity = tuple(mechanism.mass[list(KEPT)].tolist()), -float(mechanism.gravity[1])
     return CrankMotion(l1, l2, mass, torque, spring.k, spring.c, spring.rest, gravity)
+
+
+class Extreme(NamedTuple):
+    """Largest or smallest static torque [N m] on the crank, and the crank angle [rad] at which it acts."""
+
+    torque: float
+    theta: float
+
+
+class Equilibrium(NamedTuple):
+    """A crank angle [rad] in (-pi, pi] at which the crank can rest."""
+
+    theta: float
+    stable: bool
+
+
+def torque_range(motion: CrankMotion) -> tuple[Extreme, Extreme]:
+    """Return the smallest and the largest static torque of weight and spring on the crank during one turn of the crank."""
+    idle = replace(motion, torque=0.0)
+    theta, step = np.linspace(-np.pi, np.pi, GRID + 1), 2 * np.pi / GRID
+    F, extremes = idle.static_torque(theta), []
+    for sign in (1.0, -1.0):
+        near = float(theta[(sign * F).argmin()])
+        ends, options = (near - step, near + step), {"xatol": 1e-10}
+        best = minimize_scalar(lambda x, k=sign: k * idle.static_torque(float(x)), bounds=ends, method="bounded", options=options)
+        extremes.append(Extreme(sign * float(best.fun), float(best.x)))
+    return extremes[0], extremes[1]
+
+
+def equilibria(motion: CrankMotion) -> tuple[Equilibrium, ...]:
+    """Return the equilibria of the crank under the torque `motion.torque`, with ascending angles; empty if there are none."""
+    theta = np.linspace(-np.pi, np.pi, GRID + 1)
+    F = motion.static_torque(theta)
+    places = []
+    for k in np.flatnonzero(F[:-1] * F[1:] < 0):
+        root = float(brentq(lambda x: float(motion.static_torque(x)), float(theta[k]), float(theta[k + 1]), xtol=1e-14))
+        places.append(Equilibrium(root, bool(derivative(motion.static_torque, root, 1.0) < 0)))
+    return tuple(places)
+
+
+def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
+    """Tell whether the crank, started at rest at theta = 0, turns back before it completes a turn, and so comes to rest.
+
+    Raises:
+        ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary.
+    """
+    push = float(motion.static_torque(0.0))
+    if push == 0.0:
+        return True
+
+    def undecided(t: float, y: Array) -> float:
+        """Return a number that is 0 at the start, then positive, and falls to 0 when the crank turns back or completes a turn."""
+        return float(min(np.sign(push) * y[1], TURN - abs(y[0])))
+
+    undecided.terminal, undecided.direction = True, -1.0  # type: ignore[attr-defined]
+    run = motion.run(LONGEST, rtol=rtol, event=undecided)
+    if not run.stopped:
+        raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
+    return bool(abs(run.theta[-1]) < np.pi * 2 * (1 - 1e-6))
+
+
+def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
+    """Return the threshold of a parameter between motions make(value) that come to rest and that run on, and its uncertainty.
+
+    The bisection begins with values of either kind and ends at their relative distance `width`. The uncertainty is half their last
+    distance plus the change of the threshold with a smaller tolerance of the integration.
+
+    Raises:
+        ValueError: the crank does not come to rest with `settled`, or does with `running`.
+    """
+    low, high = bisect(make, settled, running, RTOL, width)
+    near = MARGIN * (high - low)
+    fine = bisect(make, low - near, high + near, SECOND_TOLERANCE * RTOL, width)
+    value = (fine[0] + fine[1]) / 2
+    return value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2)
+
+
+def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
+    """Narrow the bracket (settled, running) of `find_bound` to a relative `width`, and return its last two values."""
+    if not settles(make(settled), rtol) or settles(make(running), rtol):
+        raise ValueError(f"no bound between {settled:g} and {running:g}")
+    while abs(running - settled) > width * max(abs(running), abs(settled)):
+        middle = (settled + running) / 2
+        if settles(make(middle), rtol):
+            settled = middle
+        else:
+            running = middle
+    return settled, running
+
+
+def integrate_slope(motion: CrankMotion) -> float:
+    """Return the integral of (dx3/dtheta)^2 over one turn of the crank [m^2]; x3 is the place of the slider."""
+    theta = np.arange(POINTS) * TURN / POINTS
+    slope = motion.positions(theta)[1][6]  # dx3/dtheta: item 1 has the derivatives, and x3 is coordinate 6
+    # the mean at equally spaced angles (trapezoidal rule) is exact to rounding for a smooth periodic function
+    return float((slope**2).mean() * TURN)
+
+
+def balance_speed(motion: CrankMotion) -> float:
+    """Return the constant crank speed [rad/s] at which the damper would take as much energy as the torque gives."""
+    return TURN * motion.torque / (motion.c * integrate_slope(motion))
+
+
+def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
+    """Return time [s] and speed [rad/s] at the end of the first turn from rest.
+
+    Raises:
+        ArithmeticError: the crank does not complete the turn.
+    """
+
+    def angle_left(t: float, y: Array) -> float:
+        """Return the angle [rad] by which the crank still has to turn to complete its first turn; y has its angle and speed."""
+        return TURN - abs(float(y[0]))
+
+    angle_left.terminal = True  # type: ignore[attr-defined]
+    run = motion.run(10.0, rtol=rtol, event=angle_left)
+    if not run.stopped:
+        raise ArithmeticError("the crank does not complete a turn from rest")
+    return float(run.t[-1]), float(run.w[-1])
+
+
+def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
+    """Return speed |w| [rad/s], time [s] and energy lost [J] in a turn from theta = 0 at speed w [rad/s], as an array (3, samples).
+
+    Raises:
+        ArithmeticError: the crank does not complete the turn.
+    """
+    direction = float(np.sign(w))
+
+    def rate(s: float, y: Array) -> list[float]:
+        """Return the derivatives of y = (speed |w|, time, lost energy) with respect to the travelled angle s = |theta|."""
+        theta, u = float(direction * s), float(y[0])
+        slope = motion.positions(theta)[1][6]  # dx3/dtheta, of the slider with the damper c
+        return [direction * motion.acceleration(theta, direction * u) / u, 1 / u, motion.c * slope**2 * u]
+
+    start, places = [abs(w), 0.0, 0.0], np.linspace(0.0, TURN, samples)
+    run = solve_ivp(rate, (0.0, TURN), start, method="DOP853", rtol=rtol, atol=rtol, t_eval=places)
+    if not run.success:
+        raise ArithmeticError(f"the crank does not complete the turn it starts with {w:.6g} rad/s")
+    return np.asarray(run.y)
+
+
+def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
+    """Return the characteristic values of the steady rotation that the crank reaches after a start from rest.
+
+    The keys are:
+        mean, slowest, fastest: signed crank speeds of a steady turn, which ends with the speed with which it starts [rad/s].
+        period: duration of a steady turn [s].
+        taken, lost: energy taken from the torque, and lost in the damper, in a steady turn [J].
+        first_speed, first_time: speed [rad/s] and time [s] at the end of the first turn from rest.
+        steady_after: time from rest [s] until a turn starts within the relative difference STEADY of the steady speed.
+
+    Raises:
+        ArithmeticError: the crank does not complete a turn, or its motion does not become periodic.
+    """
+    first_time, first_speed = first_turn(motion, rtol)
+    direction = float(np.sign(first_speed))
+
+    def gain(u: float) -> float:
+        """Return the change of speed [rad/s] in a turn that starts with the speed u."""
+        return float(turn(motion, direction * u, rtol)[0, -1]) - u
+
+    try:
+        guess = abs(balance_speed(motion))
+        steady = float(newton(gain, guess, x1=1.1 * guess, tol=10 * rtol * guess))
+    except RuntimeError as error:
+        raise ArithmeticError("no turn was found that starts and ends with the same speed") from error
+    speeds, times, lost = turn(motion, direction * steady, rtol, SAMPLES)
+    return {
+        "mean": direction * TURN / float(times[-1]),
+        "slowest": direction * float(speeds.min()),
+        "fastest": direction * float(speeds.max()),
+        "period": float(times[-1]),
+        "taken": TURN * abs(motion.torque),
+        "lost": float(lost[-1]),
+        "first_speed": first_speed,
+        "first_time": first_time,
+        "steady_after": first_time + approach(motion, first_speed, steady, rtol),
+    }
+
+
+def approach(motion: CrankMotion, w: float, steady: float, rtol: float) -> float:
+    """Return the time [s] from the end of the first turn, at speed w [rad/s], until a turn begins nearly at the speed `steady` > 0.
+
+    Raises:
+        ArithmeticError: none of TURNS turns begins with nearly the steady speed.
+    """
+    t, direction, u = 0.0, float(np.sign(w)), abs(w)
+    for _ in range(TURNS):
+        if abs(u / steady - 1) < STEADY:
+            return t
+        speed, duration, _ = turn(motion, direction * u, rtol)[:, -1]
+        t, u = t + float(duration), float(speed)
+    raise ArithmeticError(f"the speed of the crank is not steady after {TURNS} turns")

@@ -2,9 +2,9 @@
 
     q = [x1, y1, theta1, x2, y2, theta2, x3]: centres of mass and angles of crank and rod, place of the slider
 
-The paper leaves out the slider's height and angle, which are zero; the linkage file `crank_slider` keeps them. `states` are motions
-of that file, computed in the crank angle alone and therefore independent of the equations here. All functions take one state (7,);
-most also take complex numbers, for derivatives by the complex-step method, which are exact to rounding.
+The paper leaves out the slider's height and angle, which the linkage file `crank_slider` keeps. `states` are motions of that file,
+computed in the crank angle alone and therefore independent of the equations here. Most functions also take complex numbers, for
+derivatives by the complex-step method.
 """
 
 from collections.abc import Callable
@@ -52,10 +52,7 @@ def linkage() -> Mechanism:
 
 @cache
 def states(count: int = 24) -> tuple[ExampleState, ...]:
-    """Return the initial state of the paper's example and random states (fixed seed), with reference accelerations.
-
-    There are `count` random states, with crank speeds up to 30 rad/s.
-    """
+    """Return the start of the example and `count` random states (fixed seed, speeds to 30 rad/s) with reference accelerations."""
     mechanism, kept = linkage(), list(KEPT)
     applied = Evaluator(mechanism).applied
     random, crank = random_states(mechanism, count), MinimalCoordinate(mechanism)
@@ -78,23 +75,12 @@ def residual(q: Number) -> Number:
     """Return the constraints (6,) of eq. (21): crank on its pin, rod on the crank, slider on the rod and in its guide."""
     x1, y1, t1, x2, y2, t2, x3 = q
     crank, rod = (L1 * np.cos(t1), L1 * np.sin(t1)), (L2 * np.cos(t2), L2 * np.sin(t2))
-    return np.array(
-        [
-            x1 - crank[0] / 2,
-            y1 - crank[1] / 2,
-            crank[0] - x2 + rod[0] / 2,
-            crank[1] - y2 + rod[1] / 2,
-            x2 + rod[0] / 2 - x3,
-            y2 + rod[1] / 2,
-        ]
-    )
+    pins = [x1 - crank[0] / 2, y1 - crank[1] / 2, crank[0] - x2 + rod[0] / 2, crank[1] - y2 + rod[1] / 2]
+    return np.array([*pins, x2 + rod[0] / 2 - x3, y2 + rod[1] / 2])
 
 
 def jacobian(q: Number) -> Number:
-    """Return the Jacobian (6, 7) of the constraints by q = [x1, y1, theta1, x2, y2, theta2, x3], eq. (22) of the paper.
-
-    Its entry in row 6, column 6 (counted from 1) is corrected: it is a cosine, but the paper prints a sine.
-    """
+    """Return the Jacobian (6, 7) of `residual` by q, eq. (22), with entry (6, 6) corrected: the paper prints a sine."""
     # the sines and cosines are multiplied by the length of the crank, and by half that of the rod
     s1, c1 = L1 * np.sin(q[2]), L1 * np.cos(q[2])
     s2, c2 = L2 / 2 * np.sin(q[5]), L2 / 2 * np.cos(q[5])
@@ -111,10 +97,7 @@ def jacobian(q: Number) -> Number:
 
 
 def bias(q: Array, v: Array) -> Array:
-    """Return the right-hand side g (6,) of J a = g, eq. (23) of the paper, with angular velocities squared in all rows.
-
-    In rows 3, 5 and 6 the paper prints squares of angular accelerations instead.
-    """
+    """Return the right-hand side g (6,) of J a = g, eq. (23); in rows 3, 5 and 6 the paper squares accelerations."""
     # q[2], q[5]: angles of crank and rod
     x1, y1 = L1 * np.cos(q[2]) * v[2] ** 2, L1 * np.sin(q[2]) * v[2] ** 2
     x2, y2 = L2 / 2 * np.cos(q[5]) * v[5] ** 2, L2 / 2 * np.sin(q[5]) * v[5] ** 2

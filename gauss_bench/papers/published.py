@@ -17,10 +17,7 @@ SQUEEZER = ("squeezer", "squeeze", 0.03)  # linkage, scenario, and time [s] of t
 
 
 class PublishedAngle(NamedTuple):
-    """An angle of the problem, with its value [rad] and rate [rad/s] as printed.
-
-    The angle is that of the link `link` minus that of the link `minus`, or that of `link` alone if `minus` is None.
-    """
+    """An angle, of the link `link` minus that of `minus` if there is one, with its value [rad] and rate [rad/s] as printed."""
 
     name: str
     link: str
@@ -43,8 +40,8 @@ VALUES = (
 def list_published_values(mechanism: Mechanism, reference: Reference) -> list[dict[str, Any]]:
     """Return a row for each printed value: printed and certified value, difference, and numbers of printed and of right digits.
 
-    A row also has the error bar of the certified value, and as `floor` the change of this value if the numbers of the linkage
-    change by rounding, a relative 1e-16. The reference must end at the time of the published values.
+    `floor` is the change of the certified value if the numbers of the linkage change by rounding. The reference ends at the time of
+    the published values.
     """
     linkage, scenario, t = SQUEEZER
     assert abs(reference.t[-1] - t) < 1e-12

@@ -1,9 +1,7 @@
 """Run the example of Yuan & Ge (2016), section 4, again: does the crank-slider "finally stop in an equilibrium"?
 
-Everything is computed from the linkage file and the closed form of `crank_motion`. `rest` finds where the crank can rest and with
-which data it comes to rest, `running` computes the steady turning, and `reproduction.toml` explains each number. The data of the
-paper's plots (figures 2 to 9) are computed from a reference solution. The paper does not give inertias and gravity, which are
-assumed throughout.
+Everything is computed from the linkage file and the closed form of `crank_motion`; `reproduction.toml` explains each number. The
+paper does not give inertias and gravity, which are assumed throughout.
 """
 
 import tomllib
@@ -16,10 +14,9 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, motion_of
+from gauss_bench.papers import crank_motion
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, RTOL, TRUE, CrankMotion, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import KEPT, linkage
-from gauss_bench.papers.rest import equilibria, find_bound, settles, torque_range
-from gauss_bench.papers.running import balance_speed, integrate_slope, regime
 from gauss_bench.trajectory import Reference
 
 COARSE = 1e2  # factor on the tolerance of a second run; the difference of both runs bounds the error of the finer run
@@ -41,12 +38,10 @@ Values = dict[str, tuple[float, float | None]]  # key of a row -> value and its 
 def reproduction() -> dict[str, Any]:
     """Compute the example's numbers; return {"reproduction": rows} with one row for each entry of the file `reproduction.toml`.
 
-    A row has group, key, quantity, value, unit, bracket, verdict and statement.
-
-    `value` is None for a claim of the paper or data that it omits. `bracket` is the uncertainty of the value, None if the value is
-    exact to rounding. The verdict of a claim is "refuted", "holds" or "not shown".
+    `value` is None for a claim of the paper or data that it omits; `bracket` is the uncertainty of the value, None if it is exact
+    to rounding. The verdict of a claim is "refuted", "holds" or "not shown".
     """
-    motion = motion_of(linkage())
+    motion = crank_motion.motion_of(linkage())
     given: Values = {"torque": (motion.torque, None), "damper": (motion.c, None), "watched": (WATCHED, None)}
     values = given | running(motion) | statics(motion) | settling(motion) | formulas(motion)
     verdicts = {key: "holds" if holds else "refuted" for key, holds in claims(motion).items()}
@@ -60,22 +55,20 @@ def reproduction() -> dict[str, Any]:
 
 
 def running(motion: CrankMotion) -> Values:
-    """Return the characteristic values of the steady rotation that the crank reaches with the paper's printed data.
+    """Return the values of the steady rotation (`regime`); their uncertainty is the change with a coarser tolerance.
 
-    Most values are computed with two tolerances; the difference of the two results is taken as the uncertainty of the value.
+    Also "swept", the integral of (dx3/dtheta)^2 over a turn, and "balance", the speed at which torque and damper balance.
     """
-    fine, coarse = regime(motion), regime(motion, COARSE * RTOL)
+    fine, coarse = crank_motion.regime(motion), crank_motion.regime(motion, COARSE * RTOL)
     values: Values = {key: (value, abs(value - coarse[key])) for key, value in fine.items()}
-    # taken: energy from the torque in a turn; swept: integral of (dx3/dtheta)^2 over a turn; balance: speed at which torque and
-    # damper balance. They are exact to rounding, so that their uncertainty is None
-    exact = {"taken": fine["taken"], "swept": integrate_slope(motion), "balance": balance_speed(motion)}
-    return values | {key: (value, None) for key, value in exact.items()}  # also replaces the uncertainty of "taken"
+    exact = {"taken": fine["taken"], "swept": crank_motion.integrate_slope(motion), "balance": crank_motion.balance_speed(motion)}
+    return values | {key: (value, None) for key, value in exact.items()}
 
 
 def statics(motion: CrankMotion) -> Values:
     """Return the extreme torques [N m] of weight and spring, their crank angles, and the angles [rad] at which the crank can rest.
 
-    Angles of rest whose key ends in "printed" are those under the paper's torque; if the key ends in "idle", there is no torque.
+    Keys of angles end in "printed" under the paper's torque, in "idle" without torque.
     """
     values: Values = {}
     for key, extreme in zip(("force_least", "force_most"), torque_range(motion), strict=True):
@@ -88,26 +81,14 @@ def statics(motion: CrankMotion) -> Values:
 
 
 def settling(motion: CrankMotion) -> Values:
-    """Return the bounds of the torque and of the damping within which the crank comes to rest from the start that the paper gives.
+    """Return the bounds of torque [N m] and damping [N s/m] within which the crank comes to rest from the paper's start.
 
-    The keys are:
-        settles_above, settles_below: the crank comes to rest under torques [N m] between these two.
-        settles_above_lowest, settles_above_highest: least and largest value of settles_above for other moments of inertia: those of
-            uniform bars times the factors in CORNERS.
-        damping: under the torque that the paper gives, the crank comes to rest if the damping [N s/m] is larger than this.
-        rest_at_X: the angle [rad] at which the crank rests under the torque X, one of TORQUES.
-
-    Args:
-        motion: the motion with the paper's data.
+    `settles_above_lowest` and `settles_above_highest` are the extremes of `settles_above` for the inertias in CORNERS. `rest_at_X`
+    is the angle [rad] at which the crank rests under the torque X.
     """
     low, high = torque_range(motion)  # of weight and spring; a torque of -high.torque balances the largest
-
-    def with_torque(torque: float) -> CrankMotion:
-        """Return the motion with another torque."""
-        return replace(motion, torque=torque)
-
-    # `find_bound` starts from a value with which the crank comes to rest and from one with which it runs on: no torque, and twice
-    # the torque that overcomes weight and spring at every angle; a damping of 32 N s/m, and the paper's
+    with_torque = partial(with_inertias, motion, 1.0, 1.0)
+    # brackets: no torque and twice the torque that overcomes weight and spring at every angle; 32 N s/m and the paper's damping
     others = [find_bound(partial(with_inertias, motion, *corner), 0.0, 2 * -high.torque, CORNER_WIDTH) for corner in CORNERS]
     values: Values = {
         "settles_above": find_bound(with_torque, 0.0, 2 * -high.torque),
@@ -120,16 +101,13 @@ def settling(motion: CrankMotion) -> Values:
 
 
 def with_inertias(motion: CrankMotion, crank: float, rod: float, torque: float) -> CrankMotion:
-    """Return the motion with another torque [N m] and with other moments of inertia of crank and rod.
-
-    `crank` and `rod` are multiples of the inertia of a uniform bar.
-    """
+    """Return the motion with another torque [N m], and with `crank` and `rod` times the inertias of uniform bars."""
     factors = (1.0, 1.0, crank, 1.0, 1.0, rod, 1.0)  # of x, y, angle of the crank, x, y, angle of the rod, x of the slider
     return replace(motion, mass=tuple(m * k for m, k in zip(motion.mass, factors, strict=True)), torque=torque)
 
 
 def find_rest(motion: CrankMotion) -> float:
-    """Return the crank angle [rad] at which the crank comes to rest, its only stable equilibrium.
+    """Return the angle [rad] of the crank's only stable equilibrium, at which it comes to rest.
 
     Raises:
         ArithmeticError: the crank does not come to rest, or there are several stable equilibria.
@@ -141,10 +119,7 @@ def find_rest(motion: CrankMotion) -> float:
 
 
 def formulas(motion: CrankMotion) -> Values:
-    """Return the crank's acceleration at the start and speed after WATCHED seconds, by the true and by the wrong formulas.
-
-    The accelerations [rad/s^2] are exact to rounding; each speed [rad/s] has an uncertainty.
-    """
+    """Return the crank's acceleration [rad/s^2] at the start and speed [rad/s] after WATCHED seconds by each formula."""
     values: Values = {}
     for key, formula in FORMULAS.items():
         other = replace(motion, formula=formula)
@@ -154,15 +129,9 @@ def formulas(motion: CrankMotion) -> Values:
 
 
 def claims(motion: CrankMotion) -> dict[str, bool]:
-    """Return a dictionary: claim -> whether it is true. The paper makes all claims but `any_inertia`, which this suite adds.
+    """Return claim -> whether it is true; the paper makes all claims but `any_inertia`, which this suite adds.
 
-    The keys are:
-        stops: the mechanism comes to rest in the end.
-        decreases: amplitude and speed of the slider decrease; this is so if and only if the mechanism comes to rest.
-        formula: eq. (16) gives the true acceleration at the start.
-        dissipative: without the torque the crank comes to rest.
-        rests: there is a stable equilibrium.
-        any_inertia: for all inertias of crank and rod in INERTIAS, the crank does not come to rest.
+    Amplitude and speed of the slider decrease if and only if the mechanism stops.
     """
     stops = settles(motion)
     wrong, true = (replace(motion, formula=formula).acceleration(0.0, 0.0) for formula in (EQ_16, TRUE))
@@ -177,11 +146,9 @@ def claims(motion: CrankMotion) -> dict[str, bool]:
 
 
 def paper_motion(mechanism: Mechanism, reference: Reference) -> dict[str, Any]:
-    """Return {"paper_motion": rows}, the data of the paper's figures 2 to 9, from a reference.
+    """Return {"paper_motion": rows}, the data of the paper's figures 2 to 9: t, x1, y1, theta1, x3 and their rates [s, m, rad].
 
-    The columns are the time t, then x1, y1, theta1, x3, then their rates x1_rate, y1_rate, theta1_rate, x3_rate [s, m, rad].
-    Between two samples of the reference, the motion is the polynomial that has the positions, velocities and accelerations of both
-    samples.
+    Between two samples of the reference, the motion is the polynomial with the positions, velocities and accelerations of both.
     """
     t = np.linspace(0.0, min(SPAN, float(reference.t[-1])), ROWS)
     kept = np.array(KEPT)[list(COLUMNS.values())]  # indices of x1, y1, theta1, x3 in the linkage file's coordinates

@@ -1,7 +1,7 @@
 """Build the report of a run: a summary in README.md, which is kept in git beside the rows, and a site for the browser.
 
-The summary and the site take their content from the modules in the folder `sections`, in the order of the number PLACE of each
-module. Each module has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
+Summary and site take their content from the modules in the folder `sections`, in the order of the number PLACE of each. A module
+has a function `section(run)`, a function `findings(run)`, or both. Equal rows give equal files, byte for byte.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,12 +10,11 @@ from pathlib import Path
 
 from gauss_bench.atomic import write_text
 from gauss_bench.checksums import checksum_of_run, read_checksums, require_unchanged
-from gauss_bench.report import sections
 from gauss_bench.report.content import Finding
 from gauss_bench.report.field_run import folders_of
 from gauss_bench.report.pages import markdown_page
-from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run, sort_key
+from gauss_bench.report.sections import all_sections
 from gauss_bench.report.site.first import Programs
 from gauss_bench.report.site.write import SITE, write_site
 from gauss_bench.report.summary import summary
@@ -32,7 +31,7 @@ class NoRun(BadInput, ValueError):
 
 
 def read_run(folder: Path) -> Run:
-    """Read the run in a folder; if its subfolder `field` has a run of the suite `field`, that run is the attribute `beside`.
+    """Read the run in a folder; a run of the suite `field` in its subfolder `field` becomes the attribute `beside`.
 
     Raises:
         NoRun: the folder has no run.
@@ -44,7 +43,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_one(folder: Path) -> Run:
-    """Read only the run in a folder, and no run in its subfolder `field`; raises the same errors as `read_run`."""
+    """Read the run in a folder without that in its subfolder; raises the same errors as `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
@@ -58,7 +57,7 @@ def read_one(folder: Path) -> Run:
 
 def all_findings(run: Run) -> Iterator[Finding]:
     """Yield the findings of all sections, in the order of the sections."""
-    for module in parts_of(sections):
+    for module in all_sections():
         if hasattr(module, "findings"):
             yield from module.findings(run)
 
@@ -76,10 +75,6 @@ def build_report(
     folder: Path, programs: Programs | None = None, say: Callable[[str], object] = lambda sentence: None
 ) -> list[Path]:
     """Write README.md and the site into the folder of a run, and return the written files.
-
-    Args:
-        programs: function that returns the example programs on the first page of the site, see `first_page`.
-        say: function that is called with a sentence when writing begins, after all tables were read.
 
     Raises:
         NoRun, TableError: for the same reasons as in `read_run`; in this case no file is written.

@@ -30,7 +30,7 @@ def is_unstabilised(row: Row) -> bool:
 
 
 def measured_name(rows: Iterable[Row]) -> str:
-    """Return the name of the linkage's coordinate in which the errors of the given rows are measured."""
+    """Return the linkage's coordinate in which the errors of rows are measured."""
     return next((row["measured"] for row in rows if row.get("measured")), "measured coordinate")
 
 
@@ -41,12 +41,12 @@ def measured_unit(rows: Iterable[Row]) -> str:
 
 
 def measured_head(rows: Sequence[Row]) -> str:
-    """Return the measured coordinate with its unit, such as "crank [rad]", for the head of a table."""
+    """Return the measured coordinate with its unit, such as "crank [rad]"."""
     return f"{measured_name(rows)} [{measured_unit(rows)}]"
 
 
 def end_column(row: Row) -> str:
-    """Return the column of the measured error at the latest of the times 0.5, 1 and 2 s for which the row has a value."""
+    """Return the column of the latest measured error, at 0.5, 1 or 2 s, that the row has."""
     return next((column for column in reversed(MEASURED_ERRORS) if is_known(row.get(column))), MEASURED_ERRORS[0])
 
 
@@ -56,7 +56,7 @@ def end_error(row: Row) -> float:
 
 
 def error_bar(row: Row, column: str) -> float:
-    """Return the reference's error bar of the quantity whose error is in `column`, else its error bar of positions, else 0."""
+    """Return the reference's error bar of the error in `column`, else that of positions, else 0."""
     return first_number(number(row, column.replace("error", "error_bar")), number(row, "position_error_bar"), 0.0)
 
 
@@ -83,7 +83,7 @@ def run_time(row: Row) -> float:
 
 
 def setting_words(row: Row, *columns: str) -> str:
-    """Return the texts of a row in the given columns, joined by spaces; "default" and "none" are left out.
+    """Return the texts of a row in some columns, by default those of METHOD; "default" and "none" are left out.
 
     Args:
         columns: names of the columns to print; by default settings, integrator and stabilization.
@@ -98,7 +98,7 @@ def describe_case(row: Row) -> str:
 
 
 def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
-    """Return one row for each linkage, engine and settings, with the acceleration error that all cases of the three share."""
+    """Return a row for each linkage, engine and settings, with their acceleration error."""
     groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
     return [_merge(group) for group in groups.values()]
 
@@ -113,7 +113,7 @@ def cost_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def _merge(group: Sequence[Row]) -> Row:
-    """Return the first row of the group, with each missing number taken from the next row that has this number."""
+    """Return the first row of the group, with each missing number from the next row that has it."""
     merged = dict(group[0])
     for column in merged:
         numbers = (row[column] for row in group if is_known(row.get(column)))

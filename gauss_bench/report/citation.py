@@ -26,7 +26,7 @@ def describe_rows(folder: Path, name: str = "reports") -> str:
 
 
 def renew(text: str, folder: Path) -> str:
-    """Return the text of CITATION.cff with new identifiers (checksums) of the runs in a folder and in its subfolder `field`."""
+    """Return the text of CITATION.cff with the checksums of the runs in a folder and in its subfolder `field`."""
     identifiers = "identifiers:\n" + "".join(describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder))
     renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)  # a function, since a text would be searched for \1
     assert count == 1, "CITATION.cff has one list of identifiers"

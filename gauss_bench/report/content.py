@@ -18,12 +18,6 @@ from gauss_bench.report.rows import Row, is_known, number
 from gauss_bench.report.words import NOTHING, error_text, ratio_text, round_digits, time_text
 
 UNMEASURED = "not measured"  # reason for a dash if no other is known
-AUTHORS = (
-    "This report compares ways to compute the motion of closed-loop planar linkages: the suite's own formulations, and other "
-    "engines through adapters. All read the same file and start from the same state. **The authors of the suite also wrote the "
-    "`gauss` formulation.** It passes through the same gate, clock and tables as every other engine, and rows in which it loses "
-    "are printed like those in which it wins."
-)
 TONES = {  # text of a verdict or status -> tone (colour) of its cell; "control" is a case that is meant to be wrong
     **dict.fromkeys(("holds", "pass", "ok"), "good"),
     **dict.fromkeys(("open", "not shown", "degraded", "misprint", "loose", "skip", "control"), "warn"),
@@ -53,7 +47,6 @@ class Table:
     """Rows of cells under a head.
 
     Attributes:
-        title: line above the table.
         numeric: indices of the columns of numbers, which are aligned right.
         folded: whether a page hides the table until a reader opens it.
         note: sentences below the table.
@@ -89,7 +82,6 @@ class Finding:
     """Sentences, with a title, that are computed from the rows of a run's tables.
 
     Attributes:
-        text: all sentences.
         tone: "good", "bad", "warn" or "".
         short: the finding in one sentence, for pages that have the tables beside it; empty if the first sentence of `text` serves.
         behind: tables of the rows from which the sentences were computed.
@@ -112,15 +104,12 @@ class Chart:
     """A figure with its data.
 
     Attributes:
-        description: one sentence about the figure.
         spec: Vega-Lite specification of the figure, without data.
-        rows: the drawn data.
         head: column of `rows` -> heading of this column in the table of numbers below the figure.
         toggles: engines that a reader may hide and show.
         shown: engines that are visible at first; by default all of them.
-        small: whether the figure is drawn small, in a card (a framed box) of the first page.
+        small: whether the figure is drawn in a card (a framed box) of the first page.
         listed: rows of the table of numbers; None if they are all of `rows`.
-        note: sentence below the table of numbers.
     """
 
     name: str
@@ -181,7 +170,7 @@ def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def to_json(x: Any) -> Any:
-    """Return a value for JSON: a float is rounded to five significant digits, which a figure can show; None if it is not finite."""
+    """Return a value for JSON: a float with five significant digits, None if it is not finite."""
     if not isinstance(x, float):
         return x
     return round_digits(x, 5) if math.isfinite(x) else None
@@ -214,7 +203,7 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value, and for a missing value its reason; the arguments are those of `_print_value`."""
+    """Return the cell of a row's value, with the reason if it is missing; arguments as in `_print_value`."""
     cell = _print_value(row, kind, key, bar)
     return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
 
@@ -261,7 +250,10 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
         case ["engine" | "formula"]:
             return text_cell(value, kind)
         case ["remark"]:
-            return remark_cell(row)
+            status, message = row.get("status") or "ok", row.get("message", "")
+            if status == "ok":
+                return text_cell(message)
+            return text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
         case ["status"]:
             return status_cell(row)
         case ["met"]:
@@ -285,21 +277,13 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
 
 
 def status_cell(row: Row) -> Cell:
-    """Return the cell with the status of a case: of an ended case "ok" or "not valid", but "control" for a negative control."""
+    """Return the cell with the status of a case; an ended case is "ok", "not valid" or a negative "control"."""
     status = row["status"]
     if has_ended(row):
         status = "ok" if row["valid"] else "not valid"
         if row["control"]:
             status = "control"
     return text_cell(status, TONES.get(status, "bad"))
-
-
-def remark_cell(row: Row) -> Cell:
-    """Return the cell with a row's message; the status stands before the message if the row failed or was skipped."""
-    status, message = row.get("status") or "ok", row.get("message", "")
-    if status == "ok":
-        return text_cell(message)
-    return text_cell(f"{status}: {message}", "warn" if status == "skip" else "bad")
 
 
 @cache
@@ -335,10 +319,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table, both by the layout `name`; the arguments are those of `lay_out`.
-
-    Without rows it returns the layout's sentence `empty`, or nothing if the layout has none.
-    """
+    """Return the introduction of a table and the table, by the layout `name`; arguments as in `lay_out`."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

@@ -1,7 +1,6 @@
 """Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-The run in the subfolder has tables and an `environment.json` of its own. `python -m gauss_bench.report.field_run reports/field`
-removes from it the tables that no page reads, such as those of single times and of curves; `make field` calls this command.
+`python -m gauss_bench.report.field_run reports/field` removes from it the tables that no page reads; `make field` calls this.
 """
 
 import sys
@@ -16,13 +15,13 @@ READ = ("field", "results", "search_winners", "search_times", "search_ladder", "
 
 
 def folders_of(folder: Path) -> list[Path]:
-    """Return the folder of a run and, if it has a run of the suite `field` in its subfolder `field`, also this subfolder."""
+    """Return the folder of a run and, if it has a run of the suite `field`, its subfolder `field`."""
     beside = folder / FOLDER
     return [folder, beside] if files_of("field", beside) else [folder]
 
 
 def drop_unread(folder: Path) -> None:
-    """Remove the tables of a run that are not in READ, and write checksums and schema of the others."""
+    """Remove the tables of a run that no page reads, and renew checksums and schema."""
     for name in TABLES.keys() - set(READ):
         for path in files_of(name, folder):
             path.unlink()

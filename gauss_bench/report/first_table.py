@@ -1,15 +1,11 @@
 """The first table of README, the summary and the site: the run time that each engine needs to meet an accuracy requirement.
 
-The table also has the multiple of each engine, which is its run time divided by that of the fastest engine. Engines of the suite's
-authors are marked. README has the table between two marker lines, where `make publish` writes it.
-
-A row of the table belongs to an engine or, for Pinocchio, to the engine with one kind of loop over the steps. The name of the row,
-such as "gauss" or "pinocchio, compiled", is made by `loop_of`; variables with such a name are called `loop`.
+README has the table between two marker lines, where `make publish` writes it. A row belongs to an engine or, for Pinocchio, to the
+engine with one kind of loop over the steps; variables with the name of a row, such as "pinocchio, compiled", are called `loop`.
 """
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
@@ -22,30 +18,22 @@ from gauss_bench.report.words import NOTHING, error_text, limit_text, range_text
 FIRST = 1e-6  # [m] accuracy of the first table
 SHOWN = ("four_bar", "six_bar")  # linkages of one loop and of two, for which the table has error, time and multiple
 BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the first table -->"
-EXPLAINED = (
-    "For each engine the table has the cheapest setting that holds this accuracy, with its error and processor time. The multiple "
-    "is this time divided by that of the fastest engine on the linkage. Engines marked (own) are written by the authors of this "
-    "suite."
-)
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the engine's name; for Pinocchio, add whether its loop over the steps is compiled, or called from Python."""
+    """Return the engine's name; for Pinocchio also whether its loop over the steps is compiled."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
 
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
-    """Return a dictionary: name that `loop_of` returns, such as "pinocchio, compiled" -> the settings with this name."""
+    """Return name by `loop_of` -> the settings with this name."""
     return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
-    """Return for each name of `loop_of` its cheapest setting whose position error on a linkage is at most `position` [m].
-
-    If a setting was timed side by side with others at this accuracy, it replaces a setting whose time is only estimated.
-    """
+    """Return name by `loop_of` -> its cheapest setting on a linkage with a position error of at most `position` [m]."""
     found: dict[str, Setting] = {}
     for loop, settings in group_by_loop(all_settings(run).get(mechanism, [])).items():
         for setting in cheapest(settings, position).values():  # one setting at most, because the group has one engine
@@ -54,81 +42,50 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Return a name that `loop_of` returns, with the mark " (own)" if the authors of the suite wrote the engine."""
+    """Mark a name by `loop_of` with " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
-@dataclass(frozen=True)
-class Answers:
-    """What it costs each engine to meet an accuracy on one linkage; keys of the dictionaries are names of engines by `loop_of`.
+def first_table(run: Run) -> Table | None:
+    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
+    modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
+    ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
+    leaders = {name: cheapest_loops(run, name, FIRST) for name in ladders}
+    if not any(leaders.values()):
+        return None
+    over = {name: multiples({loop: x.seconds for loop, x in found.items()}) for name, found in leaders.items()}
+    tried = {name: group_by(rows, lambda r: loop_of(r["engine"], r["settings"])) for name, rows in ladders.items()}
 
-    Attributes:
-        leaders: name -> cheapest setting of the engine that meets the accuracy.
-        multiples: name -> time of this cheapest setting, divided by the smallest time of all engines.
-        ladders: name -> the engine's rows of the table `search_ladder`, which are runs at several steps or tolerances.
-    """
-
-    leaders: dict[str, Setting]
-    multiples: dict[str, float]
-    ladders: dict[str, list[Row]]
-
-    def cells(self, loop: str, position: float) -> list[Cell]:
-        """Return three cells of a row of the first table: error, time and multiple (time divided by that of the fastest engine).
-
-        If no setting of the row meets the accuracy, the first cell has the reason, and the others a dash.
-
-        Args:
-            loop: name of the row, as `loop_of` returns it.
-            position: the accuracy [m].
-        """
-        leader = self.leaders.get(loop)
+    def cells(loop: str, name: str) -> list[Cell]:
+        """Return error, time and multiple of an engine on the linkage `name`, or why it has none."""
+        leader = leaders[name].get(loop)
         if leader is None:
-            why = explain_missing(self.ladders.get(loop, []), position)
+            why = explain_missing(tried[name].get(loop, []), FIRST)
             return [text_cell(why), Cell(NOTHING, why=why), Cell(NOTHING, why=why)]
-        multiple = self.multiples.get(loop, math.nan)
+        multiple = over[name].get(loop, math.nan)
         error, time = Cell(error_text(leader.position), leader.position), Cell(time_text(leader.seconds), leader.seconds)
         return [error, time, Cell(ratio_text(multiple), multiple)]
 
-
-def first_table(run: Run) -> Table | None:
-    """Return the table of the engines that reach the accuracy FIRST [m], or None if no engine of the run does.
-
-    A row has the name of an engine by `loop_of`, and for each linkage in SHOWN the engine's error, time and multiple, which is its
-    time divided by that of the fastest engine on the linkage. A row also has the number of linkages on which the engine reaches the
-    accuracy, and the range of the engine's multiples on all linkages.
-    """
-    modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
-    answers: dict[str, Answers] = {}
-    for name, rows in ladders.items():
-        leaders = cheapest_loops(run, name, FIRST)
-        ratios = multiples({loop: leader.seconds for loop, leader in leaders.items()})
-        answers[name] = Answers(leaders, ratios, group_by(rows, lambda r: loop_of(r["engine"], r["settings"])))
-    if not any(answer.leaders for answer in answers.values()):
-        return None
-    shown = [name for name in SHOWN if name in answers] or list(answers)[:2]
-    loops = {loop for answer in answers.values() for loop in (*answer.ladders, *answer.leaders)}
-    ranges = {loop: [x.multiples[loop] for x in answers.values() if loop in x.multiples] for loop in loops}
+    shown = [name for name in SHOWN if name in ladders] or list(ladders)[:2]
+    loops = {loop for name in ladders for loop in (*tried[name], *leaders[name])}
+    ranges = {loop: [x[loop] for x in over.values() if loop in x] for loop in loops}
     lines = []
     # the engine with the smallest middle multiple comes first, engines without a multiple last
     for loop in sorted(ranges, key=lambda x: (median(ranges[x] or [math.inf]), x)):
-        cells = [cell for name in shown for cell in answers[name].cells(loop, FIRST)]
-        holds = sum(loop in answer.leaders for answer in answers.values())
+        holds = sum(loop in found for found in leaders.values())
         multiple = Cell(range_text(ranges[loop])) if ranges[loop] else Cell(NOTHING, why="holds on none")
-        lines.append([text_cell(mark_own(run, loop)), *cells, Cell(f"{holds} of {len(answers)}"), multiple])
-    figures = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
-    head = ("engine", *figures, "holds on", "multiples")
+        figures = [cell for name in shown for cell in cells(loop, name)]
+        lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(ladders)}"), multiple])
+    heads = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
+    head = ("engine", *heads, "holds on", "multiples")
     title = f"Within {limit_text(FIRST)} m of position {search_span(run)}"
     return Table(title, head, lines, range(1, len(head)))
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
-    """Return in a few words why an engine has no time on a linkage for errors of at most `position` [m].
+    """Return in a few words why an engine has no time within `position` [m] on a linkage.
 
     Either no run met the accuracy, or none of those that met it was in a timed comparison.
-
-    Args:
-        rows: the engine's rows of `search_ladder` on the linkage.
     """
     variants = group_by(rows, "settings", "integrator", "stabilization").values()
     trials = [[trial_of(row) for row in variant] for variant in variants]

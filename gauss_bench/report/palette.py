@@ -1,13 +1,12 @@
 """Colours and markers from `palette.toml`, the same in every figure, table and drawing.
 
 The colours are distinct under the common kinds of colour blindness (after Okabe and Ito, and Tol). Picture files have the light
-colours. A page that embeds a picture replaces the picture's colours by CSS variables, so that the picture
-follows dark mode.
+colours; a page that embeds a picture replaces them by CSS variables, which follow dark mode.
 """
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 _DATA = tomllib.loads(Path(__file__).with_name("palette.toml").read_text(encoding="utf-8"))
@@ -26,7 +25,7 @@ VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENG
 
 
 def engine_colours(engines: Iterable[str]) -> dict[str, str]:
-    """Return engine -> colour; engines outside the palette get the colours OTHERS in turn, in the order of their names."""
+    """Return engine -> colour; engines outside the palette get OTHERS in turn, in the order of names."""
     names = sorted(set(engines))
     strangers = [name for name in names if name not in ENGINES]
     return {name: ENGINES.get(name) or OTHERS[strangers.index(name) % len(OTHERS)] for name in names}
@@ -44,9 +43,14 @@ def slots(engines: Iterable[str]) -> dict[str, str]:
     return {label: hue_of.get(name) or unused.pop(0) for label, name in names.items()}
 
 
+def declare(colours: Mapping[str, str]) -> str:
+    """Return declarations of CSS variables, given name -> colour."""
+    return "".join(f"--{name}:{colour};" for name, colour in colours.items())
+
+
 def hues(dark: bool) -> str:
     """Return the hues of all engines as declarations of CSS variables."""
-    return "".join(f"--hue-{i}:{pair[dark]};" for i, pair in enumerate(HUES.values()))
+    return declare({f"hue-{i}": pair[dark] for i, pair in enumerate(HUES.values())})
 
 
 def inline(svg: str, prefix: str) -> str:

@@ -22,15 +22,13 @@ from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.report.drawings.animation import STYLE, Film, make_film
 from gauss_bench.report.drawings.canvas import Canvas, make_part
 from gauss_bench.report.drawings.drawing import PIN, canvas_of, link_part, linkage_parts
-from gauss_bench.report.drawings.pose import crank_angles
+from gauss_bench.report.drawings.pose import crank_angles, pose_in
 from gauss_bench.report.first_table import FIRST, group_by_loop, mark_own, renew
-from gauss_bench.report.linkages import pose_in
-from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, hues, inline
+from gauss_bench.report.palette import DARK, INK, MUTED, PAPER, VARIABLES, declare, hues, inline
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE, points
 from gauss_bench.report.site.linkage import pareto_front
-from gauss_bench.report.site.motion import Turn, find_turn
-from gauss_bench.report.site.playback import StoredRun, read_reference, read_runs
+from gauss_bench.report.site.playback import StoredRun, Turn, find_turn, read_reference, read_runs
 from gauss_bench.report.site.settings import Setting, all_settings, cheapest
 from gauss_bench.report.words import itemise, length_text
 from gauss_bench.terms import Array
@@ -52,10 +50,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 
 def motion_picture(run: Run) -> str:
-    """Return the SVG of two stored runs of one linkage side by side, with loop openings magnified WIDER times.
-
-    Readers who switched animations off, and printers, see a still drawing of the links instead of the animation.
-    """
+    """Return the SVG of two stored runs side by side, with loop openings magnified WIDER times."""
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
@@ -115,7 +110,6 @@ def open_wider(run: StoredRun, turn: Turn, times: Array, reference: Array, t: Ar
     all loops closed, as when the crank is merely ahead of the reference; `run.gap` opens the loops. Only `gap` is magnified here.
 
     Args:
-        turn: the closed states of the linkage as a function of its crank angle.
         times, reference: (l,) times of the stored poses [s], and reference states (l, n) at these times.
     """
     ahead, gap = (x.reshape(len(times), -1) for x in (run.ahead, run.gap))  # (l, n) each
@@ -146,7 +140,7 @@ def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: A
 
 
 def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str]:
-    """Yield the SVG of the moving links and joints; of an open joint both ends are drawn, with a red line between them."""
+    """Yield the SVG of the moving links and joints; an open joint has both ends and a red line between them."""
     yield from (film.draw(link_part(mechanism, i, film.states, canvas)) for i in range(len(mechanism.links)))
     for joint in mechanism.joints:
         a, b = (canvas.at(position(film.states, end)) for end in joint.ends)  # (f, 2) pixels each
@@ -162,7 +156,7 @@ def film_parts(mechanism: Mechanism, film: Film, canvas: Canvas) -> Iterator[str
 
 
 def cost_picture(run: Run) -> str:
-    """Return the SVG figure of error against processor time of every engine on LINKAGE, which is the four-bar."""
+    """Return the SVG figure of error against processor time of every engine on LINKAGE."""
     lines = fronts(run)
     rows: list[dict[str, Any]] = []
     for loop, settings in lines.items():
@@ -182,16 +176,15 @@ def cost_picture(run: Run) -> str:
 
 
 def fronts(run: Run) -> dict[str, list[Setting]]:
-    """Return a dictionary: engine's name by `loop_of`, such as "pinocchio, compiled" -> its Pareto-optimal settings on LINKAGE.
+    """Return name of `loop_of` -> the Pareto-optimal settings of the engine on LINKAGE with errors of at most COARSEST [m].
 
-    No other setting of the engine is better than one of these in both time and position error. Settings with an error above
-    COARSEST [m] are left out. Engines are sorted by the least time of their settings with an error of at most FIRST [m].
+    Engines are sorted by the least time of their settings with an error of at most FIRST [m].
     """
     settings = group_by_loop(x for x in all_settings(run)[LINKAGE] if 0 < x.position <= COARSEST)
     lines = {loop: pareto_front(group, lambda x: x.seconds, lambda x: x.position) for loop, group in settings.items()}
 
     def sort_key(loop: str) -> tuple[float, str]:
-        """Return the sort key of an engine: its least time with an error of at most FIRST (infinity if none), then its name."""
+        """Return the least time of an engine within FIRST (infinity if none), and its name."""
         within = cheapest(lines[loop], FIRST).values()
         return min((x.seconds for x in within), default=math.inf), loop
 
@@ -204,14 +197,9 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 
 def svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file whose colours are CSS variables, so that they follow the reader's choice of light or dark.
-
-    Args:
-        parts: elements inside the picture.
-        style: further rules of CSS.
-    """
-    light = "".join(f"--{name}:{colour};" for colour, name in VARIABLES.items()) + hues(dark=False)
-    dark = "".join(f"--{name}:{colour};" for name, colour in DARK.items()) + hues(dark=True)
+    """Return an SVG file whose colours are CSS variables, which follow the reader's choice of light or dark."""
+    light = declare({name: colour for colour, name in VARIABLES.items()}) + hues(dark=False)
+    dark = declare(DARK) + hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'
     look = f"svg{{{light}}}@media (prefers-color-scheme:dark){{svg{{{dark}}}}}{style}"
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif">'

@@ -32,8 +32,8 @@ class Run:
         environment: content of `environment.json`.
         tables: name of a table -> its rows.
         checksum: SHA-256 of the checksums of all stored tables; empty for a run without checksums.
-        accepted: rows of the baseline with which the accuracy gate compares, each with the date and the reason of its last change.
-        faults: name of a report on a fault in an engine's library, such as `newton_contact_room` -> its text in Markdown.
+        accepted: rows of the accuracy gate's baseline, each with the date and the reason of its last change.
+        faults: name of a report on a fault in an engine's library -> its text in Markdown.
         beside: the run of the suite `field` in the subfolder `field` of this run's folder; None if there is none.
     """
 
@@ -70,7 +70,7 @@ class Run:
 
     @property
     def acceleration_gate(self) -> float:
-        """The largest median relative error of accelerations at given states that a valid run may have."""
+        """The largest median relative error of accelerations that a valid run may have."""
         return float(self.environment.get("gates", {}).get("acceleration", VALID_ACCELERATION))
 
     def of(self, mechanism: str) -> tuple[Row, ...]:
@@ -103,7 +103,7 @@ def number(row: Row, column: str) -> float:
 
 
 def spread(row: Row, column: str) -> Spread:
-    """Return the number in a column with the range that the columns `column`_low and `column`_high hold."""
+    """Return the number in a column with its range in `column`_low and `column`_high."""
     return Spread(*(number(row, column + end) for end in ENDS))
 
 
@@ -143,7 +143,7 @@ def search_span(run: Run) -> str:
 
 
 def sort_key(row: Row) -> tuple[Any, ...]:
-    """Return the sort key of a row in its table: the texts that identify its case, then larger steps first, then time or round."""
+    """Return the sort key of a row: the texts that identify its case, then larger steps first, then time or round."""
     texts = [str(row.get(column, "")) for column in KEYS if column not in ("step", "t_end")]
     numbers = (-float(row.get("step", 0.0)), float(row.get("t", row.get("round", 0.0))))
     # NaN cannot be ordered, so it counts as 0

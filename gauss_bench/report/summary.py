@@ -1,7 +1,7 @@
-"""The summary of a run as a page of Markdown, for reviewers of changed rows: findings, and a small table for each linkage.
+"""The summary of a run as a page of Markdown, for reviewers of changed rows; it is kept in git beside them.
 
-The page is kept in git together with the tables from which it is made. Findings in which the suite's own engines lose come first.
-Accuracy and times have tables of their own, so that a repeated run changes few lines.
+Findings in which the suite's own engines lose come first. Accuracy and times have tables of their own, so that a repeated run
+changes few lines.
 """
 
 import math
@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import end_bar, end_error, has_ended, may_rank, measured_head, setting_words
-from gauss_bench.report.content import AUTHORS, Block, Bullets, Cell, Finding, Section, Table, Text, lay_out, status_cell, text_cell
-from gauss_bench.report.first_table import EXPLAINED, first_table, mark_own
+from gauss_bench.report.content import Block, Bullets, Cell, Finding, Section, Table, Text, lay_out, layouts, status_cell, text_cell
+from gauss_bench.report.first_table import first_table, mark_own
 from gauss_bench.report.pages import SENTENCE
 from gauss_bench.report.rows import Row, Run, group_by, is_known, search_span, with_number
 from gauss_bench.report.sections.search import TRIED, answer_of
@@ -21,16 +21,6 @@ from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
 DEFEAT = "slower"  # word of sentences without bold text in which the suite's own engines lose
 SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
-ACCURACY = (
-    "For each engine and setting the table has the error of its accelerations at the same states, and the number of usable cases. "
-    "Of those it has the case with the least error at the end of the run, with drift and error of energy. `results.csv` has all "
-    "cases."
-)
-SEARCHED = (
-    "A multiple is the time of the engine's cheapest setting that is exact enough, divided by that of the fastest engine on the "
-    "linkage. Engines marked (own) are written by the authors of this suite. `times/search_winners.csv` has spreads, steps and "
-    "settings."
-)
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
@@ -39,15 +29,20 @@ def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
     ordered = sorted(findings, key=lambda f: (BOLD not in f.text, DEFEAT not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
-    table, cheapest = first_table(run), multiple_tables(run)
-    linkages = [summarise_linkage(run, name) for name in run.linkages]
+    table, cheapest, texts = first_table(run), multiple_tables(run), layouts()["texts"]
+    linkages = []
+    for name in run.linkages:
+        rows = run.of(name)
+        least = [least_error(cases) for cases in group_by(rows, "engine", "settings").values()]
+        title = ", ".join(sorted({r["scenario"] for r in rows}))
+        linkages.append(Section(name, name, (lay_out("least", least, title, unit=measured_head(rows)),)))
     sections = [
         Section("What this is", "about", describe_run(run)),
-        Section("What holding an accuracy costs", "first", (Text(EXPLAINED), table)) if table else None,
+        Section("What holding an accuracy costs", "first", (Text(texts["first"]), table)) if table else None,
         Section("Where it loses, and what failed", "lost", (Bullets(lost),)) if lost else None,
         Section("What else was found", "found", (Bullets(others),)) if others else None,
-        Section("The cheapest setting of each engine", "cheapest", (Text(SEARCHED), *cheapest)) if cheapest else None,
-        Section("Accuracy", "accuracy", (Text(ACCURACY),), linkages) if linkages else None,
+        Section("The cheapest setting of each engine", "cheapest", (Text(texts["cheapest"]), *cheapest)) if cheapest else None,
+        Section("Accuracy", "accuracy", (Text(texts["accuracy"]),), linkages) if linkages else None,
     ]
     return [section for section in sections if section is not None]
 
@@ -62,7 +57,7 @@ def describe_run(run: Run) -> list[Block]:
         "meaning of each column, and `environment.json` date and machine. `gauss-bench report` builds the site, "
         f"`{SITE}/index.html`, from the rows; it is not kept in git."
     )
-    return [Text(AUTHORS), *([Text(cases)] if run.results else []), Text(where)]
+    return [Text(layouts()["texts"]["authors"]), *([Text(cases)] if run.results else []), Text(where)]
 
 
 def shorten(finding: Finding) -> str:
@@ -83,21 +78,10 @@ def shorten(finding: Finding) -> str:
     return f"**{finding.title}.** {text.replace(BOLD, '')}"
 
 
-def summarise_linkage(run: Run, name: str) -> Section:
-    """Return the section of a linkage, a table with one row for each engine and setting."""
-    rows = run.of(name)
-    least = [least_error(cases) for cases in group_by(rows, "engine", "settings").values()]
-    title = ", ".join(sorted({r["scenario"] for r in rows}))
-    return Section(name, name, (lay_out("least", least, title, unit=measured_head(rows)),))
-
-
 def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error, and the least acceleration error of all cases, as a row of the layout `least`.
+    """Return the valid case with the least error of one engine and setting, as a row of the layout `least`.
 
     The column `by` has the integrator and stabilisation of the valid case. If no case is valid, `by` has the statuses of all cases.
-
-    Args:
-        rows: cases of one engine and setting.
     """
     usable = [r for r in rows if may_rank(r)]
     errors = [r["acceleration_error_median"] for r in with_number(rows, "acceleration_error_median")]
@@ -112,10 +96,7 @@ def least_error(rows: Sequence[Row]) -> Row:
 
 
 def multiple_tables(run: Run) -> list[Table]:
-    """Return a table for each requirement (kind of error and limit), with a row for each engine and a column for each linkage.
-
-    A cell has the multiple: the time of the engine's cheapest setting divided by that of the fastest engine on the linkage.
-    """
+    """Return a table of multiples (time over that of the fastest engine) for each requirement."""
     rows = run.table("search_winners")
     names = sorted({r["mechanism"] for r in rows})
     multiples = race_multiples(run)
@@ -126,27 +107,13 @@ def multiple_tables(run: Run) -> list[Table]:
         for engine in sorted({r["engine"] for r in races if r["status"] != "skip"}):
             cells = [text_cell(mark_own(run, engine))]
             for name in names:
-                multiple = multiples.get((name, required, accuracy, engine))
-                cells.append(multiple_cell(run, race_of.get((name, engine)), multiple))
+                row, multiple = race_of.get((name, engine)), multiples.get((name, required, accuracy, engine))
+                if row is not None and multiple is None:  # what came of the search: in full if the engine ran, else only its kind
+                    reach = answer_of(run, row)
+                    cells.append(Cell(reach.words if reach.kind in TRIED else str(reach.kind)))
+                else:
+                    cells.append(Cell(NOTHING) if multiple is None else Cell(ratio_text(multiple), multiple))
             lines.append(cells)
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
         tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))
     return tables
-
-
-def multiple_cell(run: Run, row: Row | None, multiple: float | None) -> Cell:
-    """Return the cell with an engine's time on a linkage divided by that of the fastest engine.
-
-    Without a time the cell has the outcome of the search: in full if the engine ran, else only its kind, such as "not tried".
-    Without a row the cell is a dash.
-
-    Args:
-        row: row of the table `search_winners` for the engine and linkage; None if the table has no row for them.
-        multiple: the engine's time divided by that of the fastest engine; None if the engine has no time.
-    """
-    if row is None:
-        return Cell(NOTHING)
-    if multiple is None:
-        reach = answer_of(run, row)
-        return Cell(reach.words if reach.kind in TRIED else str(reach.kind))
-    return Cell(ratio_text(multiple), multiple)

@@ -6,12 +6,10 @@ The sentences are printed on a terminal, written to the file `what_changed.md`, 
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
-from gauss_bench.report.rows import is_known, spread
+from gauss_bench.report.rows import Row, group_by, is_known, spread
 from gauss_bench.report.words import count
 
-Row = Mapping[str, Any]
 MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
 DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
@@ -28,11 +26,7 @@ RULE = (
 
 
 def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, list[str]]]:
-    """Return (heading, sentences) for each pair of consecutive releases; releases that gave no results are left out.
-
-    Args:
-        tables: name of each of the tables NAMES -> its rows.
-    """
+    """Return (heading, sentences) for each pair of consecutive releases; releases that gave no results are left out."""
     parts = []
     usable = [row for row in tables["releases"] if row["status"] == "ok"]
     for before, after in pairwise(usable):
@@ -42,7 +36,10 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
         changes = [*tables["release_changes"], *tables["release_cost_changes"]]
         found = [row for row in changes if pair.items() <= row.items()]
         heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
-        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *describe_left_out((before, after))]))
+        late = [
+            f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in (before, after) if x["left_out"]
+        ]
+        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *late]))
     return parts
 
 
@@ -52,30 +49,22 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return a sentence for each changed quantity, each change of an answer, and the changed, the new and the gone defaults."""
-    figures: dict[str, list[Row]] = {}
-    answers: dict[tuple[str, str], list[Row]] = {}
-    defaults: dict[str, list[Row]] = {}
+    """Return sentences on changed quantities, changed answers, and changed, new and gone defaults."""
+    figures: list[Row] = []
+    answers: list[Row] = []
+    defaults: list[Row] = []
     for row in changes:
-        if is_known(row.get("difference")) or is_known(row.get("ratio")):
-            figures.setdefault(row["quantity"], []).append(row)
-        elif row["quantity"] == DEFAULT:
-            kind = "changed"
-            if ABSENT in (row["was"], row["now"]):
-                kind = "new" if row["was"] == ABSENT else "gone"
-            defaults.setdefault(kind, []).append(row)
-        else:
-            answers.setdefault((shorten(row["was"]), shorten(row["now"])), []).append(row)
-    sentences = [describe_figures(quantity, rows) for quantity, rows in figures.items()]
-    sentences += [describe_answers(*reasons, rows) for reasons, rows in answers.items()]
-    return sentences + [describe_defaults(kind, rows) for kind, rows in defaults.items()]
+        is_figure = is_known(row.get("difference")) or is_known(row.get("ratio"))
+        (figures if is_figure else defaults if row["quantity"] == DEFAULT else answers).append(row)
+    kinds = group_by(defaults, lambda r: "new" if r["was"] == ABSENT else "gone" if r["now"] == ABSENT else "changed")
+    reasons = group_by(answers, lambda r: (shorten(r["was"]), shorten(r["now"])))
+    sentences = [describe_figures(quantity, rows) for quantity, rows in group_by(figures, "quantity").items()]
+    sentences += [describe_answers(was, now, rows) for (was, now), rows in reasons.items()]
+    return sentences + [describe_defaults(kind, rows) for kind, rows in kinds.items()]
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on one quantity that differs between two releases.
-
-    For a cost, the sentence has the ratios of all cases; for a result, the largest difference between the two releases.
-    """
+    """Return a sentence on one quantity that differs between two releases."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -86,25 +75,14 @@ def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
 
 
 def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on the questions (a case with a setting) to which only one of two releases gives a result.
-
-    Args:
-        was: WORKS if the earlier release gives a result, else the reason why it gives none.
-        now: WORKS if the later release gives a result, else the reason why it gives none.
-        rows: one row for each question with these reasons.
-    """
+    """Return a sentence on the questions to which only one of two releases gives a result."""
     cases = name_some(sorted({place_of(row) for row in rows}), "; ")
     change = f"answered since then, before: {was}" if now == WORKS else f"no longer answered: {now}"
     return f"{count(len(rows), 'question')} {change} ({cases})"
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on names of the library and on default values that differ between two releases.
-
-    Args:
-        kind: "new", "gone" or "changed".
-        rows: one row for each name. `was` and `now` are the default value in the two releases, or THERE for a name without a value.
-    """
+    """Return a sentence on names of the library and on default values that differ between two releases."""
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
@@ -126,16 +104,11 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers of the release `after` that equal those of the release before it, at least to rounding."""
+    """Return a sentence on the numbers of a release that equal those of the one before, or but for rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"
     return f"equal but for rounding: {figures}, which differ by at most {after['largest_rounding']:.1e}"
-
-
-def describe_left_out(releases: Iterable[Row]) -> list[str]:
-    """Return a sentence for each release on which, for lack of time, not all cases were run."""
-    return [f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in releases if x["left_out"]]
 
 
 def place_of(row: Row) -> str:
@@ -144,11 +117,7 @@ def place_of(row: Row) -> str:
 
 
 def write_page(tables: Mapping[str, Sequence[Row]]) -> str:
-    """Return the text of `what_changed.md`, the page on the changes between releases, in Markdown.
-
-    Args:
-        tables: name of each of the tables NAMES -> its rows.
-    """
+    """Return the text of `what_changed.md`."""
     lines = [TITLE, "", RULE, ""]
     for heading, sentences in describe_changes(tables):
         lines += [f"## {heading}", "", *(f"- {x}" for x in sentences), ""]

@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -113,11 +113,7 @@ class Autosave:
 
 
 def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
-    """Return the unsaved work from the content of a file that `Autosave.keep` has written.
-
-    Raises:
-        KeyError, TypeError, ValueError: the content is damaged.
-    """
+    """Return the unsaved work from the content of a file that `Autosave.keep` has written."""
     text, locks, given = content["text"], content["locks"], content.get("picture")
     if not isinstance(text, str) or not isinstance(locks, list) or not all(isinstance(x, str) for x in locks):
         raise TypeError("neither text nor locks")
@@ -126,11 +122,6 @@ def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
         x, y = given["at"]
         picture = Picture(given["url"], (float(x), float(y)), float(given["width"]), float(given["height"]))
     return Unsaved(file, text, tuple(locks), picture)
-
-
-def list_kept(paths: Iterable[Path]) -> list[str]:
-    """List the names of those linkage files on which an ended process of the studio left unsaved work."""
-    return [path.name for path in paths if Autosave(str(path)).find_left()]
 
 
 def forget(file: Path) -> None:
@@ -142,10 +133,6 @@ def forget(file: Path) -> None:
 @contextmanager
 def temporary_file(text: str, name: Any, suffix: str = ".toml") -> Iterator[Path]:
     """Yield the path of a temporary file with a text, for functions that read files; the file is deleted afterwards.
-
-    Args:
-        name: stem of the file's name; a value that is no valid name is replaced by "drawing".
-        suffix: ending of the file's name.
 
     Raises:
         OSError: no file can be written, neither in the cache folder nor in the system's temporary folder.
@@ -173,10 +160,7 @@ def remove_orphans() -> None:
 
 
 def start_of(process: int) -> str:
-    """Return the start time of a process in the system's own units; "" if it has ended, even if its parent has not waited for it.
-
-    On a system without /proc the start time is not known; the function then returns "alive" for every process that runs.
-    """
+    """Return the start time of a process in the system's own units; "" if it has ended, even as a zombie; "alive" without /proc."""
     with suppress(OSError, IndexError):
         # the fields after the name, which stands in brackets and may contain spaces: state first, start time as the 20th
         fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()

@@ -17,7 +17,7 @@ from gauss_bench.exchange.toml import GROUPS, toml, write_value
 from gauss_bench.linkage.limits import limit_faults
 from gauss_bench.linkage.load import MAX_BYTES
 from gauss_bench.linkage.schema import SECOND
-from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Refused
 from gauss_bench.untrusted import parse_toml
 
 Document = dict[str, Any]
@@ -43,11 +43,7 @@ def is_driven(scenario: Mapping[str, Any]) -> bool:
 
 
 def parse_text(text: str) -> Document:
-    """Parse a text into tables.
-
-    Raises:
-        Refused: the text is not TOML, or larger than a linkage file may be.
-    """
+    """Parse a text into tables."""
     if len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise Refused(f"larger than {MAX_BYTES} bytes; not a linkage file")
     try:
@@ -74,13 +70,7 @@ def write_document(text: str, document: Document) -> str:
 
 
 def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
-    """Change a table of tomlkit.
-
-    Args:
-        parsed: the table.
-        old, new: its present and its new content.
-        path: keys that lead to the table from the root of the file.
-    """
+    """Change a table of tomlkit."""
     removed, added = [k for k in old if k not in new], [k for k in new if k not in old]
     if len(removed) == len(added) == 1:
         before, after = removed[0], added[0]
@@ -104,10 +94,7 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
 
 
 def _rank(key: str) -> int:
-    """Return the number by which the top-level keys of a newly written file are sorted.
-
-    A key that ORDER does not list, such as a plain value, comes first, because a value must stand before the first table.
-    """
+    """Return the number by which the top-level keys of a newly written file are sorted."""
     return ORDER.index(key) if key in ORDER else -1
 
 
@@ -122,11 +109,7 @@ def _rename(parsed: Any, old: str, new: str) -> None:
 
 
 def _item(value: Any, path: tuple[str, ...]) -> Any:
-    """Return a value as an item of tomlkit that can be stored at the given path of keys.
-
-    A table at the top level of the file, and a table directly inside one of the top-level tables listed in GROUPS, gets a
-    [heading]. All other tables, and the table `expect`, are written inline.
-    """
+    """Return a value as an item of tomlkit at a path of keys: a table gets a [heading] at the top level or in a table of GROUPS."""
     has_heading = path != ("expect",) and (len(path) == 1 or (len(path) == 2 and path[0] in GROUPS))
     if not isinstance(value, dict) or not has_heading:
         return tomlkit.value(write_value(value))

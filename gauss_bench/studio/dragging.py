@@ -12,8 +12,7 @@ from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.studio.edits.drawing import Drawing, Pin, owner
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, place
+from gauss_bench.studio.messages import Message, Refused, place
 from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
@@ -22,11 +21,7 @@ STEPS = 40  # largest number of steps towards one position of the pointer
 
 
 def begin_drag(reading: Reading, locks: frozenset[str], message: Message) -> Drag:
-    """Return a `Drag` of the pin or point that a message names, in which the parts with the ids `locks` do not move.
-
-    Raises:
-        Refused: the pin is fixed to the ground or joins no link, or the linkage does not assemble.
-    """
+    """Return a `Drag` of the pin or point that a message names, in which the parts with the ids `locks` do not move."""
     mechanism = closed_mechanism(reading, "dragged")
     d = Drawing(reading.document, reading)
     id = str(message.get("point") or message.get("pin"))
@@ -67,11 +62,7 @@ def drag_linkage(drag: Drag, reading: Reading, message: Message) -> dict[str, An
 
 
 def closed_mechanism(reading: Reading, word: str) -> Mechanism:
-    """Return the mechanism of a drawing; `word` completes the refusal "cannot be ...".
-
-    Raises:
-        Refused: nothing is drawn, or the joints do not close.
-    """
+    """Return the mechanism of a drawing; `word` completes the refusal "cannot be ..."."""
     if reading.mechanism is None:
         raise Refused(f"nothing is drawn yet that could be {word}")
     if not reading.closed:
@@ -80,11 +71,7 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
 
 
 def inputs(reading: Reading) -> list[str]:
-    """Return the names of the input links.
-
-    They are the links that are driven in the first scenario with a driven link. If no scenario drives a link, the input is the
-    crank. If there is no crank either, the input is the first link that is pinned to the ground.
-    """
+    """Return the names of the input links."""
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
         names = [x["link"] for x in drivers_of(scenario) if "link" in x]
@@ -96,11 +83,7 @@ def inputs(reading: Reading) -> list[str]:
 
 
 def find_branches(reading: Reading) -> list[Array]:
-    """Return the positions, each (n,), of all assemblies with the present angles of the input links, the drawn one first.
-
-    Raises:
-        Refused: the drawing does not assemble, or the inputs leave a motion free.
-    """
+    """Return the positions, each (n,), of all assemblies with the present angles of the input links, the drawn one first."""
     mechanism = closed_mechanism(reading, "assembled in another way")
     drivers = []
     for name in inputs(reading):

@@ -12,8 +12,7 @@ from gauss_bench.runs.offers import SAFE, offer, offers
 from gauss_bench.studio.document import write_document
 from gauss_bench.studio.dragging import closed_mechanism
 from gauss_bench.studio.edits.scenarios import FREE, RELEASED, free_start
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, number
+from gauss_bench.studio.messages import Message, Refused, number
 from gauss_bench.studio.session import Session
 
 LONGEST, LIMIT, STEP = 60.0, 120.0, 1e-3  # [s] longest motion, longest time to compute it, step size
@@ -27,14 +26,7 @@ def engines_here() -> list[dict[str, Any]]:
 
 
 def write_released(session: Session, message: Message) -> tuple[str, float]:
-    """Return the file's text with the scenario "released", and the end time of the simulation [s].
-
-    In this scenario the linkage starts at rest in the drawn position and moves without drivers. The end time is `until` of the
-    message, by default the scenario's duration in the file.
-
-    Raises:
-        Refused: the drawing does not assemble, or the end time is not valid.
-    """
+    """Return the file's text with the scenario "released", and the end time of the simulation [s]."""
     closed_mechanism(session.reading, "let go")  # raises if the drawing does not assemble
     document = session.document
     scenarios = document.setdefault("scenarios", {})
@@ -42,20 +34,13 @@ def write_released(session: Session, message: Message) -> tuple[str, float]:
     until = number(message, "until", float(kept.get("duration") or FREE))
     if not 0 < until <= LONGEST:
         raise Refused(f"until is a time of at most {LONGEST:g} s", field="until")
-    start = free_start(session.reading, [])  # there are no drivers
+    start = free_start(session.reading, [])
     scenarios[RELEASED] = {"duration": until, "forces": kept.get("forces", []), "start": start}
     return write_document(session.text, document), until
 
 
 def release(session: Session, message: Message) -> dict[str, Any]:
-    """Start a job that simulates the drawn linkage, released from rest, in one or more engines.
-
-    The reply has the number of the job, the end time [s] and the engines: the message's `engine` (by default `gauss-native`, or
-    `gauss` without llvmlite), and for comparison those under `overlay`.
-
-    Raises:
-        Refused: an engine cannot be used here; the message says how to install it.
-    """
+    """Start a job that simulates the drawn linkage, released from rest, in one or more engines."""
     text, until = write_released(session, message)
     overlay = message.get("overlay") or []
     first = message.get("engine") or ("gauss-native" if find_spec("llvmlite") else "gauss")
@@ -66,11 +51,7 @@ def release(session: Session, message: Message) -> dict[str, Any]:
 
 
 def _check_usable(engines: list[Any]) -> None:
-    """Check that all engines can be used on this machine.
-
-    Raises:
-        Refused: an engine cannot be used; the message says how to install it.
-    """
+    """Check that all engines can be used on this machine."""
     names = all_names()
     for engine in engines:
         if engine not in names:
@@ -84,12 +65,9 @@ def recommend(session: Session, message: Message) -> dict[str, Any]:
     """Start a job that searches for the cheapest setting of an engine with the required accuracy, in the scenario "released".
 
     Return the reply, which has the number of the job.
-
-    Raises:
-        Refused: no accuracy is required, or a number is not valid.
     """
     required = {key: number(message, key) for key in ("position", "angle", "force") if message.get(key) is not None}
-    if not required or not all(x > 0 for x in required.values()):  # the page shows the refusal at its first field
+    if not required or not all(x > 0 for x in required.values()):
         raise Refused("say what is required: a position, an angle or a force above 0", field="position")
     budget = number(message, "budget", BUDGET)
     if not 1 <= budget <= MOST_BUDGET:

@@ -1,4 +1,4 @@
-"""Export a drawing: its text, a picture, a table or an animation of its motion, or a model for another program."""
+"""Export a drawing: its text, a picture, a table or animation of its motion, a model, or a URL that holds file and motion."""
 
 import base64
 from typing import Any
@@ -8,29 +8,26 @@ from gauss_bench.api.history import angular_curves, observe, table
 from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
+from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.mechanism.coordinates import motion_of_links
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
+from gauss_bench.report.site.view import INTERVALS, VIEW, TooLarge, pack_view
+from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.document import is_driven
 from gauss_bench.studio.dragging import closed_mechanism
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message
+from gauss_bench.studio.messages import Message, Refused
 from gauss_bench.studio.motion import move
 from gauss_bench.studio.reading import Reading, of_links
-from gauss_bench.trajectory import Caption, History, Trajectory
+from gauss_bench.trajectory import Caption, History
 
 NOT_MEASURED = "Error: not measured here; `gauss-bench export` of the saved linkage measures it."
 FORMS = ("toml", "svg", "csv", "gif", *KINDS)
 
 
 def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, Any]:
-    """Return the reply with a file of the kind that a message gives: the file's `name`, and its `text` or its bytes in `base64`.
-
-    Raises:
-        Refused: the kind of file is unknown, or the drawing cannot be exported as this kind; the message gives the reason.
-    """
+    """Return the reply with a file of the kind that a message gives: the file's `name`, and its `text` or its bytes in `base64`."""
     kind, name = message.get("kind"), str(reading.document.get("name", "drawing"))
     match kind:
         case "toml":
@@ -40,30 +37,21 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             return {"name": f"{name}.svg", "text": draw(mechanism.whole, of_links(mechanism, reading.q))}
         case "csv" | "gif":
             mechanism, x, _ = move(text, reading, message)
+            whole, links = mechanism.whole, motion_of_links(mechanism, x)
+            angles = angular_curves(whole, links, range(len(whole.links)))
+            curves = History(x.t, (*angles, *observe(whole, links)))
             if kind == "csv":
-                return {"name": f"{name}.csv", "text": table(curves(mechanism, x))}
+                return {"name": f"{name}.csv", "text": table(curves)}
             caption = Caption(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
-            gif = film(".gif", caption, curves(mechanism, x), mechanism.whole, motion_of_links(mechanism, x))
+            gif = film(".gif", caption, curves, whole, links)
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
             return _export_model(text, reading, kind, name)
     raise Refused(f"there is no export {str(kind)[:40]!r}; there are {', '.join(FORMS)}", field="kind")
 
 
-def curves(mechanism: Mechanism, x: Trajectory) -> History:
-    """Return the angles of all links and the places of observed points over time, with their rates."""
-    whole, links = mechanism.whole, motion_of_links(mechanism, x)
-    return History(x.t, (*angular_curves(whole, links, range(len(whole.links))), *observe(whole, links)))
-
-
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the reply that has the drawing as a model for another program: the name and the text of a file of one of `KINDS`.
-
-    The model has the first scenario without drivers, or the first scenario if all have drivers.
-
-    Raises:
-        Refused: there is no scenario, or a model of this kind cannot express the drawing.
-    """
+    """Return the reply that has the drawing as a model for another program: the name and the text of a file of one of `KINDS`."""
     scenarios = reading.document.get("scenarios", {})
     free = next((k for k, x in scenarios.items() if not is_driven(x)), None)
     chosen = free or next(iter(scenarios), None)
@@ -76,3 +64,25 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
         return {"name": f"{name}{KINDS[kind].suffix}", "text": model.text.replace(str(path), path.name)}
+
+
+def share_view(text: str, reading: Reading) -> dict[str, Any]:
+    """Return the reply: `page` and `fragment` of the URL, the number of `poses` in the fragment, and a `note`.
+
+    The note says why the motion ends early, or why the fragment has only the pose that is drawn. The note is None if the fragment
+    has the whole motion.
+    """
+    if reading.mechanism is None:
+        raise Refused("nothing is drawn yet")
+    mechanism, q, end, note = reading.mechanism, of_links(reading.mechanism, reading.q)[None], 0.0, None
+    try:
+        driven, x, note = move(text, reading, {"samples": INTERVALS})
+        if len(x.t):
+            mechanism, q, end = driven, motion_of_links(driven, x).q, float(x.t[-1])
+    except (Refused, LinkageError, ChoiceError) as error:
+        note = str(error)  # share the drawing without a motion
+    try:
+        fragment, poses = pack_view(text, mechanism, q, end)
+    except TooLarge as error:
+        raise Refused(str(error)) from error
+    return {"page": VIEW, "fragment": fragment, "poses": poses, "note": note}

@@ -18,7 +18,7 @@ from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.worker import Worker
 from gauss_bench.studio.autosave import temporary_file
-from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Refused
 
 SHOWN = 200  # largest number of files that are listed
 FOLDER = Path(__file__).parent / "templates"
@@ -30,11 +30,7 @@ def templates() -> dict[str, Path]:
 
 
 def template(name: str) -> Path:
-    """Return the file of a template.
-
-    Raises:
-        Refused: there is no template of that name.
-    """
+    """Return the file of a template."""
     if name not in templates():
         raise Refused(f"there is no template {name[:60]!r}")
     return templates()[name]
@@ -52,11 +48,7 @@ def list_templates() -> tuple[dict[str, str], ...]:
 
 @cache
 def draw_template(name: str) -> str:
-    """Return a template as SVG; empty if it cannot be drawn.
-
-    Raises:
-        Refused: there is no template of that name.
-    """
+    """Return a template as SVG; empty if it cannot be drawn."""
     path = template(name)
     try:
         return draw(*pose_links(path))
@@ -65,11 +57,7 @@ def draw_template(name: str) -> str:
 
 
 def inside(folder: Path, name: str) -> Path:
-    """Return the path of a linkage file in the working folder, with symbolic links resolved.
-
-    Raises:
-        Refused: the path is outside the folder, or does not end in .toml.
-    """
+    """Return the path of a linkage file in the working folder, with symbolic links resolved."""
     if not name or "\0" in name or len(name) > 200:
         raise Refused("the name of the file is missing or too long", field="path")
     try:
@@ -93,12 +81,7 @@ def list_files(folder: Path) -> list[str]:
 
 
 def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
-    """Return text and path of a file in the folder, or the text of a template and None.
-
-    Raises:
-        Refused: there is no such file, or it is outside the folder.
-        LinkageError: the file cannot be read.
-    """
+    """Return text and path of a file in the folder, or the text of a template and None."""
     if not Path(name).suffix and name in templates():
         return template(name).read_text(encoding="utf-8"), None
     path = inside(folder, name)
@@ -107,16 +90,7 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
 
 
 def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
-    """Write the text to a file in one atomic step.
-
-    Args:
-        replace: whether to overwrite the file in any case.
-        own: file of the open document, which is overwritten without `replace` if its content is still `known`; or None.
-        known: content of `own` when it was read or written last.
-
-    Raises:
-        Refused: the name is not allowed, the file exists, was changed by another program, or is read-only.
-    """
+    """Write the text to a file in one atomic step."""
     if path.stem in built_in():
         reason = "is the name of a built-in linkage, which commands would take instead of the file: choose another"
         raise Refused(f"{path.stem} {reason}", field="path")
@@ -148,9 +122,6 @@ def import_file(text: str) -> tuple[str, list[str]]:
     """Import a model in MJCF or URDF in a worker process.
 
     Return the text of a linkage file, and a sentence for each part of the model that it leaves out.
-
-    Raises:
-        Refused: the text is not a planar model in MJCF or URDF, or the library that reads it is not installed.
     """
     with temporary_file(text, "model", ".xml") as model:
         try:
@@ -168,11 +139,7 @@ def fragment(text: str) -> str:
 
 
 def unpack_fragment(given: str) -> str:
-    """Return the text that `fragment` has compressed.
-
-    Raises:
-        Refused: `given` is not made by `fragment`, or the text is larger than a linkage file may be.
-    """
+    """Return the text that `fragment` has compressed."""
     try:
         padded = given + "=" * (-len(given) % 4)  # base64 has groups of four characters
         packed = base64.b64decode(padded, altchars=b"-_", validate=True)

@@ -15,21 +15,14 @@ from typing import Any
 
 import numpy as np
 
-Send = Callable[[dict[str, Any]], None]  # sends an event to the studio
+Send = Callable[[dict[str, Any]], None]
 
 FRAMES = 60  # poses of a motion per second that are sent
 MOST = 3000  # largest number of poses of a motion that are sent
 
 
 def release(request: Mapping[str, Any], send: Send) -> None:
-    """Simulate the scenario "released" of a file in one engine after the other.
-
-    For each engine this sends an event "progress", an event "release" with the motion and its verdict, and from the second motion
-    on an event "compared" with the distance from the first motion.
-
-    Args:
-        request: the message that `dynamics.release` makes, with the `path` of the file.
-    """
+    """Simulate the scenario "released" of a file in one engine after the other."""
     # imported here, because these modules take long to load
     from gauss_bench.api.simulate import simulate
     from gauss_bench.mechanism.coordinates import motion_of_links
@@ -75,13 +68,10 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
     """Return the distance between two motions over time [m], its maximum, and the link that is farthest apart.
 
     Args:
-        engine: name of the engine of the second motion.
         t, q: times (k,) and positions (k, n) of the links in the first motion.
-        whole: the mechanism in which every link of the file is a body of its own (welded links are not merged); q and `other` have
-            the positions of these links.
         other_t, other: times (j,) and positions (j, n) of the links in the second motion.
     """
-    times = t[t <= other_t[-1] + 1e-12]  # while both motions last
+    times = t[t <= other_t[-1] + 1e-12]
     rows = np.clip(np.searchsorted(other_t, times - 1e-9), 0, len(other_t) - 1)  # samples of the second motion at these times
     gaps = (q[: len(times)] - other[rows]).reshape(len(times), -1, 3)[..., :2]  # (times, links, x and y)
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
@@ -97,11 +87,7 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
 
 def recommend(request: Mapping[str, Any], send: Send) -> None:
-    """For each engine, search for the cheapest setting that reaches an accuracy; send each answer when found, and all at the end.
-
-    Args:
-        request: the message that `dynamics.recommend` makes, with the `path` of the file.
-    """
+    """Search for each engine's cheapest setting that reaches an accuracy; send each answer when found, and all at the end."""
     from dataclasses import asdict
 
     from gauss_bench.advice.answer import Answer

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gauss_bench.studio.autosave import temporary_file
-from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Refused
 from gauss_bench.trajectory import in_a_sentence
 
 MOST = 3  # largest number of jobs at once
@@ -37,16 +37,7 @@ class Jobs:
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Start a job and return its number.
-
-        Args:
-            text: linkage file on which the job works.
-            request: the work, as `job.py` reads it.
-            done: name of the job's last event.
-
-        Raises:
-            Refused: too many jobs are running already.
-        """
+        """Start a job and return its number."""
         with self.lock:
             if len(self.running) >= MOST:
                 raise Refused(f"{MOST} jobs are running already: stop one, or wait")

@@ -1,23 +1,31 @@
-"""Read and check the values of a message that a page sends."""
+"""Read and check the values of a message that a page sends; `Refused` is the error by which the studio refuses a request."""
 
 import math
 import sys
 from collections.abc import Mapping
 from typing import Any
 
-from gauss_bench.studio.errors import Refused
 from gauss_bench.studio.security import DEEPEST
 
 Message = Mapping[str, Any]
 FARTHEST = 1e5  # [m] largest coordinate of a place
 
 
-def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """Return a value of a message, or `otherwise` if it is missing.
+class Refused(ValueError):
+    """The refusal of a request.
 
-    Raises:
-        Refused: the value is not of the type `kind`, or is missing while there is no default.
+    Attributes:
+        where: ids of the parts of the drawing that the refusal concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
+        field: key of the message that is at fault, or "".
     """
+
+    def __init__(self, text: str, where: tuple[str, ...] = (), field: str = ""):
+        self.where, self.field = where, field
+        super().__init__(text)
+
+
+def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
+    """Return a value of a message, or `otherwise` if it is missing."""
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
@@ -27,11 +35,7 @@ def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> A
 
 
 def number(message: Message, key: str, otherwise: float | None = None) -> float:
-    """Return the number at a key of a message, or `otherwise` if the message lacks the key.
-
-    Raises:
-        Refused: the value is no finite number.
-    """
+    """Return the number at a key of a message, or `otherwise` if the message lacks the key."""
     x = message.get(key, otherwise)
     if not isinstance(x, (int, float)) or isinstance(x, bool) or not math.isfinite(x):
         raise Refused(f"{key} must be a finite number", field=key)
@@ -39,11 +43,7 @@ def number(message: Message, key: str, otherwise: float | None = None) -> float:
 
 
 def place(x: Any, field: str = "at") -> complex:
-    """Return the point that a message gives as [x, y], as x + i y [m].
-
-    Raises:
-        Refused: the value is not a pair of numbers, or the point is too far from the origin.
-    """
+    """Return the point that a message gives as [x, y], as x + i y [m]."""
     is_pair = isinstance(x, list) and len(x) == 2 and all(isinstance(y, (int, float)) and not isinstance(y, bool) for y in x)
     if not is_pair or not all(abs(y) <= FARTHEST for y in x):
         raise Refused(f"a place is two numbers, each of at most {FARTHEST:g} m", field=field)
@@ -51,11 +51,7 @@ def place(x: Any, field: str = "at") -> complex:
 
 
 def check_message(message: Message) -> None:
-    """Check all values of a message.
-
-    Raises:
-        Refused: a number does not fit into a double, a text cannot be written to a file, or values are nested too deep.
-    """
+    """Check all values of a message."""
     level: list[Any] = [message]  # all values at one level of nesting
     for _ in range(DEEPEST):
         inner: list[Any] = []

@@ -7,12 +7,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.api.driven import free_at_start, load_with_drivers
+from gauss_bench.api.driven import free_at_start, load_with_drivers, move_by_drivers
 from gauss_bench.api.history import transmission
-from gauss_bench.kinematics.advantage import advantages
-from gauss_bench.kinematics.centres import centres
-from gauss_bench.kinematics.errors import MotionError
-from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.centres import advantages, centres
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.references import items
 from gauss_bench.mechanism.coordinates import acceleration, motion_of_links, position, velocity
@@ -22,8 +19,7 @@ from gauss_bench.studio.autosave import temporary_file
 from gauss_bench.studio.document import is_driven, write_document
 from gauss_bench.studio.edits.drawing import Drawing
 from gauss_bench.studio.edits.scenarios import DRIVEN, drive
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message
+from gauss_bench.studio.messages import Message, Refused
 from gauss_bench.studio.reading import Reading, poses
 from gauss_bench.studio.scene import drivers_possible
 from gauss_bench.terms import Array
@@ -33,18 +29,7 @@ SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 
 
 def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
-    """Return the mechanism with the drivers of a scenario.
-
-    Args:
-        text: the text of the linkage file.
-        reading: the document, mechanism and positions that were read from this text.
-        scenario: name of the scenario. None takes the first driven scenario; if the file has none, the first coordinate that can be
-            driven moves at its default law.
-
-    Raises:
-        Refused: no coordinate can be driven, or the drivers leave a coordinate free.
-        LinkageError, ChoiceError: the file or the driver cannot be used.
-    """
+    """Return the mechanism with the drivers of a scenario."""
     document = reading.document
     if not isinstance(scenario, (str, type(None))):
         raise Refused("a scenario is given by its name", field="scenario")
@@ -57,16 +42,13 @@ def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
         text, scenario = write_document(text, d.document), DRIVEN
     with temporary_file(text, document.get("name")) as path:
         mechanism = load_with_drivers(str(path), scenario, None)
-    free = free_at_start(mechanism) if mechanism.dof > len(mechanism.drivers) else []
-    if free:
+    if free := free_at_start(mechanism):
         raise Refused(f"the drivers leave {len(free)} free ({', '.join(free)}): drive them too, or hold them")
     return mechanism
 
 
 def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Trajectory, str | None]:
     """Return the mechanism, its motion over the scenario's duration, and the reason if the motion stops earlier, else None.
-
-    The message may give the scenario and the number of intervals, `samples`.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -75,23 +57,12 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST:
         raise Refused(f"samples is a whole number from 1 to {MOST}", field="samples")
     mechanism = load_driven(text, reading, message.get("scenario"))
-    times, stopped = np.linspace(0.0, mechanism.duration, count + 1), None
-    try:
-        states = loop_motion(mechanism, times)
-    except MotionError as error:
-        states, stopped = error.reached, str(error)
-    except ValueError as error:
-        raise Refused(str(error)) from error
-    n = len(states.q)
-    return mechanism, Trajectory(times[:n], states.q, states.v, states.a, n - 1), stopped
+    states, _, stopped = move_by_drivers(mechanism, np.linspace(0.0, mechanism.duration, count + 1))
+    return mechanism, states, stopped or None
 
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
     """Return the driven mechanism, and the reply that describes its motion.
-
-    The reply has the poses of all links and the motion of observed points at all times, the input, transmission angles, forces and
-    ratios, and the reason `limits` if the motion stops early. Singular positions are not in the reply: the studio sends them to the
-    page later, in an event of its own.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -123,27 +94,23 @@ def pose_motion(mechanism: Mechanism, q: Array) -> dict[str, list[list[float]]]:
 
 
 def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
-    """Return the part of the reply that gives forces along a driven motion.
-
-    The reply has the force or torque of the first driver, and the forces and moments in pins and slides.
-    """
+    """Return the part of the reply with the force or torque of the first driver, and forces and moments in pins and slides."""
+    unknown: dict[str, Any] = {"torque": None, "pins": []}
     if not len(x.t):
-        return {"torque": None, "pins": []}
+        return unknown
     evaluator = Evaluator(mechanism)
     try:
         driving, loads = metrics.driving_forces(evaluator, x), metrics.joint_forces(evaluator, x)
     except (ArithmeticError, np.linalg.LinAlgError, ValueError):
-        return {"torque": None, "pins": []}
-    unit = "N m" if isinstance(mechanism.drivers[0], AngleDriver) else "N"
+        return unknown
+    first = mechanism.drivers[0]
+    torque = {"name": first.name, "unit": "N m" if isinstance(first, AngleDriver) else "N", "values": driving[:, 0]}
     pins = [{"joint": name, "force": np.stack([f["fx"], f["fy"]], axis=-1), "moment": f["moment"]} for name, f in loads.items()]
-    return {"torque": {"name": mechanism.drivers[0].name, "unit": unit, "values": driving[:, 0]}, "pins": pins}
+    return {"torque": torque, "pins": pins}
 
 
 def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
-    """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n).
-
-    The list is empty if the linkage has more or less than one degree of freedom.
-    """
+    """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n)."""
     try:
         pairs = advantages(mechanism, q)
     except ValueError:
@@ -153,10 +120,7 @@ def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
 
 @np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
 def singular(mechanism: Mechanism, ended: Event | None = None) -> tuple[list[dict[str, Any]], str]:
-    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else "".
-
-    `ended` is set by the thread that ends the search.
-    """
+    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else ""."""
     try:
         positions = singular_positions(mechanism, ended)
     except (ValueError, ChangePoint) as error:
@@ -170,10 +134,6 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
     Args:
         given: the poses {link: [x, y, theta]} that the page gives; None for the poses in which the links are drawn.
-
-    Raises:
-        Refused: nothing is drawn; or a link has no valid pose in `given`; or at these poses the linkage has no free motion, or more
-            than one.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -191,14 +151,11 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
     Args:
         given: the motion {link: [[x, y, theta], ...]} that the page gives.
-
-    Raises:
-        Refused: the lists of poses are not valid for this drawing, or no pose of the motion has instant centres.
     """
     lists = [*given.values()] if isinstance(given, dict) else []
     if not lists or not all(isinstance(x, list) and 0 < len(x) == len(lists[0]) <= MOST for x in lists):
         raise Refused(f"a motion is a list of poses for each link, all of one length, at most {MOST}", field="along")
-    found: list[list[dict[str, Any]]] = []  # the centres at each position
+    found: list[list[dict[str, Any]]] = []
     for k in range(len(lists[0])):
         try:
             found.append(instant_centres(reading, {name: x[k] for name, x in given.items()}))
@@ -211,13 +168,7 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def state_of(reading: Reading, given: Any) -> Array:
-    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page.
-
-    A pose has the origin and the angle of a link's frame, whereas q has the centre of mass and the angle of each link.
-
-    Raises:
-        Refused: a link of this drawing has no valid pose.
-    """
+    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page."""
     mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():
         pose = given.get(link.name) if isinstance(given, dict) else None

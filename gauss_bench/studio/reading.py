@@ -16,18 +16,17 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.assembly import find_open_loop, rank_about
-from gauss_bench.kinematics.topology import find_graph, loose_links, pin_loose_links
-from gauss_bench.linkage.bodies import write_out
+from gauss_bench.kinematics.topology import loose_links
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints
 from gauss_bench.linkage.errors import AssemblyError, BuildError, Fault, LinkageError, NotPlaced
 from gauss_bench.linkage.load import document_faults, load_document
-from gauss_bench.linkage.references import items, sequence, table
+from gauss_bench.linkage.references import items, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.linkage.sketch import sketch
 from gauss_bench.mechanism.coordinates import motion_of_links, position
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.studio.document import Document, split_path
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory, in_a_sentence
@@ -35,6 +34,7 @@ from gauss_bench.trajectory import Trajectory, in_a_sentence
 ROUNDS = 200  # largest number of rounds in which faulty parts are removed
 MASS, INERTIA = 1.0, 1e-3  # [kg], [kg m^2] of a link whose table gives none, so that it can be shown
 STILL = {"drawn": {"duration": 1.0}}  # a scenario without drivers, forces or prescribed coordinates
+LEFT_OUT = ("expect", "measure", "observe", "crank")  # keys that place no link
 TRIED = 6  # largest number of scenarios that are assembled
 CLOSED = 1e-9  # [m] largest gap of a pin that counts as closed
 
@@ -87,10 +87,7 @@ class Reading:
 
     @cached_property
     def rank(self) -> int:
-        """The number of independent constraints of the joints, at a position near the drawn one that is not singular.
-
-        It is 0 if there is no mechanism, or if the number cannot be computed.
-        """
+        """The number of independent constraints of the joints, at a position near the drawn one that is not singular."""
         if self.mechanism is None:
             return 0
         with suppress(np.linalg.LinAlgError, ValueError):
@@ -103,10 +100,7 @@ class Reading:
 
 
 def of_links(mechanism: Mechanism, q: Array) -> Array:
-    """Return the positions of all links of the file at positions q (..., n) of the mechanism's bodies.
-
-    Links that are welded to each other form one body of the mechanism.
-    """
+    """Return the positions of all links of the file at positions q (..., n) of the mechanism's bodies."""
     if not mechanism.parts:  # nothing is welded: every link is a body
         return q
     # `motion_of_links` takes a trajectory; its velocities and accelerations, zeros here, do not matter
@@ -124,11 +118,7 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 
 @np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, which may be faulty.
-
-    Args:
-        starts: whether to test if the scenarios can be assembled at their starts, which takes most of the time.
-    """
+    """Read a document, which may be faulty."""
     problems: list[Problem] = []
 
     def report(level: str, text: str, *where: str) -> None:
@@ -136,7 +126,11 @@ def read(document: Document, starts: bool = True) -> Reading:
         problems.append(Problem(level, text, where))
 
     faults = faults_of(document)
-    rest = _without_scenarios(copy.deepcopy(document))
+    rest = {"name": "drawing"} | copy.deepcopy(
+        {key: x for key, x in document.items() if key not in LEFT_OUT} | {"scenarios": STILL}
+    )
+    for name in lone_pins(document):
+        del rest["assembly"]["sketch"][name]
     mechanism, more = _build(rest)
     for fault in (*faults, *(f for f in more if f not in faults)):
         report("error", str(fault), *find_part(document, fault.path))
@@ -187,11 +181,7 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return name -> [x, y] of the pins that join nothing.
-
-    They are the entries of the sketch whose name is neither that of a joint or cylinder nor a reference "LINK.POINT", which has a
-    dot.
-    """
+    """Return name -> [x, y] of the pins that join nothing."""
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -213,14 +203,6 @@ def new_faults(before: Document, after: Document) -> list[Fault]:
     """Return the faults that a document has after an edit and did not have before it."""
     known = {(x.path, x.text) for x in document_faults(before)}
     return [x for x in faults_of(after) if (x.path, x.text) not in known]
-
-
-def _without_scenarios(document: Document) -> Document:
-    """Return the document with one scenario in which nothing acts, and without pins that join nothing."""
-    for name in lone_pins(document):
-        del document["assembly"]["sketch"][name]
-    rest = {key: x for key, x in document.items() if key not in ("expect", "measure", "observe", "crank")}
-    return {"name": "drawing"} | rest | {"scenarios": copy.deepcopy(STILL)}
 
 
 def _build(document: Document) -> tuple[Mechanism | None, list[Fault]]:
@@ -258,7 +240,7 @@ def leave_out(document: Document, fault: Fault) -> None:
                 link[lacking] = MASS if lacking == "mass" else INERTIA
                 return
         case ["format"]:
-            document["format"] = SECOND  # the second edition of the file format
+            document["format"] = SECOND
             return
         case ["name"]:
             document["name"] = "drawing"
@@ -278,11 +260,7 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
-
-    A link that the sketch does not place gets the angle 0. If the sketch has the place of one of its points, the link is placed
-    there. If the sketch has no such place, the link's frame is placed at the origin of the world.
-    """
+    """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place."""
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})
@@ -307,10 +285,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem that describes why a drawing does not assemble at positions q (n,).
-
-    It names the loop that stays open or, if no such loop is found, the pin with the largest gap.
-    """
+    """Return the problem that describes why a drawing does not assemble at positions q (n,)."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:
@@ -326,10 +301,7 @@ def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
 
 
 def _check_scenarios(document: Document) -> Iterator[Problem]:
-    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader.
-
-    A text that several scenarios have in common is reported only once.
-    """
+    """Yield a problem for each scenario that cannot be assembled, and for each warning of the loader."""
     reported: set[str] = set()
     for name, _ in [*items(document, "scenarios")][:TRIED]:
         try:
@@ -344,15 +316,3 @@ def _check_scenarios(document: Document) -> Iterator[Problem]:
             if sentence not in reported:
                 yield Problem("warning", sentence, find_part(document, sentence.split(":")[0]))
             reported.add(sentence)
-
-
-def loops_of(mechanism: Mechanism) -> list[list[str]]:
-    """Return for every independent loop of the mechanism the names of its links, without the ground."""
-    loops = find_graph(pin_loose_links(mechanism)).loops
-    return [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in loops]
-
-
-def pins_of(document: Document) -> dict[str, list[str]]:
-    """Return name of a pin joint -> references "LINK.POINT" of its points; the pins at the ends of cylinders are included."""
-    joints = items(write_out(document), "joints")
-    return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

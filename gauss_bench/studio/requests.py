@@ -14,14 +14,13 @@ from gauss_bench.engines import MissingExtra
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.studio import dragging, dynamics, exports, files, motion, sharing
-from gauss_bench.studio.autosave import forget, list_kept
+from gauss_bench.studio import dragging, dynamics, exports, files, motion
+from gauss_bench.studio.autosave import Autosave, forget
 from gauss_bench.studio.document import EMPTY, write_document
 from gauss_bench.studio.edits import steps
 from gauss_bench.studio.edits.drawing import NAME
 from gauss_bench.studio.edits.poses import describe_four_bar
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, check_message, value_of
+from gauss_bench.studio.messages import Message, Refused, check_message, value_of
 from gauss_bench.studio.reading import Reading
 from gauss_bench.studio.scene import scene
 from gauss_bench.studio.session import Session
@@ -32,6 +31,18 @@ Reply = dict[str, Any]
 APART = ("drawing", "motion", "centres", "stop", "import", "export", "view")
 
 
+def in_folder(session: Session, message: Message) -> Reply:
+    """Return the names of the folder's linkage files, and of those with unsaved changes that have been kept."""
+    here = files.list_files(session.folder)
+    return {"files": here, "kept": [name for name in here if Autosave(str(session.folder / name)).find_left()]}
+
+
+def recovered(session: Session) -> dict[str, str] | None:
+    """Return the unsaved text of this document that a process left when it ended, or None."""
+    left = session.autosave.find_left()
+    return None if left is None else {"text": left.text}
+
+
 def hello(session: Session, message: Message) -> Reply:
     """Return the data that a page needs when it opens."""
     return {
@@ -40,21 +51,20 @@ def hello(session: Session, message: Message) -> Reply:
         "linkages": [*built_in()],
         "folder": session.folder.name,
         "engines": dynamics.engines_here(),
-        "recovered": find_recovered(session),
+        "recovered": recovered(session),
         "scene": session.scene(),
     } | in_folder(session, message)
 
 
-def in_folder(session: Session, message: Message) -> Reply:
-    """Return the names of the folder's linkage files, and of those with unsaved changes that have been kept."""
-    here = files.list_files(session.folder)
-    return {"files": here, "kept": list_kept(session.folder / name for name in here)}
+def open_template(session: Session, message: Message) -> None:
+    """Open a template."""
+    session.open(files.template(value_of(message, "name", str)).read_text(encoding="utf-8"), is_template=True)
 
 
-def find_recovered(session: Session) -> dict[str, str] | None:
-    """Return the unsaved text of this document that a process left when it ended, or None."""
-    left = session.autosave.find_left()
-    return None if left is None else {"text": left.text}
+def drag_begin(session: Session, message: Message) -> Reply:
+    """Begin to drag a pin or point."""
+    session.drag = dragging.begin_drag(session.reading, session.locks, message)
+    return {"poses": session.reading.poses(session.drag.q)}
 
 
 def open_file(session: Session, message: Message) -> Reply:
@@ -66,12 +76,7 @@ def open_file(session: Session, message: Message) -> Reply:
     else:
         text, path = files.open_document(session.folder, value_of(message, "name", str))
         session.open(text, path, is_template=path is None)
-    return {"recovered": find_recovered(session), "scene": session.scene()}
-
-
-def open_template(session: Session, message: Message) -> None:
-    """Open a template."""
-    session.open(files.template(value_of(message, "name", str)).read_text(encoding="utf-8"), is_template=True)
+    return {"recovered": recovered(session), "scene": session.scene()}
 
 
 def save(session: Session, message: Message) -> Reply:
@@ -105,11 +110,7 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    """Make an edit.
-
-    With `trial`, the move of a pin is only tried: the reply has the scene as it would be, and the drawing does not change. With
-    `continues`, this edit and the edit before become one step of the history, which is undone as a whole.
-    """
+    """Make an edit."""
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_move(session, message), session.locks)}
     before = session.text
@@ -117,18 +118,6 @@ def make_edit(session: Session, message: Message) -> Reply:
     if message.get("continues") is True and session.text != before:
         session.join()
     return {"made": made, "scene": session.scene()}
-
-
-def behind(session: Session, message: Message) -> Reply:
-    """Return the id and the URL, with all data, of the picture behind the grid; the reply `scene` has only the id."""
-    picture = session.picture
-    return {"picture": picture and picture.id, "url": picture and picture.url}
-
-
-def drag_begin(session: Session, message: Message) -> Reply:
-    """Begin to drag a pin or point."""
-    session.drag = dragging.begin_drag(session.reading, session.locks, message)
-    return {"poses": session.reading.poses(session.drag.q)}
 
 
 def drag(session: Session, message: Message) -> Reply:
@@ -143,13 +132,16 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    """End the drag, and redraw the linkage at the position that the drag has reached.
-
-    If `keep` of the message is false, the drawing stays as it was before the drag.
-    """
+    """End the drag, and redraw the linkage at the position that the drag has reached."""
     ended, session.drag = session.drag, None
     if ended is not None and message.get("keep", True):
         steps.redraw(session, ended.q)
+
+
+def behind(session: Session, message: Message) -> Reply:
+    """Return the id and the URL, with all data, of the picture behind the grid; a scene has only the id."""
+    picture = session.picture
+    return {"picture": picture and picture.id, "url": picture and picture.url}
 
 
 def branches(session: Session, message: Message) -> Reply:
@@ -167,10 +159,7 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
-    """Return the text of the drawing, and the reading of this same text.
-
-    Requests in APART use this function: they are answered while other requests may change the drawing.
-    """
+    """Return the text of the drawing, and the reading of this same text."""
     with session.lock:
         return session.text, session.reading
 
@@ -184,7 +173,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
     def search() -> None:
         """Find the singular positions of the motion, and send them as an event to the studio's pages in browsers."""
-        if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits for the answer
+        if session.text != text or session.ended.is_set():
             return
         try:
             positions, reason = motion.singular(mechanism, session.ended)
@@ -226,7 +215,7 @@ VERBS: dict[str, Callable[[Session, Message], Reply | None]] = {
     "recover": recover,
     "export": lambda session, message: exports.export_drawing(*read_locked(session), message),
     "share": lambda session, _: {"fragment": files.fragment(session.text)},
-    "view": lambda session, _: sharing.share_view(*read_locked(session)),
+    "view": lambda session, _: exports.share_view(*read_locked(session)),
     "lock": steps.lock,
     "picture": steps.picture,
     "behind": behind,

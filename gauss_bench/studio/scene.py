@@ -12,25 +12,20 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.kinematics.topology import find_graph, pin_loose_links
 from gauss_bench.linkage.bodies import write_out
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import Point
+from gauss_bench.mechanism.model import GROUND, Point
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.studio.document import Document, is_driven
-from gauss_bench.studio.reading import Reading, is_place, lone_pins, loops_of, pins_of
+from gauss_bench.studio.reading import Reading, is_place, lone_pins
 
 FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encoding="utf-8"))  # labels and default numbers
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
-    """Return the scene: the data that the page draws for a reading.
-
-    Args:
-        reading: the document, its mechanism, the positions and the problems.
-        locks: ids of locked parts. They are the id of a pin or slide; `links.NAME` for the angle of a link; `links.NAME:a-b` for
-            the distance of two points of a link; and `joints.NAME` for the angle between the links of a pin.
-    """
+    """Return the scene: the data that the page draws for a reading."""
     document, locked = reading.document, {*locks}
     return {
         "name": _text(document, "name"),
@@ -68,10 +63,7 @@ def _ground(reading: Reading) -> dict[str, list[float]]:
 
 
 def place_points(reading: Reading) -> dict[str, list[float]]:
-    """Return LINK.POINT -> [x, y] in the world, for every point of the ground and of the links.
-
-    Without a mechanism only points of the ground are known.
-    """
+    """Return LINK.POINT -> [x, y] in the world, for every point of the ground and of the links."""
     places = {f"ground.{name}": x for name, x in _ground(reading).items()}
     poses = reading.poses(reading.q)
     for link in reading.mechanism.whole.links if reading.mechanism else ():
@@ -138,21 +130,20 @@ def pins(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
 
 def slides(reading: Reading, locked: set[str]) -> list[dict[str, Any]]:
     """Return the data of every slide."""
-    shown = []
-    for joint in reading.mechanism.slides if reading.mechanism else ():
-        shown.append(
-            {
-                "id": joint.name,
-                "guide": as_written(joint.guide),
-                "at": position(reading.q, joint.guide).tolist(),
-                "angle": float(angle_at(reading.q, joint.guide.link)) + joint.angle,
-                "block": as_written(joint.block),
-                "block_at": position(reading.q, joint.block).tolist(),
-                "offset": joint.offset,
-                "locked": f"slides.{joint.name}" in locked,
-            }
-        )
-    return shown
+    q = reading.q
+    return [
+        {
+            "id": joint.name,
+            "guide": as_written(joint.guide),
+            "at": position(q, joint.guide).tolist(),
+            "angle": float(angle_at(q, joint.guide.link)) + joint.angle,
+            "block": as_written(joint.block),
+            "block_at": position(q, joint.block).tolist(),
+            "offset": joint.offset,
+            "locked": f"slides.{joint.name}" in locked,
+        }
+        for joint in (reading.mechanism.slides if reading.mechanism else ())
+    ]
 
 
 def as_written(point: Point) -> str:
@@ -161,11 +152,7 @@ def as_written(point: Point) -> str:
 
 
 def forces(reading: Reading) -> list[dict[str, Any]]:
-    """Return the data of every force and cylinder.
-
-    Each is drawn at places `at`: those of its points, the origins of its links, or the first point of its joint. The label of a
-    force is its name and its main number with unit.
-    """
+    """Return the data of every force and cylinder."""
     places, joints = place_points(reading), pins_of(reading.rest)
     places |= {link: pose[:2] for link, pose in reading.poses(reading.q).items()}
     entries = [(name, str(entry.get("type")), entry) for name, entry in items(reading.document, "forces")]
@@ -200,7 +187,8 @@ def status(reading: Reading) -> dict[str, Any]:
     mechanism, joints = reading.mechanism, reading.joints
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
-    loops = loops_of(mechanism)
+    found = find_graph(pin_loose_links(mechanism)).loops
+    loops = [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in found]
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - reading.rank,
@@ -208,3 +196,9 @@ def status(reading: Reading) -> dict[str, Any]:
         "redundant": len(joints(0.0, reading.q, np.zeros_like(reading.q)).phi) - reading.rank,
         "loop_names": loops,
     }
+
+
+def pins_of(document: Document) -> dict[str, list[str]]:
+    """Return name of a pin joint -> references "LINK.POINT" of its points; the pins at the ends of cylinders are included."""
+    joints = items(write_out(document), "joints")
+    return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

@@ -1,8 +1,7 @@
 """The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
 
-Requests are answered in threads, so that the sockets stay responsive. The requests of one page are answered one after the other,
-except long ones. Changes of the drawing that different pages request are made one after the other. After a change by one page, the
-server sends the new scene to the other pages.
+Threads answer requests. Requests of one page are answered in their order, except long ones; changes by different pages are made
+one after the other.
 """
 
 import asyncio
@@ -37,7 +36,7 @@ from gauss_bench.report.site.view import VIEW, view_page
 from gauss_bench.studio import files
 from gauss_bench.studio.autosave import remove_orphans
 from gauss_bench.studio.dynamics import engines_here
-from gauss_bench.studio.errors import Refused
+from gauss_bench.studio.messages import Refused
 from gauss_bench.studio.requests import APART, answer
 from gauss_bench.studio.security import ASKING, BESIDE, LARGEST, SOCKETS, UNREAD, WAITING, Guard, Rate, headers
 from gauss_bench.studio.session import Session
@@ -153,14 +152,20 @@ class Studio:
     async def socket(self, socket: WebSocket) -> None:
         """Serve a page until it disconnects: answer its messages in order, and long requests beside them."""
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
-            await socket.close(1008)  # policy violation
+            await socket.close(1008)
             return
+
+        async def send_queued() -> None:
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
+                while True:
+                    await socket.send_text(await page.get())
+
         page, rate = Unread(UNREAD), Rate()
         self.pages[page] = asyncio.current_task()
         tasks: set[asyncio.Task[None]] = set()  # the sender, and long requests beside it
         try:
             await socket.accept()
-            tasks.add(asyncio.create_task(self._send(socket, page)))
+            tasks.add(asyncio.create_task(send_queued()))
             while True:
                 message = parse_message(await socket.receive_text())
                 while not rate.allows():  # slow down a page that sends too fast
@@ -182,12 +187,6 @@ class Studio:
                 task.cancel()
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, asyncio.TimeoutError):
                 await asyncio.wait_for(socket.close(1003), 1.0)  # unsupported data: the reason if the page sent bytes
-
-    async def _send(self, socket: WebSocket, page: Unread) -> None:
-        """Send the queued messages of a page until it disconnects."""
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
-            while True:
-                await socket.send_text(await page.get())
 
     async def _answer(self, message: dict[str, Any], page: Unread) -> None:
         """Answer a page's message, and send the new scene to the other pages if the drawing has changed."""
@@ -248,10 +247,6 @@ def _refuse_constant(word: str) -> float:
 def session_of(linkage: str | None, folder: Path) -> Session:
     """Return a session with a linkage, which is a name or a file; the folder of a file becomes the working folder.
 
-    Args:
-        linkage: name of a template or built-in linkage, or path of a file; None for an empty drawing.
-        folder: working folder if the linkage is not the path of a file.
-
     Raises:
         LinkageError, Refused: the linkage cannot be read.
     """
@@ -263,20 +258,13 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
-    text, own = files.open_document(session.folder, linkage)  # own: path of the user's file, None for a template
+    text, own = files.open_document(session.folder, linkage)
     session.open(text, own, is_template=own is None)
     return session
 
 
-def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Callable[[str], object]) -> int:
-    """Serve the studio until it is interrupted, and return the exit code 0.
-
-    Args:
-        linkage: name or file of the linkage to open; None for an empty drawing.
-        folder: working folder.
-        port: port of the server; 0 for any free port.
-        browser: whether to open the page in the user's browser.
-        tell: function that prints a line.
+def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Callable[[str], object]) -> None:
+    """Serve the studio until it is interrupted.
 
     Raises:
         ExchangeError: the port is not available, or the file to open is refused.
@@ -294,8 +282,8 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: is not available: {error}") from error
-    remove_orphans()  # temporary folders of studios that were killed
-    sys.setswitchinterval(SWITCH)  # short, so that a drag stays smooth while other threads compute
+    remove_orphans()
+    sys.setswitchinterval(SWITCH)
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell
@@ -328,4 +316,3 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
         session.close()
     if is_unsaved:
         tell("unsaved changes are kept, and are offered when the studio opens the drawing again")
-    return 0

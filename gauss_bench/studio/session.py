@@ -17,25 +17,19 @@ STEPS = 200  # largest number of steps that can be undone
 
 
 class Session:
-    """The open document. The state of the document is the text of its linkage file, which determines the drawing.
+    """The open document. The text of its linkage file determines the drawing.
 
     Attributes:
         folder: folder in which files may be opened and saved.
         lock: lock of threads, which every use of the state must hold.
-        text: present text of the linkage file.
-        path: file from which the text was opened, or to which it was saved; or None.
-        saved: text that exists elsewhere, so that it cannot be lost: the content of the file or of the template, for a new drawing
-            the text EMPTY, and "" for a pasted text, which is nowhere else.
+        saved: text that exists elsewhere, so that it cannot be lost: of the file or template, EMPTY, or "" for a pasted text.
         done, undone: states (text, locks) before the present state and after it, for undo and redo.
         locks: ids of pins, slides, links and lengths that a drag must not change.
-        picture: picture behind the grid, or None.
-        drag: the drag that is going on, or None.
         revision: number of changes of the document so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.
-        ended: event that is set when the session ends, so that a running search ends.
+        ended: event that is set when the session ends.
         tell: function that sends an event to all pages.
-        jobs: the running jobs.
     """
 
     def __init__(self, folder: Path):
@@ -43,17 +37,17 @@ class Session:
         self.folder = folder.resolve()
         self.lock = threading.RLock()
         self.revision = 0
-        self.path: Path | None = None
         self.motions, self.searches = 0, ThreadPoolExecutor(1)
         self.ended = threading.Event()
-        self.autosave = Autosave(self._document_name())
+        self._belong_to(None)
         self.tell: Callable[[dict[str, Any]], object] = lambda event: None
         self.jobs = Jobs(lambda event: self.tell(event))
         self._begin(EMPTY, EMPTY)
 
-    def _document_name(self) -> str:
-        """Return the name of the document under which its unsaved work is kept: the path of its file, or a text for a new one."""
-        return str(self.path or self.folder / "a new drawing")
+    def _belong_to(self, path: Path | None) -> None:
+        """Make `path` the document's file, under whose name unsaved work is kept from now on; None for a new drawing."""
+        self.path = path
+        self.autosave = Autosave(str(path or self.folder / "a new drawing"))
 
     def _begin(self, text: str, saved: str) -> None:
         """Replace the state by a text, and clear the history; `saved` is the new value of the attribute `saved`."""
@@ -66,28 +60,19 @@ class Session:
         self.drag: Drag | None = None
 
     def open(self, text: str, path: Path | None = None, is_template: bool = False) -> None:
-        """Begin a new history with a text. An unchanged template does not count as unsaved, because it can be opened again.
-
-        Args:
-            path: file from which the text was read, or None.
-            is_template: whether the text is the content of a template.
-
-        Raises:
-            Refused: the text is no linkage file.
-        """
+        """Begin a new history with a text. An unchanged template does not count as unsaved, because it can be opened again."""
         parse_text(text)  # raises if the text is no linkage file
         forget(self.autosave.file)
         # only a text that was pasted or imported exists nowhere else
         self._begin(text, text if path or is_template or text == EMPTY else "")
-        self.path = path
-        self.autosave = Autosave(self._document_name())
+        self._belong_to(path)
         self._change()
 
     def save_as(self, path: Path, text: str) -> None:
         """Record that `text` has been saved to the file `path`: it becomes the present text, and its unsaved work is forgotten."""
         forget(self.autosave.file)
-        self.text, self.saved, self.path = text, text, path
-        self.autosave = Autosave(self._document_name())
+        self.text, self.saved = text, text
+        self._belong_to(path)
         self._change()
 
     @property
@@ -108,11 +93,7 @@ class Session:
         return self._read[1]
 
     def put(self, text: str, locks: frozenset[str]) -> None:
-        """Replace the text of the linkage file and the set of locked parts, as one step of the history.
-
-        Raises:
-            Refused: the text is no linkage file.
-        """
+        """Replace the text of the linkage file and the set of locked parts, as one step of the history."""
         if (text, locks) == (self.text, self.locks):
             return
         parse_text(text)
@@ -135,10 +116,7 @@ class Session:
         self._step(self.undone, self.done)
 
     def _step(self, source: list[tuple[str, frozenset[str]]], target: list[tuple[str, frozenset[str]]]) -> None:
-        """Go one step back or forth: append the present state to the list `target`, and restore the last state of `source`.
-
-        If the list `source` is empty, nothing changes.
-        """
+        """Go one step back or forth: append the present state to the list `target`, and restore the last state of `source`."""
         if source:
             target.append((self.text, self.locks))
             self.text, self.locks = source.pop()
@@ -150,10 +128,7 @@ class Session:
         self._change()
 
     def _change(self) -> None:
-        """Complete a change of the document: count it, end a drag in progress, and write unsaved work to the autosave file.
-
-        If there is no unsaved work, the autosave file is deleted.
-        """
+        """Complete a change of the document: count it, end a drag in progress, and write unsaved work to the autosave file."""
         self.revision += 1
         self.drag = None
         if self.is_unsaved or self.picture:  # a linkage file cannot hold the picture, which therefore counts as unsaved here
@@ -174,10 +149,7 @@ class Session:
         return state | scene(self.reading, self.locks)
 
     def close(self) -> bool:
-        """End the session, and return whether there are unsaved changes.
-
-        These stay in the autosave file, and are offered when the document is opened again.
-        """
+        """End the session, and return whether there are unsaved changes."""
         self.jobs.stop_all()
         self.ended.set()
         # wait for a running search: a thread in native code while the interpreter ends would abort the process

@@ -3,7 +3,7 @@
 A suite is a TOML file that lists measurements. Each table of the file, for example `accuracy`, is called a part of the suite.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ def names() -> list[str]:
 
 
 def read_suite(name: str) -> Suite:
-    """Return a suite, joined with the suites that it builds on; `name` is that of a built-in suite, or the path of a .toml file.
+    """Return a suite (a built-in name, or the path of a .toml file), joined with those that it builds on.
 
     Raises:
         SuiteError: the suite does not exist, is not valid TOML, does not fit the schema, or builds on itself.
@@ -36,12 +36,7 @@ def read_suite(name: str) -> Suite:
 
 
 def _read(name: str, above: tuple[str, ...]) -> Suite:
-    """Read a suite and, recursively, the suites that it builds on; return all of them as one suite.
-
-    Args:
-        name: name of a built-in suite, or path of a .toml file.
-        above: names of the suites that are being read and build on this one; a name that occurs again is an error.
-    """
+    """Read a suite and, recursively, the suites that it builds on; return all of them as one suite."""
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
     if name in above:
         raise SuiteError(f"{path}: builds on itself: {' with '.join([*above, name])}")
@@ -62,21 +57,26 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
     return join_entries([*(_read(part, (*above, name)) for part in suite.parts), _with_own_linkages(suite, path.parent)])
 
 
+def _change(suite: Suite, change: Callable[[str, Any], Any]) -> Suite:
+    """Return the suite with every part replaced by change(name of its section, part); parts for which that is None are left out."""
+    changed = {name: [change(name, part) for part in getattr(suite, name)] for name in SECTIONS}
+    return suite.model_copy(update={name: tuple(x for x in parts if x is not None) for name, parts in changed.items()})
+
+
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
-    def locate(part: Any) -> Any:
-        """Return a part of the suite in which linkages that are files in the folder have absolute paths."""
+    def locate(_: str, part: Any) -> Any:
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
         return part.model_copy(update={"linkages": {str(paths.get(x, x)): s for x, s in part.linkages.items()}})
 
-    return suite.model_copy(update={name: tuple(locate(x) for x in getattr(suite, name)) for name in SECTIONS})
+    return _change(suite, locate)
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite with the entries of all suites in each of SECTIONS, without repetitions, and the title of the last suite."""
+    """Return one suite with the distinct entries of all suites, and the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []
@@ -92,10 +92,7 @@ def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage.
-
-    Only those parts of the suite are considered that can be run for any linkage (`any_linkage`).
-    """
+    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage."""
     parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
     return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
 
@@ -111,12 +108,13 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     Parts of these four kinds that have none of the engines are left out. Parts of other kinds are unchanged.
     """
 
-    def select(parts: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return the parts restricted to the given engines; a part that names no engines gets all given engines."""
-        chosen = [(x, tuple(e for e in engines if not x.engines or e in x.engines)) for x in parts]
-        return tuple(x.model_copy(update={"engines": names}) for x, names in chosen if names)
+    def select(name: str, part: Any) -> Any:
+        if name not in ("accuracy", "cost", "search", "field"):
+            return part
+        chosen = tuple(e for e in engines if not part.engines or e in part.engines)  # all, if the part names none
+        return part.model_copy(update={"engines": chosen}) if chosen else None
 
-    return suite.model_copy(update={name: select(getattr(suite, name)) for name in ("accuracy", "cost", "search", "field")})
+    return _change(suite, select)
 
 
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
@@ -126,15 +124,11 @@ def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     those of its linkages that are given, each in the scenario that the part names. Parts of a suite without linkages are left out,
     except `left_out` and the parts whose results are computed from times of other parts.
     """
-    content: dict[str, tuple[Any, ...]] = {}
-    for name in SECTIONS:
-        kept = []
-        for part in getattr(suite, name):
-            if isinstance(part, OnLinkages):
-                chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
-                if chosen:
-                    kept.append(part.model_copy(update={"linkages": dict(chosen)}))
-            elif name in ("left_out", "steps", "right_hand_side", "bounds"):
-                kept.append(part)
-        content[name] = tuple(kept)
-    return suite.model_copy(update=content)
+
+    def keep(name: str, part: Any) -> Any:
+        if not isinstance(part, OnLinkages):
+            return part if name in ("left_out", "steps", "right_hand_side", "bounds") else None
+        chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
+        return part.model_copy(update={"linkages": dict(chosen)}) if chosen else None
+
+    return _change(suite, keep)

@@ -50,8 +50,6 @@ class Environments:
 def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Environments]:
     """List engines in environments of their own (`action` "list"), or install or remove the engine `name`.
 
-    `yes` installs without asking the user. `told` is called with each sentence of progress.
-
     Raises:
         BadInput: the arguments do not fit together, or the engine cannot be installed or removed.
     """
@@ -64,18 +62,23 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
         remove(name)
         return Answer(_list_environments(f"{name} is removed"))
     require_free(name)  # raises InstallationFault if the engine is installed already
-    _print_contents(name)
-    if not (yes or _confirm(name)):
+    offered = read_offered(name)
+    tell(f"{offered.library}, for {offered.pythons}")
+    tell(f"licence   {offered.licence}")
+    tell(f"size      {offered.download:g} MB to download, {offered.installed:g} MB in {home() / name}")
+    if not yes:
+        if not (sys.stdin and sys.stdin.isatty()):
+            raise BadInput("there is no terminal to ask for confirmation; --yes installs without")
+        print(f"Install {name}? [y/N] ", end="", file=sys.stderr, flush=True)
+        yes = sys.stdin.readline().strip().lower() in ("y", "yes")
+    if not yes:
         return Answer(_list_environments("nothing is installed"), succeeded=False)
     install(name, lambda installed: offer(installed).reason, told)
     return Answer(_list_environments(f"{name} is installed: {offer(name).version}"))
 
 
 def _list_environments(done: str) -> Environments:
-    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines.
-
-    `done` is a sentence on what was done just before, or an empty text.
-    """
+    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines."""
     named = read_environments()
     listed = {}
     for name in dict.fromkeys((*ELSEWHERE, *named)):
@@ -83,23 +86,3 @@ def _list_environments(done: str) -> Environments:
         python = named[name].python if name in named else ""
         listed[name] = ListedEnvironment(**offered, python=python, removable=is_installed_here(name))
     return Environments(done, str(home()), listed)
-
-
-def _print_contents(name: str) -> None:
-    """Print what would be installed: library, licences and sizes."""
-    offered = read_offered(name)
-    tell(f"{offered.library}, for {offered.pythons}")
-    tell(f"licence   {offered.licence}")
-    tell(f"size      {offered.download:g} MB to download, {offered.installed:g} MB in {home() / name}")
-
-
-def _confirm(name: str) -> bool:
-    """Ask the user whether to install an engine.
-
-    Raises:
-        BadInput: there is no terminal.
-    """
-    if not (sys.stdin and sys.stdin.isatty()):
-        raise BadInput("there is no terminal to ask for confirmation; --yes installs without")
-    print(f"Install {name}? [y/N] ", end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower() in ("y", "yes")

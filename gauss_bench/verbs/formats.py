@@ -1,9 +1,7 @@
 """JSON Schemas (draft 2020-12) of linkage files, of suite files, and of what each command prints with --json.
 
-The code of this module mentions no key of these files or outputs by name. The schema of a file follows from the class that checks
-the file. The schema of a command (a "verb" of the command line) follows from the type that the command's function returns. The
-descriptions of keys are taken from "Attributes:" in the docstrings of the classes that check files or hold data, and the
-descriptions of table columns from `tables.toml`.
+Schemas follow from the classes that check files and from the return types of commands; the descriptions of keys are the
+"Attributes:" of docstrings, and those of columns stand in `tables.toml`.
 """
 
 import inspect
@@ -53,8 +51,6 @@ def list_formats() -> dict[str, str]:
 def find_schema(name: str) -> Schema:
     """Return the schema of a file format (`name` is a key of FILES), or of what the command `name` prints with --json.
 
-    The schema of a command follows from the return type of the command's function.
-
     Raises:
         ChoiceError: there is no schema with this name.
     """
@@ -85,10 +81,7 @@ class FileSchema(GenerateJsonSchema):
 
 
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
-    """Return the schema of a file.
-
-    The docstring of `kind`, the class that checks the file, and those of the classes of nested tables describe the keys.
-    """
+    """Return the schema of a file."""
     schema = kind.model_json_schema(schema_generator=FileSchema)
     # kind.__mro__[1], the direct base of `kind`, is the common base of the classes of all tables in the file
     classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}
@@ -189,7 +182,6 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
     """Return the schema of one row, a list of rows, or a dictionary from a table's name to its rows; every column may be absent.
 
     Args:
-        kind: type of the data: list or list[...] means several rows, and any other type means a single row.
         columns: the table that describes the columns; or name of a table -> table, if the data is a dictionary of tables.
     """
     if not isinstance(columns, Table):

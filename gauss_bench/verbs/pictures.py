@@ -55,11 +55,7 @@ def draw_run(result: Simulation, files: Files) -> None:
 
 
 def draw_motion(result: Kinematics, files: Files) -> None:
-    """Write the plot, the animation and the table of a motion.
-
-    `files` maps the name of an option ("plot", "animate" or "out") to a path. If the path of `out` is "csv", without an ending, the
-    table is printed on stdout.
-    """
+    """Write the plot, the animation and the table of a motion."""
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
     if "out" in files:  # this notice is printed in one release only, after which it is removed

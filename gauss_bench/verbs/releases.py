@@ -42,18 +42,8 @@ def releases(
 ) -> Answer[Rows]:
     """Install several releases of an engine's library, run the same computations with each, and write what changed.
 
-    Results and times of each release are compared with those of the next release. The tables and a page are written into the folder
-    `out`.
-
     Args:
-        engine: name of the engine.
-        first, last: first and last release of a range.
-        only: the releases that are compared; None for the range from `first` to `last`, or for the list in `releases.toml`.
-        new: compare the newest release that is listed in `releases.toml` with all later ones that the index of packages offers.
-        out: folder for tables and page.
         budget: time [s] for the computations with one release.
-        no_costs: leave out the timing.
-        told: function that is called with each sentence of progress.
     """
     library = read_library(engine)
     if new and (first or last or only):

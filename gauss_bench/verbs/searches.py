@@ -30,7 +30,8 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
         asked = engines or order_kinds()
         # the settings that an engine's authors contributed get a program of their own, ENGINE-authors
         for name in [*asked, *(f"{x}-authors" for x in list_owned(asked, options.authors))]:
-            files[name] = writable(options.out / program_name(name), options.replace, "--out", options.out, ".py", options.linkage)
+            # the hyphen keeps a program, whose folder Python searches first, from being imported in place of the engine's library
+            files[name] = writable(options.out / f"run-{name}.py", options.replace, "--out", options.out, ".py", options.linkage)
     names = ("position", "angle", "force", "until", "scenario", "settings", "budget", "authors")
     try:
         arguments = {x: getattr(options, x) for x in names}
@@ -45,15 +46,6 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
             write_text(files[name], answer.snippet)
             told(f"{files[name]}")
     return result
-
-
-def program_name(engine: str) -> str:
-    """Return the file name of an engine's program.
-
-    Python puts a program's folder first in its search path. The hyphen in the file name, which is not allowed in the name of a
-    module, prevents the program from being imported in place of the engine's library.
-    """
-    return f"run-{engine}.py"
 
 
 def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
@@ -72,12 +64,7 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 
 
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
-    """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes.
-
-    An axis is a family of linkages that become harder to simulate as one number, the value, changes. The folder `options.out` gets
-    the table, the chart and the page, and the folder `options.into` gets the table alone. `told` is called with each sentence of
-    progress.
-    """
+    """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes."""
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})

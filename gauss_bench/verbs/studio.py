@@ -11,6 +11,7 @@ def studio(options: Namespace, told: Told) -> Answer[None]:
     """Serve the studio's page until the user interrupts it."""
     for library in ("starlette", "uvicorn", "websockets", "tomlkit"):
         require(library)
-    from gauss_bench.studio.server import serve  # imports these libraries
+    from gauss_bench.studio.server import serve
 
-    return Answer(None, serve(options.linkage, Path.cwd(), options.port, not options.no_browser, told) == 0, "")
+    serve(options.linkage, Path.cwd(), options.port, not options.no_browser, told)
+    return Answer(None, text="")

@@ -111,10 +111,7 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
-    """Run suites, and write their tables and pages.
-
-    All options are checked first, so that an error appears before hours of computing; what the checks return is not used.
-    """
+    """Run suites, and write their tables and pages."""
     usable_folder(options.out, LOCAL)
     if options.report:
         refuse_pages_of_others(options.out)
@@ -143,8 +140,8 @@ def format_run(tables: Tables, folder: Path) -> str:
     """Return the summary of a run as text: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
-        names = [c.name for c in TABLES[name].key if c.kind == "text"]  # text columns that distinguish rows
-        judged = [x for x in rows if isinstance(x.get("met"), bool)]  # rows with a target
+        names = [c.name for c in TABLES[name].key if c.kind == "text"]
+        judged = [x for x in rows if isinstance(x.get("met"), bool)]
         targets += len(judged)
         missed += [" ".join(str(row[key]) for key in names if row.get(key)) for row in judged if not row["met"]]
     counts = sorted(Counter(str(row["status"]) for row in results).items())
@@ -153,10 +150,7 @@ def format_run(tables: Tables, folder: Path) -> str:
 
 
 def report(options: Namespace, told: Told) -> Answer[list[Path]] | Answer[Changes]:
-    """Write the pages of a run's report; with `--against`, list the differences from another run instead.
-
-    With `--publish`, first check that the commit and the machine of the run are known, so that the run may be published.
-    """
+    """Write the pages of a run's report; with `--against`, list the differences from another run instead."""
     if options.publish:
         for folder in folders_of(options.out):
             check_publishable(folder)
@@ -195,7 +189,6 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
     # restrict: figures of the baseline whose linkage or engine was not asked for are not compared
     verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
-    # the command that repeats this check
     again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
     outcome = Checked(not failed, tuple(verdicts))
     lines = [str(v) for v in verdicts if v.outcome != "ok"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss_bench.bench.tasks import Context, Tables, Task
 from gauss_bench.kinematics.basic_coordinates import basic_motion
-from gauss_bench.kinematics.basins import basins, loop_form, point_form, whole_turns_apart
+from gauss_bench.kinematics.basins import basins, loop_form, point_form
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.linkage.load import load
@@ -22,9 +22,9 @@ from gauss_bench.terms import Array
 
 POSITIONS = 361  # of a turn
 STARTS = 60  # random starts of a search: a share is known to 6 %, which distinguishes "always", "half" and "seldom"
-FORMS = (  # name of a form of the equations, distances of starts, function that makes the equations, difference of two solutions
-    ("loop variables", (0.5, 1.0, np.pi), loop_form, whole_turns_apart),
-    ("point coordinates", (0.1, 0.2, 0.5), point_form, np.subtract),
+FORMS = (  # name of a form of the equations, distances of starts, function that makes the equations
+    ("loop variables", (0.5, 1.0, np.pi), loop_form),
+    ("point coordinates", (0.1, 0.2, 0.5), point_form),
 )
 Levels = tuple[Array, Array, Array]  # positions, velocities and accelerations (k, n)
 
@@ -73,8 +73,8 @@ def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
     the solution.
     """
     rows = []
-    for name, distances, make_equations, difference in FORMS:
-        for basin in basins(mechanism, distances, STARTS, form=make_equations, difference=difference):
+    for name, distances, make_equations in FORMS:
+        for basin in basins(mechanism, distances, STARTS, form=make_equations):
             rows.append({"mechanism": mechanism.name, "form": name, **vars(basin)})  # all attributes of a basin are columns
     return rows
 

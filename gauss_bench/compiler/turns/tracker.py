@@ -22,8 +22,8 @@ from gauss_bench.compiler.equations.sampling import typical_length
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.native_code import Target
 from gauss_bench.compiler.turns.follow import TURN, Follower
-from gauss_bench.kinematics.errors import MotionError, SingularPosition
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import MotionError, SingularPosition
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array

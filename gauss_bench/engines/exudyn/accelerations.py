@@ -1,12 +1,8 @@
 """Accelerations of an Exudyn system at a given state, and the comparison of this system with its linkage.
 
-M is the mass matrix, f the applied forces, C the constraints and C_q their Jacobian. Two classes compute accelerations:
-
-    BuiltIn:   uses the accelerations that Exudyn itself computes when a run starts from the state. Exudyn differentiates C_q v
-               by one-sided differences, which limits the accuracy to about 1e-7, and ignores the second derivatives of motion laws.
-    Readout:   reads the mass matrix M, the applied forces f and the Jacobian C_q from Exudyn. This class computes
-               the rate of C_q by fourth-order differences along v, adds the second derivatives of motion laws, and solves the
-               system [M C_q^T; C_q 0].
+Exudyn itself (`BuiltIn`) differentiates C_q v by one-sided differences, which limits the accuracy of accelerations to about 1e-7,
+and ignores the second derivatives of motion laws. `Readout` reads the mass matrix, the forces and the Jacobian C_q of the
+constraints, and `kkt_acceleration` solves the equations.
 """
 
 from typing import Any
@@ -37,7 +33,6 @@ class BuiltIn:
         self.solver.InitializeSolver(system.mbs, settings)
 
     def __call__(self, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) at q, v (n,)."""
         data = self.system.mbs.systemData
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)  # Exudyn's coordinates are displacements from q0
         data.SetODE2Coordinates_t(v, self.initial)
@@ -54,7 +49,6 @@ class Readout:
     """A function (q, v, t) -> Terms with Exudyn's M, f, C_q and C at a state q, v (n,), and gamma = -(C_q)' v by differences."""
 
     def __init__(self, system: System):
-        """Prepare a solver of Exudyn from which matrices are read."""
         self.system, self.current = system, system.exu.ConfigurationType.Current
         self.solver = system.exu.MainSolverImplicitSecondOrder()
         self.settings = system.exu.SimulationSettings()  # with dense matrices, which Python can read and set
@@ -78,13 +72,10 @@ class Readout:
         if speed == 0 or self.m == 0:
             return np.zeros(self.m)
         h = DIFFERENCE / speed
-        near = self.jacobian(q + h * v) - self.jacobian(q - h * v)
-        far = self.jacobian(q + 2 * h * v) - self.jacobian(q - 2 * h * v)
-        rate: Array = (8 * near - far) / (12 * h)
-        return -(rate @ v)
+        near, far = (self.jacobian(q + k * h * v) - self.jacobian(q - k * h * v) for k in (1, 2))
+        return np.asarray(-((8 * near - far) / (12 * h) @ v))
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
-        """Return Exudyn's terms of the equations of motion at a state q, v (n,) and time t [s]."""
         mbs, solver = self.system.mbs, self.solver
         bias, J = self.bias(q, v), self.jacobian(q)  # this also puts q into Exudyn's current state
         bias[self.m - len(self.laws) :] += [float(law(t)[2]) for law in self.laws]
@@ -102,12 +93,8 @@ class Readout:
 def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
     """Return the accelerations a (n,) that solve M a + J^T lambda = Q, J a = gamma, without the suite's own formulations.
 
-    If constraint rows are redundant, the multipliers lambda are not unique. In this case the least-squares solution of least norm
-    is taken; the accelerations a are the same in all solutions.
-
-    Args:
-        terms: M, J, Q and gamma of the equations.
-        redundant: whether constraint rows are redundant.
+    If constraint rows are redundant, the multipliers lambda are not unique, but a is the same in all solutions; one of least
+    squares and least norm is taken.
     """
     n, m = len(terms.M), len(terms.J)
     K = np.block([[terms.M, terms.J.T], [terms.J, np.zeros((m, m))]])
@@ -117,12 +104,7 @@ def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
 
 
 def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
-    """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign.
-
-    Raises:
-        RunFailure: the number of degrees of freedom, the number of redundant rows, or a term of the equations of motion differs
-            between Exudyn's system and the linkage.
-    """
+    """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign."""
     mechanism = evaluator.mechanism
     counts = system.mbs.ComputeSystemDegreeOfFreedom()
     dof, redundant = int(counts["degreeOfFreedom"]), int(counts["redundantConstraints"])

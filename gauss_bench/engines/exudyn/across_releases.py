@@ -1,16 +1,6 @@
 """The differences between Exudyn's releases; only this file deals with them.
 
-The adapter is written for the newest release. Releases before 1.12 differ as follows:
-
-    errors:         Exudyn raises Python's built-in exceptions.
-    console:        The function SetWriteToConsole keeps Exudyn from printing.
-    settings:       The settings are named solutionSettings.writeSolutionToFile, linearSolverType and linearSolverSettings.
-    integrator:     The solver is an argument of SolveDynamic. Flags of generalized-alpha select Newmark's method and index 2.
-    gaps:           Loop gaps are read from the whole residual, because ComputeAlgebraicEquations writes beyond the array's end.
-    log:            Exudyn flushes the log file line by line only since release 1.10.
-    bodies:         The arguments for mass and inertia have the prefix `physics`.
-
-The functions below test for the newer names; their second branch is for releases before 1.12.
+The functions test for the names of the newest release. Their second branch is for releases before 1.12, for the log before 1.10.
 """
 
 from typing import Any
@@ -30,7 +20,6 @@ def solver_errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], 
 
 
 def silence(exu: Any) -> None:
-    """Keep Exudyn from printing on the console."""
     if hasattr(getattr(exu, "config", None), "printToConsole"):
         exu.config.printToConsole = False
     else:
@@ -46,12 +35,10 @@ def write_log(exu: Any, name: str) -> None:
 
 
 def version(exu: Any) -> str:
-    """Return Exudyn's version."""
     return str(exu.config.Version() if hasattr(getattr(exu, "config", None), "Version") else exu.__version__)
 
 
 def write_nothing(settings: Any) -> None:
-    """Keep a run from writing a solution file."""
     if hasattr(settings, "solution"):
         settings.solution.file.write = False
     else:
@@ -61,27 +48,22 @@ def write_nothing(settings: Any) -> None:
 def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool) -> None:
     """Set the linear solver, a member of LinearSolverType; with `ignore_singular` it accepts singular Jacobians."""
     kind = getattr(exu.LinearSolverType, name)
-    if hasattr(settings, "linearSolver"):  # releases before 1.12 have linearSolverType and linearSolverSettings in its place
-        settings.linearSolver.solverType = kind
+    if hasattr(settings, "linearSolver"):
         options = settings.linearSolver
+        options.solverType = kind
     else:
-        settings.linearSolverType = kind
-        options = settings.linearSolverSettings
+        options, settings.linearSolverType = settings.linearSolverSettings, kind
     if ignore_singular:
         options.ignoreSingularJacobian = True
 
 
 def set_method(exu: Any, settings: Any, name: str) -> None:
-    """Set the integrator, a member of DynamicSolverType: generalized-alpha, or the trapezoidal rule in index 2.
-
-    In releases before 1.12, set the two flags that select between these two integrators.
-    """
+    """Set the integrator, a member of DynamicSolverType: generalized-alpha, or the trapezoidal rule in index 2."""
     run = settings.timeIntegration
     if hasattr(run, "solverType"):
         run.solverType = getattr(exu.DynamicSolverType, name)
         return
-    index_2 = name == INDEX_2
-    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = index_2
+    run.generalizedAlpha.useNewmark = run.generalizedAlpha.useIndex2Constraints = name == INDEX_2  # flags of releases before 1.12
 
 
 def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
@@ -89,8 +71,8 @@ def solve(exu: Any, mbs: Any, settings: Any, update: bool) -> bool:
     if hasattr(settings.timeIntegration, "solverType"):
         return bool(mbs.SolveDynamic(settings, updateInitialValues=update))
     # before 1.12 the integrator is an argument; `set_method` has stored it in the flags
-    alpha = settings.timeIntegration.generalizedAlpha
-    kind = exu.DynamicSolverType.TrapezoidalIndex2 if alpha.useIndex2Constraints else exu.DynamicSolverType.GeneralizedAlpha
+    index_2 = settings.timeIntegration.generalizedAlpha.useIndex2Constraints
+    kind = getattr(exu.DynamicSolverType, INDEX_2 if index_2 else "GeneralizedAlpha")
     return bool(mbs.SolveDynamic(settings, solverType=kind, updateInitialValues=update, showHints=False))
 
 
@@ -103,13 +85,10 @@ def compute_gaps(solver: Any, mbs: Any, settings: Any) -> None:
 
 
 def rigid_body(kind: Any, mass: float, inertia: float | list[float], node: Any) -> Any:
-    """Return a rigid body in the plane or in space.
+    """Return a rigid body of a class of Exudyn, in the plane or in space, at the node with Exudyn's number `node`.
 
     Args:
-        kind: Exudyn's class of the body, in the plane or in space.
-        mass: mass of the body [kg].
         inertia: moment of inertia [kg m^2] of a body in the plane, or the six moments of inertia of a body in space.
-        node: Exudyn's number of the body's node.
     """
     try:
         return kind(mass=mass, inertia=inertia, nodeNumber=node)

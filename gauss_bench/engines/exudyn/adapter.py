@@ -1,17 +1,16 @@
 """Exudyn: links are rigid bodies in absolute coordinates, joints are algebraic equations, and the integrators are implicit.
 
-Exudyn's state is the displacement u from reference coordinates. The reference is the assembled start of the linkage, so that
+Exudyn's state is the displacement u from the assembled start of the linkage, so that
 
     q = q0 + u,    v = u',    a = u''
 
-Before a model is used, the terms of its equations of motion are compared with those that the suite computes. If all steps between
-samples have the same size, a run is one call of SolveDynamic. Otherwise a run has one call for each sample. Each call continues
-with u, v and a, but starts the algorithmic accelerations of generalized-alpha anew, which causes an error within the method's
-order. Adaptive steps are always off, because they halve the step size without notice, and the benchmark compares at equal steps.
+If all steps between samples have the same size, a run is one call of SolveDynamic, and otherwise one call for each sample, which
+starts the algorithmic accelerations of generalized-alpha anew and causes an error within the method's order. Adaptive steps are
+always off, because they halve the step size without notice, and the benchmark compares at equal steps.
 
 Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
-whole run. Under all settings, driven linkages therefore start from accelerations of the KKT system. If the second derivative of a
-law is not zero at a given state, the accelerations at that state are those of the KKT system too.
+whole run. Therefore driven linkages start from accelerations of the KKT system, which also gives the accelerations at states at
+which the second derivative of a law is not zero.
 """
 
 import contextlib
@@ -42,12 +41,8 @@ FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the 
 
 
 def library() -> tuple[Any, Any]:
-    """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console.
-
-    Exudyn has a fast module without range checks. The attribute of `sys` that selects this module must be set before the first
-    import.
-    """
-    if not hasattr(sys, "exudynFast"):
+    """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console."""
+    if not hasattr(sys, "exudynFast"):  # must be set before the first import: it selects the fast module without range checks
         setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
     with contextlib.redirect_stdout(None):
         import exudyn
@@ -72,7 +67,6 @@ class Exudyn(LibraryEngine, file=VARIANTS):
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Exudyn cannot model a mechanism, or None if it can."""
         if reason := common_refusal(mechanism, "Exudyn"):
             return reason
         if mechanism.knife_edges:
@@ -112,9 +106,6 @@ def linear_solver(rule: str, unknowns: int) -> str:
     """Return the linear solver that a rule chooses for a number of unknowns.
 
     The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
-
-    Raises:
-        ValueError: the rule names no solver for this number of unknowns.
     """
     for part in rule.split(", "):
         name, _, most = part.partition(" to ")
@@ -127,7 +118,6 @@ class Log:
     """A log file for Exudyn's output, which is searched for warnings after a run: Exudyn raises no warnings in Python."""
 
     def __init__(self, exu: Any) -> None:
-        """Store Exudyn's module; `open` makes the log file."""
         self.exu = exu
         self.file: IO[str] | None = None
 
@@ -160,7 +150,6 @@ class ExudynModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build Exudyn's system, and compare it with the linkage."""
         self.exu, items = library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
@@ -177,9 +166,7 @@ class ExudynModel:
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) at time t [s] and a state q, v (n,), by the KKT system or by Exudyn."""
         try:
-            # In a run, forces are evaluated no later than `system.last`, so that a step that ends at a jump has the force before
-            # the jump. Here every force has its value at t.
-            self.system.last = np.inf
+            self.system.last = np.inf  # every force has its value at t
             # Exudyn's initial accelerations ignore the second derivative of a law and the time of a force.
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
             kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
@@ -193,18 +180,13 @@ class ExudynModel:
         return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset the model to the start and divide the run into calls of SolveDynamic.
-
-        `native` has no effect, because Exudyn always takes the steps.
-        """
+        """Reset the model to the start and divide the run into calls of SolveDynamic; Exudyn always takes the steps."""
         self.times = times
         counts = step_counts(times, self.choice.step)
         self.last_steps = np.cumsum([0, *(count for count, _ in counts)])
         sizes = np.array([size for _, size in counts])
         # One call of the solver if all steps have the same size and no force jumps (`kinks` are the times of jumps). Otherwise one
-        # call for each sample and each jump, because all steps of a call are equal, and a call must end at a jump. Stretch has the
-        # begin [s], number of steps, their size [s], the latest time of evaluating forces [s], and the index of the sample at its
-        # end.
+        # call for each sample and each jump, because all steps of a call are equal, and a call must end at a jump.
         if len(sizes) and np.ptp(sizes) <= 1e-9 * sizes[0] and not self.mechanism.kinks:
             self.solver_runs = [Stretch(float(times[0]), int(self.last_steps[-1]), float(sizes[0]), np.inf, len(times) - 1)]
         else:
@@ -216,11 +198,7 @@ class ExudynModel:
         self._register_samples()
 
     def _reset(self) -> None:
-        """Go back to the start, and store the first sample.
-
-        If there are drivers or varying forces, the accelerations of the first sample are those of the KKT system; otherwise they
-        are the initial accelerations that Exudyn computes.
-        """
+        """Go back to the start, and store the first sample, with accelerations of the KKT system if drivers or forces vary."""
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
         use_kkt = bool(self.mechanism.drivers or self.mechanism.varying)
@@ -238,20 +216,15 @@ class ExudynModel:
             self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
 
     def _register_samples(self) -> None:
-        """If one call of the solver covers several samples, make Exudyn call a Python function after each step.
-
-        This function stores the samples, except the first one and the last one. If there are no samples in between, no function is
-        registered, so that no time is lost by calls of Python.
-        """
-        if len(self.solver_runs) != 1 or len(self.times) == 2:  # two samples are the start and the end
-            across_releases.call_after_steps(self.system.mbs, 0)  # 0: no function
+        """If one call of the solver covers several samples, make Exudyn call a function after each step, which stores them."""
+        if len(self.solver_runs) != 1 or len(self.times) == 2:  # two samples are the start and the end: no calls that take time
+            across_releases.call_after_steps(self.system.mbs, 0)
             return
         # number of steps from the start -> index of the sample that is due after these steps
         rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
         step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
-            """Count a step, and store a sample if one is due; True lets Exudyn go on."""
             nonlocal step
             step += 1
             if step in rows:
@@ -261,66 +234,53 @@ class ExudynModel:
         across_releases.call_after_steps(self.system.mbs, after_step)
 
     def _store_sample(self, k: int) -> None:
-        """Store Exudyn's present state as sample k."""
         data = self.system.mbs.systemData
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
-        """Run Exudyn's solver for one stretch (interval with equal steps) after another, and store the samples.
+        try:
+            for part in self.solver_runs:
+                if not self.failure:
+                    self._run_part(part)
+        except RunFailure as failure:
+            self.failure = failure
 
-        If the solver fails, the reason is stored in `self.failure`.
-        """
+    def _run_part(self, part: Stretch) -> None:
+        """Run Exudyn's solver for one stretch, an interval with equal steps, and store the sample at its end."""
         settings, mbs = self.simulation, self.system.mbs
-        time, alpha = settings.timeIntegration, settings.timeIntegration.generalizedAlpha
-        for part in self.solver_runs:
-            if self.failure:
-                return
-            time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
-            self.system.last = part.last  # no force is evaluated later than this time; infinite if no force jumps at the end
-            try:
-                # with several calls, each must start from the end of the call before it
-                done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
-            except across_releases.errors(self.exu) as error:
-                message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
-                self.failure = RunFailure(Status.NOT_CONVERGED, message)
-                return
-            # Exudyn's index is that of the next step, counted from 1
-            t, steps = mbs.systemData.GetTime(), mbs.sys["dynamicSolver"].it.currentStepIndex - 1
-            if not done:
-                message = f"t = {t:.6g} s: Exudyn reports failure without a reason; try a smaller step"
-                self.failure = RunFailure(Status.NOT_CONVERGED, message)
-                return
-            if steps != part.steps:
-                self.failure = RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
-                return
-            if part.row is not None:  # the index of the sample at the end of this stretch
-                self._store_sample(part.row)
-            alpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
-            if part.last != np.inf:  # a force jumps at the end of this stretch
-                self._restart(part)
+        time = settings.timeIntegration
+        time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
+        self.system.last = part.last  # no force is evaluated later than this time; infinite if no force jumps at the end
+        try:
+            # with several calls, each must start from the end of the call before it
+            done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
+        except across_releases.errors(self.exu) as error:
+            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
+            raise RunFailure(Status.NOT_CONVERGED, message) from error
+        if not done:
+            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn reports failure without a reason; try a smaller step"
+            raise RunFailure(Status.NOT_CONVERGED, message)
+        steps = mbs.sys["dynamicSolver"].it.currentStepIndex - 1  # Exudyn's index is that of the next step, counted from 1
+        if steps != part.steps:
+            raise RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
+        if part.row is not None:
+            self._store_sample(part.row)
+        time.generalizedAlpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
+        if (
+            part.last != np.inf
+        ):  # a force jumps at the end: the next call, and a sample there, have the accelerations after the jump
+            data = mbs.systemData
+            q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
+            a = self.acceleration(self._end(part), q, v)
+            data.SetODE2Coordinates_tt(a, self.exu.ConfigurationType.Initial)
+            if part.row is not None:
+                self.a[part.row] = a
 
     def _end(self, part: Stretch) -> float:
         """Return the time [s] at the end of a stretch; if a sample is taken there, it is exactly the sample's time."""
         return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
 
-    def _restart(self, part: Stretch) -> None:
-        """Replace the accelerations at the end of a stretch, where forces jump, by those after the jump.
-
-        Exudyn starts the next stretch from the accelerations after the jump. A sample at the time of the jump also gets them.
-        """
-        data = self.system.mbs.systemData
-        q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
-        try:
-            a = self.acceleration(self._end(part), q, v)
-        except RunFailure as failure:
-            self.failure = failure
-            return
-        data.SetODE2Coordinates_tt(a, self.exu.ConfigurationType.Initial)
-        if part.row is not None:
-            self.a[part.row] = a
-
     def read(self) -> Trajectory:
-        """Return the samples; raise the failure of the run, an open joint or a warning of Exudyn as a RunFailure."""
         warning = self.log.close()
         across_releases.call_after_steps(self.system.mbs, 0)  # because the function would keep this object in memory
         q = self.mechanism.q0 + self.q
@@ -337,11 +297,7 @@ class ExudynModel:
         return trajectory
 
     def _check_closed(self, trajectory: Trajectory) -> None:
-        """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too.
-
-        Raises:
-            RunFailure: a joint is open by more than FAR.
-        """
+        """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too."""
         units = [coordinate.unit for joint in self.mechanism.joints for coordinate, _ in joint.held]
         of_joints = [self.mechanism.size if unit == "m" else 1.0 for unit in units]
         scale = np.array(of_joints + [1.0] * len(self.mechanism.drivers))  # (m,)

@@ -17,10 +17,7 @@ STEPS = 20  # steps in one call
 
 
 def step_sparse(mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return a `LibraryCall` that takes STEPS steps from the mechanism's start.
-
-    The `LibraryCall` is checked by the accelerations that Exudyn computes at the state q, v (n,).
-    """
+    """Return a call that takes STEPS steps from the mechanism's start, and Exudyn's accelerations at the state q, v (n,)."""
     model = ExudynModel(mechanism, Choice("tuned", "generalized_alpha", "none", STEP))
     model.simulation.linearSolver.solverType = model.exu.LinearSolverType.EigenSparse
     times = np.array([0.0, STEPS * STEP])

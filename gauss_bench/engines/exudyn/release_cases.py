@@ -1,11 +1,11 @@
 """Cases that compare Exudyn's releases beyond the adapter's runs: joints that the adapter does not use, and default settings.
 
-The bars are planar rigid bodies whose loop is closed by a constraint of constant distance, or spatial rigid bodies whose loop is
-closed by a spatial joint. The accelerations that are compared are those that Exudyn computes at the start of a run.
+The loop of the bars is closed by a constraint of constant distance between planar bodies, or by a spatial joint of spatial ones.
+The accelerations that are compared are those that Exudyn computes at the start of a run.
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,45 +34,27 @@ def list_probes() -> list[dict[str, str]]:
 def ask_probe(name: str, q: Array, v: Array) -> Array:
     """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
 
-    The closure PLANAR is a constant distance between the ends of two planar bodies; all other closures join bodies in space.
-
-    Args:
-        name: name of the case, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
+    They are those that Exudyn computes at the start of a run from each state.
     """
-    closure, _, solver = name.rpartition(", ")
+    closure, _, linear_solver = name.rpartition(", ")
     exu, items = library()
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
-    across_releases.set_linear_solver(exu, settings, solver, ignore_singular=False)
+    across_releases.set_linear_solver(exu, settings, linear_solver, ignore_singular=False)
     across_releases.set_method(exu, settings, "GeneralizedAlpha")
-    build = build_pair if closure == PLANAR else build_in_space
-    return np.array([initial_accelerations(exu, items, settings, build, closure, *state) for state in zip(q, v, strict=True)])
-
-
-# function (mbs, items, q, v, closure) that builds the bars, and returns the indices of their coordinates in the plane: x, y, angle
-Build = Callable[[Any, Any, Array, Array, str], Sequence[int]]
-
-
-def initial_accelerations(exu: Any, items: Any, settings: Any, build: Build, closure: str, q: Array, v: Array) -> Array:
-    """Return the accelerations (n,) of the bars in a closed loop that Exudyn computes at the start of a run from q, v (n,).
-
-    Args:
-        items: Exudyn's module of item classes.
-        settings: Exudyn's simulation settings.
-        build: function that builds the bars and returns the indices of their coordinates in the plane.
-        closure: name of the item that closes the loop.
-    """
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
-    kept = build(mbs, items, q, v, closure)
-    mbs.Assemble()
-    solver = exu.MainSolverImplicitSecondOrder()
-    solver.InitializeSolver(mbs, settings)
-    # with this flag, the next call computes the accelerations
-    settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
-    solver.InitializeSolverInitialConditions(mbs, settings)
-    a = np.array(mbs.systemData.GetODE2Coordinates_tt())
-    return np.asarray(a[list(kept)])
+    answers = []
+    for state in zip(q, v, strict=True):
+        container = exu.SystemContainer()
+        mbs = container.AddSystem()
+        kept = (build_pair if closure == PLANAR else build_in_space)(mbs, items, *state, closure)
+        mbs.Assemble()
+        solver = exu.MainSolverImplicitSecondOrder()
+        solver.InitializeSolver(mbs, settings)
+        # with this flag, the next call computes the accelerations
+        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
+        solver.InitializeSolverInitialConditions(mbs, settings)
+        answers.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(kept)])
+    return np.array(answers)
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
@@ -118,7 +100,6 @@ def in_space(x: Array) -> list[float]:
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:
-    """Add gravity to a body."""
     marker = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 
@@ -131,8 +112,7 @@ def mark(mbs: Any, kind: Any, body: Any, at: float) -> Any:
 def defaults() -> dict[str, str]:
     """Return name -> default value, of the simulation settings and of the arguments of joints, connectors, bodies and loads.
 
-    The table serves to compare releases. Linear solvers and integrators have no default value; so each one that the release has is
-    listed with the value "there". Arguments that only serve for drawing are left out.
+    Linear solvers and integrators have no default value; each one that the release has is listed with the value "there".
     """
     exu, items = library()
     found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
@@ -149,7 +129,7 @@ def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, 
     """Yield the path and the value of every number, flag and word of settings.
 
     Args:
-        place: path of `settings` below the top level, such as "timeIntegration."; the beginning of every path that is yielded.
+        place: beginning of every path, such as "timeIntegration.".
         depth: number of nested levels of settings that are read.
     """
     for name in dir(settings):

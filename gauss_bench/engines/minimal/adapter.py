@@ -1,12 +1,10 @@
 """The engine `minimal`: the equation of motion of a linkage with one degree of freedom, in one independent coordinate.
 
-Before a dead centre is reached, another independent coordinate replaces this one. The positions of the links follow from the
-independent coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two positions; the choice for all
-dyads is the branch of the linkage. The opening of a dyad tells how far the dyad is from its dead centre, where the opening is zero
-and the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away from
-their dead centres during the whole motion. If no coordinate avoids all dead centres, steps are taken in one coordinate until the
-opening of one of its dyads falls below `least`. From there the motion is integrated in another coordinate, the one whose dyads are
-farthest from their dead centres, on the branch that the linkage is on.
+The positions of the links follow from the coordinate, one pair of links (dyad) after the other. Each dyad can be assembled in two
+positions; the signs that tell which are the branch of the linkage. The opening of a dyad is its distance from its dead centre,
+where the coordinate no longer determines the motion. The equation is generated for the cheapest coordinate whose dyads stay away
+from their dead centres during the whole motion. If there is none, another coordinate and branch, with the largest openings,
+replaces the present one when the opening of one of its dyads falls below `least`.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +22,7 @@ from gauss_bench.engines.following import follow, wind
 from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_function
 from gauss_bench.engines.minimal.structure import Links, NoWay, ways
-from gauss_bench.engines.shared import finite_acceleration, require_agreement, size, unsteady
+from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, Equal, equal_runs
@@ -46,25 +44,17 @@ CHECKED = 4  # number of states at which a generated equation is compared with t
 
 
 class Key(NamedTuple):
-    """The key of an equation of motion: the independent coordinate and the branch of the linkage to which the equation applies.
-
-    Attributes:
-        way: index in `MinimalModel.ways` of the independent coordinate.
-        signs: for each dyad the sign that selects one of its two assembly positions.
-    """
+    """The key of an equation of motion: its independent coordinate (index in `MinimalModel.ways`) and the signs of its branch."""
 
     way: int
     signs: tuple[float, ...]
 
 
-class Minimal:
+class Minimal(LibraryEngine, file=VARIANTS):
     """The equation of motion in one coordinate, generated and compiled."""
 
     name = "minimal"
     integrators = ("rk4", ADAPTIVE, "dop853_fixed", "semi_implicit_euler")
-    stabilizations = ("none",)
-    settings = VARIANTS.settings
-    variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
     resizable = True  # a built model can run with another step or tolerance
     native_loop = True
     python_loop = False
@@ -73,7 +63,6 @@ class Minimal:
         return compiler_version()
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why one coordinate cannot describe a mechanism, or None if it can."""
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
         try:  # only the exception matters: NoWay has the reason why dyads do not reach all links
@@ -92,14 +81,9 @@ class Minimal:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """The part of a run that was integrated by one equation, that is, in one independent coordinate on one branch.
+    """The part of a run that was integrated by one equation, with states (2n,) at its start and end, and (k, 2n) at its samples.
 
-    Attributes:
-        equation: equation of motion in this coordinate, on this branch.
-        row: index in the run's samples of the first row of `states`.
-        start: (2n,) state at the beginning of the segment.
-        states: (k, 2n) states at the samples.
-        end: (2n,) state at the end of the segment.
+    The first of these samples has the index `row` in the run.
     """
 
     equation: Equation
@@ -150,31 +134,22 @@ class LinkMotion:
 class MinimalModel:
     """The model of a linkage with one independent coordinate, which another coordinate may replace during a run.
 
-    A way is one choice of the independent coordinate, with the dyads (pairs of links) by which the positions of the other links
-    follow. A dyad can be assembled in two positions, which a sign distinguishes; the signs of all dyads define the branch of the
-    linkage. The opening of a dyad measures its distance from its dead centre; it is zero at the dead centre and 1 at most. Each
-    equation of motion is valid for one way and one branch, and a `Key` names both.
-
     Attributes:
-        ways: the possible choices of the independent coordinate.
+        ways: the possible choices of the independent coordinate, each with its dyads.
         walk: sampled states of the linkage's motion.
         scales: for each way an array (dyads,) by which the openings are divided, so that the largest is 1.
         signs: for each way the signs (states, dyads) of the openings at the sampled states.
         open: (ways, states) smallest opening of the dyads of each way at each sampled state, after division by `scales`.
         steady: indices of the ways whose openings stay above STEADY at all sampled states; each serves for the whole motion.
-        least: a way is not used at states at which the opening of one of its dyads is below this number.
-        equations: key -> equation of motion, for the keys needed so far.
-        evaluators: key -> compiled function that returns the motion of the links (`Equation.motion`).
-        machines: key -> compiled code that takes steps.
+        least: smallest opening with which a way is used.
         first, now: keys of the equation with which a run starts, and of the equation that is integrated at present.
-        y: (2n,) present state in the variables of the present equation: its coordinates q (n,), of which the first is the
-            independent coordinate, and their rates v (n,).
+        y: (2n,) present state in the variables of the present equation: its coordinates q (n,), the independent one first, and
+            their rates v (n,).
         tried: keys of the equations that cannot continue from the present state.
         failure: the reason why the run ended early, or an empty text.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Choose the first independent coordinate, derive the equation of motion in it, and check it against the linkage."""
         self.mechanism, self.choice, self.ways = mechanism, choice, ways(mechanism)
         self.walk, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         sampled = Links.of(self.walk.q, self.walk.v)
@@ -187,26 +162,19 @@ class MinimalModel:
         self.signs = [np.sign(x) for x in openings]
         self.open = np.array([_smallest(x, scale) for x, scale in zip(openings, self.scales, strict=True)])
         self.steady = [k for k in range(len(self.ways)) if self.open[k].min() > STEADY]
-        # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest
+        # smallest opening during the motion if, at each state, the coordinate is used whose smallest opening is largest; `least` is
+        # at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
         best_opening = float(self.open.max(axis=0).min())
-        # `least` is at most half of it, or NARROW, so that where one coordinate reaches `least`, another has larger openings
         self.least = STEADY / 2 if self.steady else min(CHANGE, max(best_opening / 2, NARROW))
         self.equations: dict[Key, Equation] = {}
         self.evaluators: dict[Key, Callable[[Array], list[Array]]] = {}
         self.machines: dict[Key, Machine] = {}
-        self.first = self._choose_first()
-        self._verify()
-
-    def _choose_first(self) -> Key:
-        """Return the key of the equation (independent coordinate and branch) with which a run starts.
-
-        If some coordinates serve for the whole motion (`steady`), the one with the cheapest program is chosen. Otherwise the
-        coordinate is chosen whose smallest opening of a dyad (distance from a dead centre) is largest at the start.
-        """
-        start = int(np.abs(self.walk.q - self.mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
+        start = int(np.abs(self.walk.q - mechanism.q0).max(axis=1).argmin())  # index of the sampled state nearest to the start
+        # the cheapest coordinate that serves for the whole motion, or the one with the largest openings at the start
         candidates = self.steady or [int(self.open[:, start].argmax())]
         keys = [Key(k, tuple(self.signs[k][start].tolist())) for k in candidates]
-        return min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
+        self.first = min(keys, key=lambda key: self._equation(key).program.acceleration.costs.single)
+        self._verify()
 
     def _states_on_branch(self, key: Key) -> NDArray[np.intp]:
         """Return the indices of the sampled states on the branch of a key at which all openings of dyads are above `least`."""
@@ -215,13 +183,12 @@ class MinimalModel:
     def _equation(self, key: Key, q: Array | None = None) -> Equation:
         """Return the equation of motion for a key (coordinate and branch); it is derived at the first call and then stored.
 
-        Expressions of the equation are tested at sampled states of the motion (`walk`) on the branch that the key names, far from
-        dead centres, and also at the position q (n,) if one is given.
+        Its expressions are tested at sampled states on the branch, far from dead centres, and also at the position q (n,) if one is
+        given.
         """
         if key not in self.equations:
             on = self._states_on_branch(key)
-            # Take the half of the states whose smallest opening is largest (farthest from dead centres), in the order of the
-            # motion.
+            # the half of the states whose smallest opening is largest, in the order of the motion
             best = sorted(on[np.argsort(-self.open[key.way][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
             least = self.least * self.scales[key.way]
@@ -229,23 +196,19 @@ class MinimalModel:
         return self.equations[key]
 
     def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
-        """Return the function `Equation.motion` of a key's equation, compiled as a function of a state (2n,) in its variables."""
+        """Return `Equation.motion` of a key's equation, compiled once as a function of a state (2n,) in its variables."""
         if key not in self.evaluators:
             self.evaluators[key] = compile_function(self._equation(key).motion)
         return self.evaluators[key]
 
-    def _machine(self, key: Key, q: Array | None = None) -> Machine:
-        """Return the machine code that integrates the equation of a key, compiled by the first call (for q see `_equation`)."""
+    def _machine(self, key: Key) -> Machine:
+        """Return the machine code that integrates the equation of a key, compiled once."""
         if key not in self.machines:
-            self.machines[key] = Machine(self._equation(key, q), self.choice.integrator)
+            self.machines[key] = Machine(self._equation(key), self.choice.integrator)
         return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
-        """Return for every choice of the coordinate the smallest opening of its dyads at one state of the links.
-
-        An opening measures the distance of a dyad from its dead centre. A key of the result has the coordinate and the signs of the
-        openings, which tell the branch that the links are on.
-        """
+        """Return key (coordinate, and signs that tell the branch) -> smallest opening of the coordinate's dyads, at one state."""
         smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
             openings = way.openings(at)
@@ -275,28 +238,21 @@ class MinimalModel:
         equation = self._equation(key, q)
         y = self._state(equation, q, v)
         if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
-            rate = y[len(y) // 2]  # of the coordinate: y is q (n,), then v (n,), and each begins with the coordinate
+            rate = y[len(y) // 2]  # of the coordinate
             motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
         else:
             motion = LinkMotion.at(equation, y[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) at a state q, v (n,), from the equation in one coordinate."""
         openings = self._openings(Links.of(q, v))
-        # Use the first coordinate if it is far enough from a dead centre here, because its equation is compiled already; otherwise
-        # use the coordinate whose smallest opening is largest.
+        # the first coordinate, whose equation is compiled already, unless it is too near to a dead centre here
         widest = max(openings, key=lambda key: openings[key])
         usable = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
         _, _, a = self._derive(next(usable, widest), q, v)
         return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset the model to the start, and compile what the run needs, so that no timed run compiles.
-
-        If no coordinate serves for the whole motion (`steady` is empty), the motion is run once now, because the changes of the
-        coordinate need more code. The compiled loop takes all steps; `native` has no effect.
-        """
         self.times = times
         self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)
@@ -305,12 +261,11 @@ class MinimalModel:
             for part in self.parts:
                 machine.memory_for(part.samples)
         self._reset()
-        if not self.steady:
+        if not self.steady:  # the coordinate changes: a run now compiles the code that this needs
             self.run()
             self._reset()
 
     def _reset(self) -> None:
-        """Return to the start and forget the last run."""
         self.y, self.now, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
@@ -318,8 +273,7 @@ class MinimalModel:
     def run(self) -> None:
         """Integrate the parts of the run one after another, and store each result as a `Segment`.
 
-        A part is an interval with steps of one size, and the same number of steps between all samples. If the run ends early, the
-        reason is stored in `failure`.
+        `failure` is why it ends early.
         """
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
@@ -329,13 +283,10 @@ class MinimalModel:
                 self._run_equal(part)
 
     def _run_equal(self, part: Equal) -> None:
-        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
-
-        Each call of the machine code adds a `Segment` with the samples that it has reached.
-        """
+        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
-            machine, start = self.machines[self.now], self.y
+            machine, start = self._machine(self.now), self.y
             to_sample = part.steps - done % part.steps  # steps to the next sample
             # After a change of coordinate between two samples, one call goes to the next sample only.
             count, interval = (total - done, part.steps) if to_sample == part.steps else (to_sample, to_sample)
@@ -357,7 +308,7 @@ class MinimalModel:
         options = VARIANTS.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
-            machine = self.machines[self.now]
+            machine = self._machine(self.now)
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
             states = course.samples[1:]  # without the start of this segment
             # `course.state` is the state at which the integrator stopped, possibly between two samples
@@ -373,67 +324,42 @@ class MinimalModel:
         """Replace the coordinate at time t [s] by the one that is farthest from dead centres and has not failed at this state.
 
         Args:
-            steps_taken: number of steps taken since another coordinate was last chosen. If this number is 0, the state is still
-                that of the last change, so the coordinates that failed at this state remain excluded.
+            steps_taken: number of steps since the last change; if it is 0, coordinates that failed at this state remain excluded.
         """
-        machine = self.machines[self.now]
+        machine = self._machine(self.now)
         self.tried = {self.now} if steps_taken else self.tried | {self.now}
         if not np.isfinite(self.y).all():
             self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
-        here = self._stopped_links()
-        usable = {key: x for key, x in self._openings(here).items() if key not in self.tried and x > self.least}
-        best = max(usable, key=lambda key: usable[key], default=None)
-        if best is None:
-            self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
-            return
-        # A new equation is tested at the present position. Whole turns do not matter there, so the angles are those nearest to 0.
-        q = None if best in self.machines else LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0]
-        new, spring_angles = self._machine(best, q).equation, machine.equation.spring_angles(self.y[: machine.n])
-        self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
-
-    def _stopped_links(self) -> Links:
-        """Return poses and velocities of the links at the present state, at which integration in the present coordinate stopped.
-
-        Machine code evaluates the poses and velocities, because changing the coordinate is part of the timed run.
-        """
+        # Poses and velocities of the links; machine code evaluates them, because changing the coordinate is part of the timed run.
         pose, first, *_ = self._evaluator(self.now)(self.y)
         x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
-        # derivatives by the coordinate times its rate, which is the first entry of the second half of the state
-        dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]
-        return Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
-
-    def _name(self, equation: Equation) -> str:
-        """Return the name of an equation's independent coordinate, for the note of a run."""
-        way = equation.way
-        return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
+        dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]  # derivatives by the coordinate times its rate
+        here = Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
+        usable = {key: x for key, x in self._openings(here).items() if key not in self.tried and x > self.least}
+        if not usable:
+            self.failure = f"t = {t:.6g} s: no coordinate is regular over a whole step; a smaller step may help"
+            return
+        best = max(usable, key=lambda key: usable[key])
+        if best not in self.equations:  # it is tested at the present position, where whole turns of angles do not matter
+            self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
+        new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
+        self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate.
-
-        The angles are tracked continuously along a segment, from the angles (links,) at its start.
-        """
+        """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
-            """Return the angles (j, links) [rad], up to whole turns, at values x (j,) of the coordinate."""
             states = np.zeros((len(x), 2 * equation.program.n))  # poses do not depend on the other entries
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles
 
-        # the coordinate of a slide is a length [m]: `follow` needs a typical one to choose its steps
         length = typical_length(self.mechanism) if equation.way.joint.slides else None
         return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:
-        """Return the samples.
-
-        The run consists of segments, each integrated in one coordinate. The motion of the links is computed from each segment, and
-        whole turns of angles are counted from one segment to the next.
-
-        Raises:
-            RunFailure: at some time no coordinate was usable as the independent one; the exception holds the earlier samples.
-        """
+        """Return the samples, with whole turns of angles counted from one segment to the next."""
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
         for segment in self.segments:
@@ -442,7 +368,11 @@ class MinimalModel:
             positions = motion.unwrap(self._follow(segment, states[:, 0], unwrapped))
             q[rows], v[rows], a[rows] = positions[:-1], motion.v[:-1], motion.a[:-1]
             unwrapped = angles(positions[-1])  # at the end of this segment, where the next one starts
-        coordinates = ", ".join(dict.fromkeys(self._name(x.equation) for x in self.segments))
+        names = (
+            f"slide {x.joint.name}" if x.joint.slides else f"angle of {self.mechanism.link_name(x.link)}"
+            for x in (segment.equation.way for segment in self.segments)
+        )
+        coordinates = ", ".join(dict.fromkeys(names))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
         if self.failure:

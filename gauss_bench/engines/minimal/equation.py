@@ -1,8 +1,7 @@
 """The equation of motion of a linkage in one coordinate q, as expressions.
 
-Links and points have a position, and the first and second derivatives of this position with respect to q, which primes denote.
-Vectors of the plane are also written as complex numbers. A link has the direction e = exp(i theta), omega = theta' and
-alpha = theta''. Let the point p of a link be at the vector r from a point p0 of the same link. Then
+Primes denote derivatives by q. Vectors of the plane are also complex numbers. A link has the direction e = exp(i theta), omega =
+theta' and alpha = theta''. If the point p of a link is at the vector r from a point p0 of the same link,
 
     p' = p0' + i omega r,    p'' = p0'' + i alpha r - omega^2 r
 
@@ -11,20 +10,14 @@ energy is m(q) q'^2 / 2, and Lagrange's equation is
 
     m q'' + h q'^2 = Q,    m = sum M |p'|^2 + I omega^2,    h = m' / 2 = sum M p' . p'' + I omega alpha
 
-Here M and I are the mass and the moment of inertia of a link, p is its centre of mass, and Q is the power of the loads at q' = 1.
+with the mass M, moment of inertia I and centre of mass p of each link, and the power Q of the loads at q' = 1.
 
-The mass of a link with two pins A and B is replaced by point masses at these pins and a moment of inertia. This saves operations,
-because neighbouring links share the pins. With s = B - A, r = |s|, and the link's centre of mass at A + kappa s, kappa = k + i j,
+The positions of the two links of a dyad follow from elementary geometry, with one square root. Their derivatives by q follow from
+two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is from its dead
+centre.
 
-    M |p'|^2 + I omega^2 = M (1 - k) |A'|^2 + M k |B'|^2 + (I + M r^2 (|kappa|^2 - k)) omega^2 - 2 M j omega A' . s
-
-A dyad is a pair of links. The positions of both links follow from elementary geometry, with one square root. Their derivatives by q
-follow from two linear equations whose determinant is proportional to the same root, so the root also measures how far the dyad is
-from its dead centre.
-
-A torsion spring needs the angle of a link with whole turns counted, and the geometry gives angles only up to whole turns. The
-link's angle is therefore integrated together with q, from its rate omega q'. This is not needed if the angle is the coordinate q
-itself, or if slides fix the link's angle relative to q or to the ground.
+The angle of a link that a torsion spring needs, with whole turns counted, is integrated together with q, from its rate omega q',
+unless it is q itself, or slides fix it relative to q or to the ground.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +32,7 @@ from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.engines.minimal.structure import Dyad, Links, OuterJoint, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
 from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
-from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, PointForce, Prismatic, loads
+from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, Prismatic, loads
 from gauss_bench.mechanism.spaces import Vec, angle_at, cross, dot, rotate_vec
 from gauss_bench.terms import Array
 
@@ -52,11 +45,10 @@ class Equation:
     """The equation of motion for one independent coordinate on one branch of the linkage.
 
     Attributes:
-        way: the coordinate and the dyads by which the positions of the other links follow.
         signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
         integrated: links whose angles are integrated together with the coordinate.
-        program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
         angles: link whose angle a spring needs -> index of an entry of the program's q, and the constant [rad] that is added to it.
+        program: the acceleration for the compiler's integrators; its q are the coordinate and the angles of `integrated`.
         motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
     """
 
@@ -85,29 +77,15 @@ class Equation:
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
 
 
-def links_of_springs(mechanism: Mechanism) -> list[int]:
-    """List the links whose angles torsion springs need, in the file's order."""
-    links: set[int] = set()
-    for load in loads(mechanism.forces):
-        if isinstance(load, Law) and load.k and isinstance(load.coordinate, Angle):
-            links |= {load.coordinate.a, load.coordinate.b}
-    return sorted(links - {GROUND})
-
-
 class Root(NamedTuple):
-    """The link from whose angle that of another link follows, because slides between them make both turn together.
-
-    Attributes:
-        link: the root, that is, the link whose angle is used.
-        turn: constant angle [rad]; the other link's angle is the root's angle plus `turn`.
-    """
+    """The link from whose angle that of another link follows, which is the root's angle plus `turn` [rad]: slides join both."""
 
     link: int
     turn: float
 
 
 def _roots(way: Way) -> dict[int, Root]:
-    """Return link -> root (see `Root`) for every link; a link that no slide joins to an earlier one is its own root, turn 0."""
+    """Return link -> root for every link; a link that no slide joins to an earlier one is its own root."""
     roots = {GROUND: Root(GROUND, 0.0), way.link: Root(way.link, 0.0)}
     if isinstance(way.joint, Prismatic):
         roots[way.link] = Root(GROUND, way.joint.turn if way.joint.guide.link == GROUND else -way.joint.turn)
@@ -123,18 +101,16 @@ def _roots(way: Way) -> dict[int, Root]:
 
 
 def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
-    """Write the equation of motion of a linkage in one independent coordinate.
-
-    The vector q of the returned program has the independent coordinate first, then the angles that are integrated with it.
+    """Write the equation of motion of a linkage in one independent coordinate, on the branch of the given signs.
 
     Args:
-        way: the coordinate and the dyads by which the positions of the other links follow.
-        signs: for each dyad the sign that selects one of its two solutions; all signs together are the branch.
         q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
-        least: (dyads,) for each dyad the smallest opening (distance from its dead centre) at which the equation may be used.
+        least: (dyads,) for each dyad the smallest opening at which the equation may be used.
     """
-    # links whose angles springs need, without those whose angles slides fix relative to the ground -> root
-    roots = {link: root for link, root in _roots(way).items() if link in links_of_springs(mechanism) and root.link != GROUND}
+    # links whose angles torsion springs need, without those whose angles slides fix relative to the ground -> root
+    torsion = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and x.k and isinstance(x.coordinate, Angle)]
+    needed = {link for angle in torsion for link in (angle.a, angle.b)}
+    roots = {link: root for link, root in _roots(way).items() if link in needed and root.link != GROUND}
     integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
     slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
     angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
@@ -142,7 +118,7 @@ def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Ar
     states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
     motion = _Motion(mechanism, way, signs, integrated, states)
     a, openings = motion.acceleration(), motion.openings
-    square_roots = [node for node, _ in openings]  # one of each dyad, zero at its dead centre
+    square_roots = [node for node, _ in openings]
     n = 1 + len(integrated)
     inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
     program = Program(
@@ -170,7 +146,6 @@ class Place:
     b: Vec
 
     def __sub__(self, other: "Place") -> "Place":
-        """Return the vector from another point to this one, with its derivatives."""
         return Place(self.p - other.p, self.d - other.d, self.b - other.b)
 
 
@@ -180,8 +155,7 @@ class Body:
     Attributes:
         e: direction exp(i angle) of the link.
         omega, alpha: first and second derivative of the angle with respect to q.
-        at: (2,) a point of the link in its own frame [m].
-        place: motion of this point.
+        at, place: (2,) a point of the link in its own frame [m], and the motion of this point.
         pin: (2,) a second pin of the link in its own frame [m], or None: with two pins, masses at both replace the link's mass.
     """
 
@@ -206,13 +180,7 @@ def _constant(graph: ExpressionGraph, x: float, y: float) -> Vec:
 
 
 def _product(a: Vec, b: Vec) -> Vec:
-    """Return the product of two vectors as complex numbers."""
     return rotate_vec(b, a)
-
-
-def _quarter(x: Vec) -> Vec:
-    """Return i x, the vector x rotated by 90 degrees counterclockwise."""
-    return cross(1.0, x)
 
 
 def _unit(graph: ExpressionGraph, angle: float) -> Vec:
@@ -221,26 +189,23 @@ def _unit(graph: ExpressionGraph, angle: float) -> Vec:
 
 
 class _Motion:
-    """The poses of all links as functions of the independent coordinate, as expressions.
-
-    A node is an expression in the graph of all expressions.
+    """The poses of all links as functions of the independent coordinate, as nodes (expressions) of a graph.
 
     Attributes:
         roots: link -> its `Root`, the link from whose angle its own follows.
         q: nodes of the coordinate and of the angles that are integrated together with it.
         v: node of the coordinate's rate q'.
         bodies: link -> its `Body`; the ground is included.
-        openings: for each dyad the node of the square root in its solution, and the value of this root at which the dyad's opening
-            is 1. The opening is the root divided by this value; it is zero at the dead centre.
+        openings: for each dyad the node of the square root in its solution, which is zero at the dead centre, and the value of this
+            root at which the dyad's opening is 1.
     """
 
     def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], integrated: tuple[int, ...], states: Array):
         """Compute the pose of the link whose motion is the coordinate, and then those of the other links, dyad after dyad.
 
         Args:
-            signs: for each dyad the sign that selects one of its two solutions.
-            integrated: links whose angles are integrated together with the coordinate.
-            states: (k, n) sampled values of the coordinate and of these angles, at which expressions are tested for equality.
+            states: (k, n) sampled values of the coordinate and of the integrated angles, at which expressions are tested for
+                equality.
         """
         self.mechanism, self.integrated, self.roots = mechanism, integrated, _roots(way)
         self.graph = graph = ExpressionGraph(len(states))
@@ -251,7 +216,6 @@ class _Motion:
         rest = Place(origin, origin, origin)  # the ground's origin, which does not move
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[way.link] = self._place_input_link(way)
-        # for each dyad its square root, which is zero at the dead centre, and a number by which the root is divided
         self.openings: list[tuple[Node, float]] = []
         close = {"RRR": self._close_rrr, "RRP": self._close_rrp, "RPR": self._close_rpr}
         for dyad, sign in zip(way.dyads, signs, strict=True):
@@ -260,9 +224,8 @@ class _Motion:
     def _place_input_link(self, way: Way) -> Body:
         """Return the motion of the link whose motion is the coordinate q: the link turns by q, or it slides by q.
 
-        `way.fixed` is the joint's point on the ground, and `way.moved` its point on the link. A slide moves the link from
-        `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's line. `turn` is the constant
-        angle of the block relative to the guide.
+        A slide moves the link from `way.fixed` by q along the guide, and it keeps the distance `offset` to the left of the guide's
+        line.
         """
         graph, joint, q = self.graph, way.joint, self.q[0]
         still = Vec(self.zero, self.zero)
@@ -279,16 +242,14 @@ class _Motion:
         return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=way.moved.local, place=place)
 
     def at(self, point: Point) -> Place:
-        """Return the motion of a link-fixed point."""
         return self.bodies[point.link].point(point.local)
 
     def _close_rrr(self, dyad: Dyad, sign: float) -> None:
         """Solve an RRR dyad: two links are pinned at A and at C, and their common pin B lies on circles about A and C.
 
-        The radii of the circles are r1 and r2. `base` = C - A is known; its fields p, d and b are its value and its first and
-        second derivative by q. Let a = B - A and c = B - C, so that a - c = C - A. The links with A and C have the rates of
-        rotation omega1 and omega2, so a' = i omega1 a and c' = i omega2 c. The scalar products of the first and second derivative
-        of a - c = C - A with c and with a give
+        The radii are r1 and r2. `base` = C - A has the fields p, d and b: its value and its first and second derivative by q. Let a
+        = B - A and c = B - C, so that a - c = C - A. The links with A and C turn at omega1 and omega2, so a' = i omega1 a and c' =
+        i omega2 c. The scalar products of the first and second derivative of a - c = C - A with c and with a give
 
             omega1 a x c = c . (C - A)',    alpha1 a x c = c . (C - A)'' + omega1^2 a . c - omega2^2 r2^2
             omega2 a x c = a . (C - A)',    alpha2 a x c = a . (C - A)'' + omega1^2 r1^2 - omega2^2 a . c
@@ -317,15 +278,10 @@ class _Motion:
         self.openings.append((root, 2 * r1 * r2))
 
     def _add_rod(self, outer: OuterJoint, arm: Vec, omega: Node, alpha: Node, place: Place, pin: Array) -> None:
-        """Add a link of a dyad that is pinned to a placed link at its outer joint.
+        """Add a link of a dyad that is pinned to a placed link at its outer joint, whose motion is `place`.
 
-        With s the arm in the link's frame, as a complex number, the link's direction is e = arm / s.
-
-        Args:
-            arm: vector from the outer joint to the link's point `pin`, in world axes.
-            omega, alpha: first and second derivative of the link's angle with respect to the coordinate q, not to time.
-            place: motion of the outer joint.
-            pin: (2,) the point in the link's frame [m].
+        The link's direction is e = arm / s, with `arm` from the outer joint to the link's point `pin`, in world axes, and s the
+        same in the link's frame. `omega` and `alpha` are derivatives of the angle by q.
         """
         s = pin - outer.own.local
         # 1 / s as a complex number
@@ -335,19 +291,18 @@ class _Motion:
     def _close_rrp(self, dyad: Dyad, sign: float) -> None:
         """Solve an RRP dyad: a rod is pinned at A and, at its other end B, to a slider that moves along a line.
 
-        R is a point of the line. B lies on a circle of radius r about A, and on a parallel to the line, at the distance `height` to
-        the left of the line. Let u be the unit vector along the line, and n the unit vector a quarter turn to the left of u. Both
-        turn with the link on which the line is fixed. With coordinates x, y measured from A, and s from R, B is at
+        R is a point of the line. B lies on a circle of radius r about A, at the distance `height` to the left of the line. Let u be
+        the unit vector along the line, and n a quarter turn to its left. Both turn with the link of the line. With coordinates x, y
+        measured from A, and s from R, B is at
 
             B = A + x u + y n = R + s u + height n
 
-        The components along n of the derivatives of this equation give omega and alpha of the rod. The component along u of the
-        first derivative gives `slip` = s'. `base` = R - A is known; its fields p, d and b are its value and its first and second
-        derivative by q.
+        The components along n of the derivatives of this equation give omega and alpha of the rod, and the component along u of the
+        first one gives `slip` = s'. `base` = R - A has the fields p, d and b: its value and its first and second derivative by q.
         """
         guide, A, R = self.bodies[dyad.line.link], self.at(dyad.first.other), self.at(dyad.line)
         u = _product(guide.e, _unit(self.graph, dyad.angle))
-        n, base, height, r = _quarter(u), R - A, dyad.height, dyad.lengths[0]
+        n, base, height, r = cross(1.0, u), R - A, dyad.height, dyad.lengths[0]
         y = dot(n, base.p) + height
         root_squared = r * r - y * y
         root = self.graph.sqrt(root_squared)
@@ -367,16 +322,15 @@ class _Motion:
         self.openings.append((root, r))
 
     def _close_rpr(self, dyad: Dyad, sign: float) -> None:
-        """Solve an RPR dyad: a guide is pinned at C, and the block that slides on it is pinned at A.
+        """Solve an RPR dyad: a guide (the first link) is pinned at C, and the block that slides on it is pinned at A.
 
-        A has the coordinates x along the guide and `height` across it, to the left. Let u be the unit vector along the guide, n the
-        unit vector a quarter turn to its left, and omega the derivative of the guide's angle by q. Then, with complex numbers,
+        A has the coordinates x along the guide and `height` across it, to the left. Let u be the unit vector along the guide, n a
+        quarter turn to its left, and omega the derivative of the guide's angle by q. Then, with complex numbers,
 
             A - C = (x + i height) u,    (A - C)' = (x' - omega height) u + omega x n
 
-        The component along n of the first derivative gives omega, and its component along u gives `slip` = x'. The component along
-        n of the second derivative gives alpha. `base` = A - C is known; its fields p, d and b are its value and its first and
-        second derivative by q. The first link of the dyad is the guide, the second one the block.
+        The components of the first derivative along n and u give omega and `slip` = x', and that of the second along n gives alpha.
+        `base` = A - C has the fields p, d and b: its value and its first and second derivative by q.
         """
         C, A = self.at(dyad.first.other), self.at(dyad.second.other)
         base, height = A - C, dyad.height
@@ -386,7 +340,7 @@ class _Motion:
         x = root * sign
         inverse = x * self.graph.inverse(root_squared)  # 1 / x
         u = base.p * inverse if height == 0 else (base.p * x - cross(height, base.p)) * self.graph.inverse(D)
-        n = _quarter(u)
+        n = cross(1.0, u)
         omega = dot(n, base.d) * inverse
         slip = dot(u, base.d) + omega * height
         alpha = (dot(n, base.b) + omega * omega * height - omega * slip * 2.0) * inverse
@@ -397,30 +351,28 @@ class _Motion:
         self.openings.append((root, 1.0))
 
     def acceleration(self) -> list[Node]:
-        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the angles that are integrated together with q.
-
-        Here m is the inertia of the whole linkage reduced to the coordinate q, h is m'(q) / 2, and Q is the power of all loads at
-        q' = 1, that is, the generalised force.
-        """
+        """Return q'' = (Q - h q'^2) / m, and the second time derivatives of the angles that are integrated together with q."""
         m, h, Q = list[Node](), list[Node](), list[Node]()  # the summands of each
         for k, link in enumerate(self.mechanism.links):
             terms_of_m, terms_of_h, momentum = _inertia(self.bodies[k], link.mass, link.inertia)
             m, h = [*m, *terms_of_m], [*h, *terms_of_h]
             Q.append(dot(_constant(self.graph, *self.mechanism.gravity), momentum))  # power of the weight at q' = 1
         for load in loads(self.mechanism.forces):
-            Q.append(self._power_of_law(load) if isinstance(load, Law) else self._power_of_force(load))
+            if isinstance(load, Law):
+                Q.append(self._power_of_law(load))
+            else:
+                force = _product(self.bodies[load.frame].e, _constant(self.graph, *load.value))
+                Q.append(dot(force, self.at(load.point).d))
         total, square = self.graph.total, self.v * self.v
         a = (total(Q) - total(h) * square) / total(m)
         return [a, *(self.bodies[k].omega * a + self.bodies[k].alpha * square for k in self.integrated)]
 
     def _power_of_law(self, law: Law) -> Node:
-        """Return the power of a force law at q' = 1, that is, its generalised force.
+        """Return the power of a force law at q' = 1, that is, its generalised force: strength times the rate of its coordinate.
 
-        The power is the strength of the force times the rate, at q' = 1, of the coordinate on which the law acts. For a law on a
-        distance, `strength` returns the force divided by the distance, so it is multiplied by half the rate of the squared
-        distance, which is the distance times its rate.
+        For a distance, `strength` returns the force divided by the distance, so it is multiplied by half the rate of the squared
+        distance.
         """
-        # The rate of a distance has a root in its denominator: half the rate of its square avoids dividing by it.
         unit = state(law.coordinate, _Rates(self, self.one))
         rate = unit.half_square_rate if isinstance(unit, DistanceState) else unit.rate
         unit_rate = self.graph.node(rate)
@@ -428,15 +380,8 @@ class _Motion:
         self.graph.mul(unit_rate, self.v)
         return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
 
-    def _power_of_force(self, force: PointForce) -> Node:
-        """Return the power, at q' = 1, of a force that acts at a point: its generalised force."""
-        # `e` is the direction of the link in which the force is fixed, `d` the derivative of the point by q
-        F = _product(self.bodies[force.frame].e, _constant(self.graph, *force.value))
-        power: Node = dot(F, self.at(force.point).d)
-        return power
-
     def angle(self, link: int) -> Node:
-        """Return a link's angle [rad], including whole turns: the angle of its root (see `Root`) plus a constant."""
+        """Return a link's angle [rad], including whole turns: the angle of its root plus a constant."""
         root, turn = self.roots[link]
         if root == GROUND:
             return self.graph.constant(turn)
@@ -445,10 +390,7 @@ class _Motion:
         return self.q[k] + turn
 
     def links(self) -> list[list[Node]]:
-        """Return three lists, with entries for each link: (x, y, cos, sin), (x', y', omega) and (x'', y'', alpha).
-
-        x and y are the centre of mass, and primes denote derivatives by the coordinate q. `Equation.motion` returns these lists.
-        """
+        """Return, with entries for each link, (x, y, cos, sin), (x', y', omega) and (x'', y'', alpha) of the centres of mass."""
         places, first, second = list[Node](), list[Node](), list[Node]()
         for k in range(len(self.mechanism.links)):
             body = self.bodies[k]
@@ -462,13 +404,10 @@ class _Motion:
 def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[Node], Vec]:
     """Return the summands of one link in m and in h of m q'' + h q'^2 = Q, and the link's momentum at q' = 1.
 
-    The momentum at q' = 1 is the mass M times the derivative of the centre of mass by q. The mass of a link with two pins A and B
-    is replaced by masses at the pins and a moment of inertia J. Let s = B - A, let the centre of mass be at A + (k + i j) s in
-    complex notation, and let primes denote derivatives by q. Then
+    The mass M of a link with two pins A and B is replaced by masses at the pins and a moment of inertia J, because neighbouring
+    links share the pins. Let s = B - A, and let the centre of mass be at A + (k + i j) s in complex notation. Then
 
         m = M (1 - k) |A'|^2 + M k |B'|^2 + J omega^2 - 2 M j omega A' . s,    h = m' / 2
-
-    with the mass M and omega = theta', the derivative of the link's angle.
     """
     if body.pin is None:
         centre = body.point(np.zeros(2))
@@ -499,7 +438,6 @@ class _Rates(Placement):
     """
 
     def __init__(self, motion: _Motion, speed: Node):
-        """Store `motion`, the poses of the links as functions of q, and `speed`, the graph node of the rate q' (or of 1)."""
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
         self.still = Vec(motion.zero, motion.zero)
 
@@ -513,10 +451,9 @@ class _Rates(Placement):
         return Frame(link, place, velocity, omega, self.motion.angle(link))
 
     def end(self, point: Point) -> End:
-        """Return a point as the origin of a frame of its own, so that the vector from the frame's origin to the point is zero."""
+        """Return a point as the origin of a frame of its own."""
         place = self.motion.at(point)
         return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
 
     def vector(self, link: int, value: Array) -> Direction:
-        """Return a direction (2,) that is fixed in a link, in world axes."""
         return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))

@@ -29,26 +29,16 @@ class Machine:
 
     A state y (2n,) holds the coordinates q (n,) of the equation of motion (the independent one, then the angles integrated with
     it), followed by their rates v (n,).
-
-    Attributes:
-        n: number of coordinates q.
-        is_adaptive: whether the integrator chooses its own steps.
     """
 
     def __init__(self, equation: Equation, integrator: str):
-        """Compile the equation of motion together with the integrator, for one trajectory at a time.
-
-        The adaptive integrator DOP853 and integrators with fixed steps have different code.
-        """
         self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
         code = read_code(equation.program, "none")  # "none": without stabilisation of constraints
-        # `call(1)` is called only because it compiles the code for one lane, that is, for one trajectory
         if self.is_adaptive:
-            self._adaptive_code = Loaded(lambda many: adaptive(code), TARGET)
-            self._adaptive_code.call(1)
+            self._code = Loaded(lambda many: adaptive(code), TARGET)
         else:
-            self._fixed_code = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
-            self._fixed_code.call(1)
+            self._code = Loaded(lambda many: rollout(bodies(code, integrator, REACHES[integrator]), many), TARGET)
+        self._code.call(1)  # compiles the code for one lane, that is, for one trajectory
         self._memories: dict[int, Single] = {}  # number of samples -> memory of a rollout with as many
 
     def memory_for(self, slots: int) -> Single:
@@ -56,15 +46,14 @@ class Machine:
         if slots not in self._memories:
             # the arrays of the routine `rollout`: state y, parameters (none), samples, and a report of three numbers; codes[1] is
             # the machine code for one trajectory at a time
-            self._memories[slots] = Single(self._fixed_code.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
+            self._memories[slots] = Single(self._code.codes[1], (2 * self.n, 0, slots * 2 * self.n, 3))
         return self._memories[slots]
 
     def steps(self, y: Array, t: float, h: float, count: int, every: int) -> tuple[Array, int, Array]:
         """Take up to `count` steps of h [s] from y at time t [s], with a sample after every `every`-th step.
 
-        Return the samples (k, 2n), the number of valid steps and the state after them. A step is invalid if a dyad comes too near
-        to its dead centre, so that its opening is below the threshold; stepping then ends before this step. All results are views
-        of memory that the next call overwrites.
+        Return the samples (k, 2n), the number of valid steps and the state after them, as views of memory that the next call
+        overwrites. Stepping ends before a step that brings a dyad's opening below its threshold.
         """
         slots = max(1, ceil(count / every))
         memory = self.memory_for(slots)
@@ -81,19 +70,15 @@ class Machine:
 
     def course(self, y: Array, times: Array, tolerances: tuple[float, float]) -> Course:
         """Integrate adaptively over the times (k,) [s], or until a dyad comes closer to its dead centre than its threshold."""
-        return integrate(self._adaptive_code, y, np.zeros(0), times, tolerances)
+        return integrate(self._code, y, np.zeros(0), times, tolerances)
 
 
 def compile_function(function: Function) -> Callable[[Array], list[Array]]:
-    """Compile a function (t, q, v, p) that depends on neither t nor p.
-
-    Return a compiled function of one argument, the state y (2n,) of q and v, that returns the same results as `function`.
-    """
+    """Compile a function (t, q, v, p) that depends on neither t nor p to a function of the state y (2n,) of q and v."""
     raw, n = Graph(), function.sizes[1]
     # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used
     leaves = [raw.leaf(f"%y{k}") for k in range(2 * n)]
     results = inline(raw, function, ([raw.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(raw, x))
-    # the graph is simplified and its operations are put in order; `roots` are the nodes of the results, in one list
     graph, roots = rewrite(raw, [x for row in results for x in row])
     values = order(graph, roots, {})
     # a routine that loads y, computes, and stores the results in the array `out`; `graph.all(True)`: it succeeds for every state
@@ -105,7 +90,6 @@ def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     cuts = np.cumsum([len(row) for row in results])[:-1]  # where one result ends and the next begins in `out`
 
     def evaluate(y: Array) -> list[Array]:
-        """Return the results of `function` at a state y (2n,), one array for each output."""
         call = loaded.single(2 * n, len(roots))
         state, out = call.arrays
         state[:] = y

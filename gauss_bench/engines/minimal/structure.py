@@ -1,16 +1,14 @@
 """The order in which a linkage closes from one coordinate, dyad after dyad, and the geometry of each dyad.
 
 A link is placed if its position is computed already. A dyad is two links and three joints: the inner joint connects the two links,
-and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint. The
-dyads of linkages are commonly of three kinds:
+and each outer joint connects one of them to a placed link. R denotes a pin and P a slide; the middle letter is the inner joint:
 
     RRR:   The outer joints are pins at A and C. The inner pin B lies on circles about A and C.
     RRP:   The outer joints are a pin at A and a slide. The inner pin B lies on a circle about A and on a line.
     RPR:   The outer joints are pins at A and C. The line of the inner slide passes C and A at given distances from them.
 
-Each dyad has two solutions (branches), of which a sign selects one. A way is a choice of the link whose motion is the independent
-coordinate, together with the dyads by which the other links are placed one after another.
-Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov (1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
+Each dyad has two solutions (branches), of which a sign selects one. Sources: Assur, Issledovanie ploskikh sterzhnevykh mekhanizmov
+(1913); Artobolevskii, Theory of Mechanisms and Machines (1975).
 """
 
 import cmath
@@ -53,21 +51,16 @@ class Links:
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
         """Compute z, e, u and w of all links from states q, v (..., n) with x, y and angle of each link."""
-        exp, z, e, u, w = exponential(q), [], [], [], []
-        for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
-            z.append(x + 1j * y)
-            e.append(exp(1j * angle))
-            u.append(dx + 1j * dy)
-            w.append(spin)
-        return Links.with_ground(z, e, u, w)
+        exp, poses, rates = exponential(q), _by_body(q), _by_body(v)
+        z, u = ([x + 1j * y for x, y, _ in given] for given in (poses, rates))
+        return Links.with_ground(z, [exp(1j * angle) for _, _, angle in poses], u, [spin for _, _, spin in rates])
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
-        """Return `Links` of four lists, each with one entry for each moving link; an entry for the ground is added at the end."""
+        """Return `Links` of four lists, each with one entry for each moving link, and the ground at the end."""
         return Links([*z, 0j], [*e, 1.0 + 0j], [*u, 0j], [*w, 0.0])
 
     def point(self, point: Point) -> Complex:
-        """Return the place of a link-fixed point [m]."""
         return self.z[point.link] + self.e[point.link] * complex(*point.local)
 
     def arm(self, a: Point, b: Point) -> Complex:
@@ -86,7 +79,7 @@ def _by_body(x: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class OuterJoint:
-    """A joint that connects a link of a dyad to a placed link, that is, a link whose position is computed already.
+    """A joint that connects a link of a dyad to a placed link.
 
     Attributes:
         own, other: the joint's points on the dyad's link and on the placed link.
@@ -99,30 +92,21 @@ class OuterJoint:
 
     @property
     def link(self) -> int:
-        """Index of the dyad's link."""
         return self.own.link
 
 
 @dataclass(frozen=True, eq=False)
 class Dyad:
-    """Two links that are joined to each other, and each of them to a placed link, whose position is computed already.
-
-    In an RRR dyad both links are pinned to placed links, at A and C, and to each other at B.
-
-    In an RRP dyad a rod is pinned to a placed link at A. At B it is pinned to the second link, which slides on a placed link. The
-    distance of B from a line of the placed link is `height`.
-
-    In an RPR dyad the first link carries the guide of a slide and is pinned to a placed link at C. The second link is the block of
-    this slide and is pinned to a placed link at A. The distance of A from the line through C along the guide is `height`.
+    """Two links that are joined to each other, and each of them to a placed link; the second link of RRP or RPR slides.
 
     Attributes:
-        kind: kind of the dyad, "RRR", "RRP" or "RPR".
+        kind: "RRR", "RRP" or "RPR".
         first, second: the outer joints, which connect the two links to placed links.
-        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the points C and A on the two links.
-        line: a point on the line of the slide, fixed in the link that carries this line. An RRR dyad has no line; the entry is then
-            the point B of the first link.
+        middle: points of the inner pin B on the first link and on the second; in an RPR dyad, the pins C and A of the guide, which
+            is the first link, and of the block.
+        line: a point on the line of the slide, fixed in the link that carries this line; in an RRR dyad, the point B.
         angle: direction [rad] of the line in the frame of the link that carries it.
-        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left.
+        height: distance [m] of B (RRP) or of A (RPR) from the line, positive to its left; the line of an RPR dyad passes C.
         turn: constant angle [rad] of the second link minus that of the link that carries the line.
     """
 
@@ -137,7 +121,6 @@ class Dyad:
 
     @property
     def links(self) -> tuple[int, int]:
-        """Indices of the two links."""
         return self.first.link, self.second.link
 
     @property
@@ -150,10 +133,9 @@ class Dyad:
     def opening(self, at: Links) -> Any:
         """Return a number that is zero at the dyad's dead centre and has opposite signs on its two branches.
 
-        The number is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the
-        distance of A from C along the guide [m] (RPR).
+        It is the sine of the angle between the links (RRR), the cosine of the angle between rod and line (RRP), or the distance of
+        A from C along the guide [m] (RPR).
         """
-        # on the first and on the second link: the points of B, or in an RPR dyad the pins C and A
         on_first, on_second = self.middle
         # for complex x and y, Re(conj(x) y) is their scalar product, and Im(conj(x) y) their cross product
         along = at.direction(self.line.link, self.angle).conjugate()
@@ -187,10 +169,7 @@ class Way:
         return self.moved.link
 
     def state(self, at: Links) -> tuple[Any, Any]:
-        """Return the coordinate and its rate at one state or many: angle [rad] and angular rate, or displacement [m] and speed.
-
-        An angle is known up to whole turns.
-        """
+        """Return the coordinate and its rate at one state or many: angle [rad], up to whole turns, or displacement [m]."""
         if not isinstance(self.joint, Prismatic):
             e = at.e[self.link]
             return np.arctan2(e.imag, e.real), at.w[self.link]
@@ -200,22 +179,14 @@ class Way:
         return (along * (at.point(b) - at.point(a))).real, (along * (at.u[b.link] - at.u[a.link])).real
 
     def openings(self, at: Links) -> Array:
-        """Return the openings of all dyads, that is, how far each is from its dead centre: (..., dyads) in the dyads' order."""
+        """Return the openings of all dyads (..., dyads): how far each is from its dead centre."""
         if not self.dyads:
             return np.zeros((*np.shape(at.w[self.link]), 0))
         return np.stack([dyad.opening(at) for dyad in self.dyads], axis=-1)
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the independent coordinate, each with the dyads by which all other links are placed.
-
-    The coordinate may be the angle or displacement of a joint with the ground if dyads, added one after another to the link of this
-    joint, reach all links. The joint of the crank comes first.
-
-    Raises:
-        NoWay: there is no possible choice, or the linkage has forces or constraints that an equation in one coordinate does not
-            cover.
-    """
+    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links."""
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
     if mechanism.knife_edges:
@@ -262,16 +233,10 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
 
 
 def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order, or None if they form none.
-
-    The first link must be pinned to a placed link. In an RRR dyad a pin joins the two links, and the second link is pinned to a
-    placed link too. In an RRP dyad a pin joins the two links, and a slide joins the second link to a placed link. In an RPR dyad a
-    slide with its guide on the first link joins the two links, and the second link is pinned to a placed link. A link is placed if
-    its position is computed already. `Dyad` explains the line's angle, height (positive to its left) and turn.
+    """Return the dyad that two links form in this order (see `Dyad`), or None if they form none.
 
     Args:
         pins: for each pin, link -> point of the pin on this link.
-        pair: indices of the two links.
         placed: indices of the links that are placed already.
     """
     one, two = pair
@@ -311,16 +276,9 @@ def _outer_joints(
     pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
 ) -> list[OuterJoint]:
     """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
-    joints = []
-    for pin in pins:
-        others = placed & pin.keys()
-        if link in pin and others:
-            joints.append(OuterJoint(pin[link], pin[min(others)]))
-    for slide in slides:
-        for own, other in permutations(slide.ends):
-            if own.link == link and other.link in placed:
-                joints.append(OuterJoint(own, other, slide))
-    return joints
+    by_pins = [OuterJoint(pin[link], pin[min(others)]) for pin in pins if link in pin and (others := placed & pin.keys())]
+    ends = [(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
+    return by_pins + [OuterJoint(*end) for end in ends if end[0].link == link and end[1].link in placed]
 
 
 def _left_of(angle: float, x: Array) -> float:

@@ -1,13 +1,11 @@
 """The differences between MuJoCo's releases; only this file deals with them.
 
-The adapter is written for the newest release of MuJoCo. Older releases differ as follows:
-
-    up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
-    before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
-    before 4.0:     There is no integrator `discrete`.
-    before 3.3.1:   Elements of a specification do not know their index in the model.
-    before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
-    before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
+up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
+before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
+before 4.0:     There is no integrator `discrete`.
+before 3.3.1:   Elements of a specification do not know their index in the model.
+before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
+before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
 """
 
 from collections.abc import Iterable
@@ -20,11 +18,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def new_spec(mujoco: Any) -> Any:
-    """Return an empty MjSpec whose angles are in radians.
-
-    Raises:
-        RunFailure: the release has no MjSpec to which elements can be added together with their properties.
-    """
+    """Return an empty MjSpec whose angles are in radians."""
     # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
@@ -47,7 +41,6 @@ def set_spring(item: Any, k: float, c: float) -> None:
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
     """Return the mass matrix (n, n) at the state that was evaluated last."""
     M = np.zeros((model.nv, model.nv))
-    # mj_fullM fills M; older releases take M before the packed matrix of the state, and refuse the other order by a TypeError
     try:
         mujoco.mj_fullM(model, data, M)
     except TypeError:
@@ -56,11 +49,7 @@ def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
 
 
 def find_integrator(mujoco: Any, name: str) -> Any:
-    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler.
-
-    Raises:
-        RunFailure: the release does not have the integrator.
-    """
+    """Return the member of mjtIntegrator for the name of an integrator, such as rk4 or Euler; a RunFailure if there is none."""
     member = f"mjINT_{name.upper()}"
     if not hasattr(mujoco.mjtIntegrator, member):
         raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no {member}")
@@ -68,7 +57,6 @@ def find_integrator(mujoco: Any, name: str) -> Any:
 
 
 def disable(mujoco: Any, model: Any, flags: Iterable[str]) -> None:
-    """Disable features of a model, given by members of mjtDisableBit; members that a release does not have are left out."""
     for name in flags:
         if hasattr(mujoco.mjtDisableBit, name):
             model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, name))

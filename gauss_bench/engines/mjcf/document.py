@@ -1,7 +1,7 @@
 """Write a built model as an MJCF document that runs in MuJoCo without this suite.
 
-Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits. Then MuJoCo reads the
-written MJCF document, and the accelerations of the model that it reads are compared with those of the adapter's built model.
+Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits, lets MuJoCo read the
+document, and compares the accelerations with those of the built model.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,12 +30,10 @@ class Built(Protocol):
     """The members of an engine's built model that the MJCF document needs.
 
     Attributes:
-        mujoco: the library.
-        options: name of an option of the engine -> value, for the settings of the run.
+        options: name of an option of the engine -> value.
         y0, dy0: tree coordinates and rates (n,) at the start.
         model: MuJoCo's compiled model.
         still: a copy of `model` that only evaluates accelerations at given states.
-        drives: the driven coordinates.
     """
 
     mujoco: Any
@@ -70,11 +68,8 @@ def write_document(built: Built, edited: bool = False) -> Document:
     Constant forces become motors. The attribute `ctrl` of the keyframe has the values of the constant forces.
 
     Args:
-        edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does.
-            MJCF cannot express motion laws and scaled inverse weights, so without `edited` a mechanism that needs them is refused.
-
-    Raises:
-        RunFailure: MJCF cannot express the mechanism or its settings.
+        edited: whether the caller adds motion laws and scaled inverse weights to the compiled model, as an exported script does;
+            otherwise a mechanism that needs them is refused, because MJCF cannot express them.
     """
     mechanism = built.mechanism
     if mechanism.drivers and not edited:
@@ -108,7 +103,6 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
 
 
 def _add_option(root: Element, built: Built) -> None:
-    """Add the <option> element with the options that are set in the compiled model."""
     mujoco, opt, integrator = built.mujoco, built.model.opt, built.choice.integrator or "rk4"
     option = SubElement(
         root,
@@ -140,11 +134,14 @@ class _Writer:
     def add_model(self, root: Element) -> None:
         """Add all bodies, closures, tendons and actuators to a document."""
         self._add_body(SubElement(root, "worldbody"), self.spec.worldbody)
-        lists = {"equality": self._closures(), "tendon": self._tendons(), "actuator": self._actuators()}
+        closures = [
+            Element("connect", solref=write_numbers(solref), solimp=write_numbers(solimp), site1=x.name1, site2=x.name2)
+            for x, solref, solimp in zip(self.spec.equalities, self.model.eq_solref, self.model.eq_solimp, strict=True)
+        ]
+        lists = {"equality": closures, "tendon": [*self._tendons()], "actuator": [*self._actuators()]}
         for name, elements in lists.items():
-            found = list(elements)
-            if found:
-                SubElement(root, name).extend(found)
+            if elements:
+                SubElement(root, name).extend(elements)
 
     def _add_body(self, node: Element, body: Any) -> None:
         """Write a body into the XML element `node`: its joints, its sites, geometry for viewers, and its child bodies."""
@@ -172,14 +169,7 @@ class _Writer:
             SubElement(inner, "inertial", pos=write_numbers(child.ipos), mass=write_numbers(child.mass), diaginertia=moments)
             self._add_body(inner, child)
 
-    def _closures(self) -> Iterator[Element]:
-        """Yield the closures."""
-        for closure, solref, solimp in zip(self.spec.equalities, self.model.eq_solref, self.model.eq_solimp, strict=True):
-            softness = {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
-            yield Element("connect", softness, site1=closure.name1, site2=closure.name2)
-
     def _tendons(self) -> Iterator[Element]:
-        """Yield the tendons: spatial ones between points, and fixed ones on sums of joint coordinates."""
         for tendon in self.spec.tendons:
             fixed = tendon.path[0].type == self.mujoco.mjtWrap.mjWRAP_JOINT
             force = {"stiffness": write_numbers(tendon.stiffness[0]), "damping": write_numbers(tendon.damping[0])}
@@ -194,16 +184,15 @@ class _Writer:
             yield node
 
     def _actuators(self) -> Iterator[Element]:
-        """Yield the actuators: motors, and springs along an axis.
+        """Yield motors, and springs along an axis.
 
-        The force of a spring is bias . [1, L, dL/dt], whatever its control is; L is the length of the actuator's transmission. An
-        actuator at a site has six gears, of which the first two give the direction; every other actuator has one gear.
+        A spring's force is a linear function of the transmission's length and its rate.
         """
         kinds = self.mujoco.mjtTrn
         targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
         for actuator in self.spec.actuators:
             target = targets[actuator.trntype]
-            gear = actuator.gear if target == "site" else actuator.gear[:1]
+            gear = actuator.gear if target == "site" else actuator.gear[:1]  # at a site, the first two give the direction
             written = {target: actuator.target, "gear": write_numbers(gear)}
             written |= {key: getattr(actuator, key) for key in ("name", "refsite") if getattr(actuator, key)}
             if actuator.biastype == self.mujoco.mjtBias.mjBIAS_NONE:
@@ -220,8 +209,8 @@ def _verify(root: Element, built: Built) -> None:
         RunFailure: the start state or the accelerations of the model that MuJoCo reads differ from those of the built model.
     """
     mujoco = built.mujoco
-    # MJCF cannot express armatures of drives and the factor on inverse weights, so they are set on the compiled model, as in an
-    # exported script. Integrator and flags are those of the model `still`, which only evaluates accelerations.
+    # armatures of drives and the factor on inverse weights are set on the compiled model, as in an exported script; integrator and
+    # flags are those of `still`
     model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"))
     set_armatures(mujoco, model, built.drives)
     model.body_invweight0[:] *= built.options["body_invweight0_factor"]

@@ -1,8 +1,8 @@
 """Build a linkage as a MuJoCo specification, which MuJoCo compiles: bodies, joints, closures and forces.
 
 Every link is a body whose frame lies at its centre of mass. Joint coordinates are the tree coordinates y. MuJoCo's reference pose
-is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements of
-the model have the names of their counterparts in the linkage file.
+is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements
+have the names of their counterparts in the linkage file.
 """
 
 from collections import defaultdict
@@ -26,8 +26,8 @@ class Draft:
     Attributes:
         spec: the MjSpec that MuJoCo compiles.
         bodies: link -> element of its body.
-        torque: (n,) sum of all constant forces on tree coordinates. MuJoCo takes this sum from its data (qfrc_applied), so it is no
-            part of the model.
+        joints: index of a tree coordinate -> element of its joint.
+        torque: (n,) sum of all constant forces on tree coordinates, which MuJoCo takes from its data (qfrc_applied).
         steady: the constant forces on tree coordinates whose sum is `torque`.
         pushes: constant forces at points, each with its actuator.
         controls: name of a motor -> the motor's control (force); `add_motors` fills this table.
@@ -35,7 +35,6 @@ class Draft:
     """
 
     def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
-        """Add the links, joints, closures, forces and driven lengths of a mechanism to a new specification."""
         self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
         self.spec: Any = new_spec(mujoco)
         self.spec.option.gravity = spatial(mechanism.gravity)
@@ -50,9 +49,9 @@ class Draft:
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._add_link(b, mechanism.links[b.link], y)
+        connect, site = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
         for pin in closing_pins(tree):
-            self._add_closure(*pin)
-        # `_add_force` returns the springs on single joints, and None for every force that it has added to the model
+            self.spec.add_equality(type=connect, objtype=site, name1=self._site(pin[0]), name2=self._site(pin[1]))
         springs = [self._add_force(x) for x in native_forces(mechanism, tree)]
         self._set_joint_springs([x for x in springs if x is not None])
         self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
@@ -68,8 +67,7 @@ class Draft:
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
-            """Add a joint of the link for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
-            # ref: the joint's coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
+            """Add a joint of the link for the tree coordinate with index `at`, at the value of this coordinate (`ref`)."""
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
         # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate
@@ -97,11 +95,6 @@ class Draft:
             self.bodies[point.link].add_site(name=self.sites[key], pos=spatial(point.local))
         return self.sites[key]
 
-    def _add_closure(self, a: Point, b: Point) -> None:
-        """Add a constraint that makes two points coincide."""
-        connect, site = self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtObj.mjOBJ_SITE
-        self.spec.add_equality(type=connect, objtype=site, name1=self._site(a), name2=self._site(b))
-
     def _add_force(self, f: Native) -> OnJoints | None:
         """Add the element of a force, or return the force if it is a spring or damper on a single joint.
 
@@ -111,8 +104,12 @@ class Draft:
             case Steady():
                 self.torque += f.value * f.force
                 self.steady.append(f)
-            case Tendon():
-                self._add_spatial_tendon(f)
+            case Tendon(a, b, law):
+                tendon = self._add_tendon(f"{a.name} to {b.name}", a, b)
+                set_spring(tendon, law.k, law.c)
+                tendon.springlength = [law.rest] * 2
+                if law.bias:  # the constant part of the force law becomes an actuator without control
+                    self._add_actuator((law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
             case AtSite():
                 self._add_site_force(f)
             case OnJoints() if np.count_nonzero(f.row) == 1:
@@ -124,33 +121,22 @@ class Draft:
                 assert_never(f)
         return None
 
-    def _add_spatial_tendon(self, f: Tendon) -> None:
-        """Add a spring and damper between two points; the constant part of the force law becomes an actuator without control."""
-        tendon = self.spec.add_tendon(name=self._name("tendon", f"{f.a.name} to {f.b.name}"))
-        tendon.wrap_site(self._site(f.a))
-        tendon.wrap_site(self._site(f.b))
-        set_spring(tendon, f.law.k, f.law.c)
-        tendon.springlength = [f.law.rest] * 2
-        if f.law.bias:
-            self._add_actuator((f.law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+    def _add_tendon(self, name: str, a: Point, b: Point) -> Any:
+        tendon = self.spec.add_tendon(name=self._name("tendon", name))
+        tendon.wrap_site(self._site(a))
+        tendon.wrap_site(self._site(b))
+        return tendon
 
     def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Any, Any]:
-        """Add a tendon whose length is driven, and its motor."""
-        tendon = self.spec.add_tendon(name=self._name("tendon", driver.name))
-        tendon.wrap_site(self._site(driver.a))
-        tendon.wrap_site(self._site(driver.b))
+        tendon = self._add_tendon(driver.name, driver.a, driver.b)
         motor = self._add_actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
         self._make_motor(motor)
         return driver, tendon, motor
 
     def add_motors(self) -> list[str]:
-        """Replace constant forces by motors, for an MJCF document that is used without this suite; a motor's control is its force.
+        """Replace constant forces by motors, whose controls are the forces, for an MJCF document that is used without this suite.
 
-        The user of the document can change a force by its control. A motor for a force in `pushes` (constant force at a point) has
-        the force's direction as its gear, and the size of the force as its control.
-
-        Returns:
-            The names of the forces that a control can change.
+        Return the names of the forces that a control can change.
         """
         changed: list[str] = []
         for f in self.steady:
@@ -184,7 +170,6 @@ class Draft:
         return name
 
     def _make_motor(self, actuator: Any) -> None:
-        """Make the force of an actuator equal to its control."""
         actuator.gainprm = [1.0, *np.zeros(len(actuator.gainprm) - 1)]
         actuator.biastype, actuator.biasprm = self.mujoco.mjtBias.mjBIAS_NONE, np.zeros_like(actuator.biasprm)
 
@@ -197,7 +182,6 @@ class Draft:
         return actuator
 
     def _add_site_force(self, f: AtSite) -> None:
-        """Add the actuator of a force at a point."""
         name, target = self._name("actuator", f.name), self._site(f.point)
         actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=target, name=name)
         if f.frame is not None:
@@ -223,9 +207,8 @@ class Draft:
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
         """Sum the springs and dampers on each joint.
 
-        A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The square of this entry is 1, so the
-        stiffness of the joint is the sum of the springs' stiffnesses. The joint's rest position follows from the springs' forces
-        at y = 0.
+        A spring acts on x = row . y + constant, where the row has a single entry, 1 or -1. The joint's rest position follows from
+        the springs' forces at y = 0.
         """
         by_joint: defaultdict[int, list[OnJoints]] = defaultdict(list)
         for f in springs:
@@ -238,11 +221,7 @@ class Draft:
 
 
 def pose_in_parent(b: Branch, y: Array) -> tuple[Array, float]:
-    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,).
-
-    Origins of frames are centres of mass. `parent_anchor` and `anchor` are the joint's points in the parent and in the link. A
-    slide displaces the link's point by base + y axis, and holds it at the angle `turn`.
-    """
+    """Return the origin (2,) [m] and angle [rad] of a branch's link in its parent's frame, at tree coordinates y (n,)."""
     if b.kind == "free":
         return y[b.at : b.at + 2], float(y[b.at + 2])
     displacement = b.base + y[b.at] * b.axis if b.kind == "prismatic" else np.zeros(2)

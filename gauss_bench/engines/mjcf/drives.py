@@ -6,7 +6,7 @@ about load / A, because
 
     (A + m) theta'' = A law''(t) + load
 
-A driven length is a tendon between two sites. The tendon has such a large armature [kg] too, and a motor that exerts the force.
+A driven length is a tendon between two sites with such an armature [kg], and a motor that exerts the force.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,6 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 class Drive:
     """A driven joint coordinate or a driven length.
 
-    Its armature is so large that the force armature * law''(t) gives it the acceleration law''(t).
-
     Attributes:
         law: motion law of the coordinate or length.
         armature: artificial inertia, [kg m^2] of a hinge, [kg] of a slide or length.
@@ -37,10 +35,7 @@ class Drive:
     motor: int | None = None
 
     def push(self, data: Any, t: float) -> None:
-        """Add the driving force at time t [s] to the joint coordinate's force in MuJoCo's data, or make it the motor's control.
-
-        The force is armature * law''(t). The armature is so large that this force gives the coordinate the acceleration law''(t).
-        """
+        """Add the driving force at time t [s] to the joint coordinate's force in MuJoCo's data, or make it the motor's control."""
         force = self.armature * float(self.law(t)[2])
         if self.motor is None:
             data.qfrc_applied[self.at] += force
@@ -51,7 +46,6 @@ class Drive:
 def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
     """Set the armatures of drives in a compiled model, and let MuJoCo update the constants that depend on them."""
     for drive in drives:
-        # a drive with a motor acts on a tendon, any other drive on a joint coordinate
         armatures = model.dof_armature if drive.motor is None else model.tendon_armature
         armatures[drive.at] = drive.armature
     mujoco.mj_setConst(model, mujoco.MjData(model))

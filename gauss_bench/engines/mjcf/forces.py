@@ -1,7 +1,6 @@
 """The forces of a linkage as elements of MuJoCo. This module does not import MuJoCo.
 
-The angle of a link is a sum of hinge coordinates, theta = e . y + const. A force is translated only if an element of MuJoCo
-expresses it exactly; otherwise the linkage is refused. The forces of a linkage and their elements are:
+A force is translated only if an element of MuJoCo expresses it exactly; otherwise the linkage is refused. The elements are:
 
     torque:                                               constant generalised force on the hinges of the chain
     force along a slide, with its reaction on the guide:  constant generalised force on the slide
@@ -43,11 +42,9 @@ class AtSite:
     measured from `frame`.
 
     Attributes:
-        name: name of the force in the linkage.
         frame: point from which the length L is measured, on the link that takes the opposite force. None for a force whose
             direction is fixed in the link of `point`, and which has no opposite force.
         direction: (2,) direction of the force, fixed in the link of `frame`, or in the link of `point` if `frame` is None.
-        bias: coefficients of 1, the length L [m], and its rate dL/dt [m/s].
         constant: whether this element alone is a constant force of the linkage, so that one control can change that force.
     """
 
@@ -103,16 +100,7 @@ def other_load(other: tree_loads.OtherLoad, mechanism: Mechanism, turns: Turning
 
 
 def point_force(f: PointForce, turns: Turning) -> list[Native]:
-    """Return the elements of MuJoCo for a constant force at a point.
-
-    There are three cases. If the direction of the force is fixed in the world, one element has a reference site in the world. If it
-    is fixed in the link of the point, one element has no reference site. If it is fixed in a third link, the reference site is on
-    the third link. The third link only determines the direction of the force, so a second element cancels the opposite force that
-    the first element exerts on it. The third case is exact only if the point does not move when a hinge turns the third link.
-
-    Raises:
-        RunFailure: the force is fixed in a third link whose hinges move the point (status SKIP).
-    """
+    """Return the elements of MuJoCo for a constant force at a point."""
     link, bias = f.point.link, (1.0, 0.0, 0.0)  # the element's force is bias . [1, L, dL/dt]: constant
     if not f.value.any():
         return []  # a force of zero needs no element, and has no direction in which a motor could change it
@@ -122,7 +110,9 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
     if turns.together(f.frame, link):
         turned = rotate(f.value, turns.constants[f.frame] - turns.constants[link])
         return [AtSite(f.name, f.point, None, turned, bias, constant=True)]
-    if turns.apart(f.frame, link):  # no hinge turns both the link `f.frame` and the point's link
+    # The reference site on a third link determines the direction; a second element cancels the opposite force there. This is exact
+    # only if no hinge turns both links.
+    if turns.apart(f.frame, link):
         frame = Point(f.frame, np.zeros(2), "centre of mass")
         return [AtSite(f.name, f.point, frame, f.value, bias), AtSite(f.name, frame, None, f.value, bias)]
     raise RunFailure(Status.SKIP, f"MuJoCo cannot turn the force {f.name} with a link whose hinges move its point")
@@ -131,15 +121,9 @@ def point_force(f: PointForce, turns: Turning) -> list[Native]:
 def along_axis(name: str, along: Along, law: Law, mechanism: Mechanism, turns: Turning) -> AtSite:
     """Return the element of MuJoCo for a force law along an axis to which no slide is parallel: a site transmission.
 
-    The coordinate x is the position of the site at `along.point` along the axis, measured from the reference site at
-    `along.origin`. The force is bias + k (rest - x) - c x'.
-
     Trap: MuJoCo's site transmission leaves out the torque that the force law exerts on the link of the reference site. So the
     element is exact only if every hinge that turns the reference site also turns the other site. Such a hinge does not change the
-    coordinate x, and the missing torque would do no work on it.
-
-    Raises:
-        RunFailure: a hinge turns the reference site without turning the other site (status SKIP).
+    coordinate, and the missing torque would do no work on it.
     """
     origin, point = along.origin.link, along.point.link
     if turns.turns_with(origin, point):

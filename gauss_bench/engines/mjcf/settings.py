@@ -34,11 +34,8 @@ def configure(mujoco: Any, model: Any, options: Mapping[str, Any], step: float) 
 
 
 def copy_to_evaluate(mujoco: Any, model: Any) -> Any:
-    """Return a copy of a compiled model that evaluates accelerations at given states.
-
-    The copy has the Euler integrator, because MuJoCo's qacc is a difference of velocities with the integrator `discrete`. The
-    solver of the copied model has no warm start, so that its result does not depend on the state that was evaluated before.
-    """
+    """Return a copy of a compiled model that evaluates accelerations at given states."""
+    # MuJoCo's qacc is a difference of velocities with the integrator `discrete`, and with a warm start it depends on the last state
     still = copy.copy(model)
     still.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
     still.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)

@@ -1,8 +1,7 @@
 """MuJoCo: a tree of links in relative coordinates, closed by soft `connect` constraints between sites.
 
-Before the model is used, the terms that MuJoCo computes are compared with those that the suite computes, at the start and at random
-tree states: the mass matrix, the sum of velocity terms and all forces, and the gaps of the loops. The softness of the closures is
-not checked, because the settings vary it.
+Before the model is used, its mass matrix, forces and gaps of the loops are compared with those of the suite, at the start and at
+random tree states; the softness of the closures is not, because the settings vary it.
 """
 
 import contextlib
@@ -45,7 +44,6 @@ class Mujoco(LibraryEngine, file=VARIANTS):
         return f"mujoco {mujoco.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why MuJoCo cannot model a mechanism, or None if it can."""
         if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
         tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
@@ -70,17 +68,14 @@ class MujocoModel(TreeModel):
         bodies: MuJoCo's indices of the links' bodies.
         drives: the driven coordinates.
         varying_forces: the forces that vary with time, which Python computes.
-        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps). So a force that jumps
-            at the end of a stretch has the value before the jump. Before the first run `last` is infinite.
+        last: latest time [s] at which forces are evaluated in the present stretch (sequence of equal steps), so that a force that
+            jumps at its end has the value before the jump. Before the first run it is infinite.
     """
 
     library = "MuJoCo"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Compile the model, compare it with the linkage without drives, then add the drives.
-
-        The comparison is made without drives, because their large armatures would change the mass matrix.
-        """
+        """Compile the model, compare it with the linkage, and then add the drives, whose large armatures change the mass matrix."""
         import mujoco
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -128,10 +123,7 @@ class MujocoModel(TreeModel):
             drive.push(data, t)
 
     def forward(self, y: Array, dy: Array, t: float = 0.0) -> Any:
-        """Evaluate the model `still` at joint coordinates y and rates dy (n,) and time t [s], with all forces of this time.
-
-        Return MuJoCo's data, which hold the accelerations.
-        """
+        """Evaluate the model `still` at y, dy (n,) and time t [s], with all forces, and return MuJoCo's data."""
         data = self.still_data
         data.qpos[:], data.qvel[:] = y, dy
         self._set_forces(data, t)
@@ -139,22 +131,17 @@ class MujocoModel(TreeModel):
         return data
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
-        """Return what MuJoCo computes for the open tree at a tree state y, dy (n,), without the constraint forces of closures.
-
-        The result has the gaps of the loops, the mass matrix, the sum of forces and velocity terms, and the links' centres of mass.
-        The only constraints of the model are the closures. Each has three rows x, y and z, of which x and y matter in the plane.
-        """
+        """Return what MuJoCo computes for the open tree at a tree state y, dy (n,), without the constraint forces of closures."""
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-        gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b
+        gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b, with rows x, y and z
         return OpenModel(gaps, mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return np.array(self.forward(y, dy, t).qacc)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Reset to the start; `native` tells whether MuJoCo's loop or a call from Python takes each step."""
         super().prepare(times, native)
         self.complaints: list[str] = []
         self.mujoco.mj_resetData(self.model, self.data)
@@ -163,45 +150,31 @@ class MujocoModel(TreeModel):
         self.data.qfrc_applied[:] = self.torque
 
     def run(self) -> None:
-        """Take all steps, and store the samples; drivers and varying forces are set in a callback.
-
-        The callback evaluates forces no later than `last`, so that a step that ends at a jump of a force has the force before the
-        jump. MuJoCo has one callback per process, so the callback that was set before is restored after the run.
-        """
-        control = self.mujoco.get_mjcb_control()
+        """Take the steps of every stretch in one call of MuJoCo's loop, or in one call for each step, and store the samples."""
+        step, model, data = self.mujoco.mj_step, self.model, self.data
+        control = self.mujoco.get_mjcb_control()  # MuJoCo has one callback per process: it is restored after the run
         if self.sets_forces:  # MuJoCo calls this function at every stage of a step, with the time of the stage
             self.mujoco.set_mjcb_control(lambda model, data: self._set_forces(data, min(data.time, self.last)))
         try:
             with collect_warnings(self.mujoco, self.complaints):
-                self._run()
+                for begin, count, size, last, row in self.plan:
+                    model.opt.timestep, self.last = size, last
+                    if self.mechanism.kinks:
+                        data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
+                    if self.native:  # MuJoCo's own loop takes the steps
+                        step(model, data, nstep=count)
+                    else:
+                        for _ in range(count):
+                            step(model, data)
+                    if row is not None:
+                        self.y[row], self.dy[row] = data.qpos, data.qvel
         finally:
             self.mujoco.set_mjcb_control(control)
-
-    def _run(self) -> None:
-        """Take the steps of every stretch (sequence of equal steps) in one call of MuJoCo's loop, or in one call for each step."""
-        step, model, data = self.mujoco.mj_step, self.model, self.data
-        # a stretch: start [s], number of steps, their size [s], latest time of an evaluation [s], index of the sample at the end
-        for begin, count, size, last, row in self.plan:
-            model.opt.timestep = size
-            self.last = last  # the callback in `run` reads this time
-            if self.mechanism.kinks:
-                data.time = begin  # MuJoCo sums up step sizes: by rounding its time could be before the kink at `begin`
-            if self.native:  # MuJoCo's own loop takes the steps
-                step(model, data, nstep=count)
-            else:
-                for _ in range(count):
-                    step(model, data)
-            if row is not None:
-                self.y[row], self.dy[row] = data.qpos, data.qvel
 
     def batch(self, q: Array, v: Array, count: int) -> Callable[[], Array]:
         """Return a function that takes `count` steps from each of the k states q, v (k, n), by `mujoco.rollout` on one thread.
 
         The function returns the last tree states y, dy as one array (k, 2, n).
-
-        Raises:
-            RunFailure: this model needs forces that Python sets at every stage, which MuJoCo's rollout does not allow (status
-                SKIP).
         """
         from mujoco import rollout
 
@@ -215,7 +188,6 @@ class MujocoModel(TreeModel):
         options = {"control_spec": int(kinds.mjSTATE_QFRC_APPLIED), "nstep": count, "state": states}
 
         def step_all() -> Array:
-            """Take the steps of all k runs at once, and return their last tree coordinates and rates (k, 2, n)."""
             with rollout.Rollout(nthread=0) as pool:
                 pool.rollout(self.model, [data], initial, self.torque[None, None], **options)
             return states[:, -1, tree_state].reshape(len(q), 2, -1)

@@ -21,8 +21,6 @@ class Compiled:
     """A compiled document.
 
     Attributes:
-        mujoco: the library.
-        model: MuJoCo's model.
         data: MuJoCo's state of the model at qpos0, with the poses of all parts.
         inertia: (bodies, 3, 3) moments of inertia about the centres of mass, in world axes [kg m^2].
     """
@@ -58,12 +56,7 @@ def compile_document(text: str) -> Compiled:
 
 
 def compile_file(path: Path) -> Compiled:
-    """Compile a file, together with the files that it includes and refers to.
-
-    Raises:
-        DoesNotCompile: MuJoCo rejects the file.
-        ImportError: MuJoCo is not installed.
-    """
+    """Compile a file, together with the files that it includes and refers to; it raises as `compile_document` does."""
     return _compile(lambda mujoco: mujoco.MjModel.from_xml_path(str(path)))
 
 

@@ -14,12 +14,10 @@ from gauss_bench.engines.shared import LibraryCall
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-LEAN = "lean/rk4"  # a variant
-
 
 def prepare_forward(jacobian: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
     """Return a call of mj_forward at a state q, v (n,), with sparse or dense matrices (`jacobian` "SPARSE" or "DENSE")."""
-    built = MujocoModel(mechanism, Choice(LEAN, "rk4"))
+    built = MujocoModel(mechanism, Choice("lean/rk4", "rk4"))
     mujoco, model = built.mujoco, built.model
     model.opt.jacobian = getattr(mujoco.mjtJacobian, f"mjJAC_{jacobian}")
     data = mujoco.MjData(model)

@@ -1,8 +1,8 @@
 """Run a user's MJCF model in MuJoCo with the model's own options, and convert the result to the motion of a planar linkage.
 
-Rigidly connected bodies are one link, and the first of them stands for the link. The pose of this body in the plane follows from
-MuJoCo's joint coordinates, which determine the poses of all bodies even if soft closures are open. The angle theta is a sum over
-the hinges between the body and the world, omega and alpha are its rates, and r is the link's centre of mass:
+The first of rigidly connected bodies stands for the link. Its pose follows from MuJoCo's joint coordinates, even if soft closures
+are open. The angle theta is a sum over the hinges between the body and the world, omega and alpha are its rates, and r is the
+link's centre of mass:
 
     theta = theta_0 + sum of +-(qpos - ref)
     omega = J_rotation qvel . normal
@@ -15,7 +15,7 @@ the hinges between the body and the world, omega and alpha are its rates, and r 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,15 +53,6 @@ class Seen:
     turns: Array
 
 
-class LinkStates(NamedTuple):
-    """Positions q, velocities v and accelerations a (n,) of all links, and the Jacobian dq/dy (n, nv) by joint coordinates."""
-
-    q: Array
-    v: Array
-    a: Array
-    jacobian: Array
-
-
 def settings_as_they_stand(path: str) -> dict[str, Any]:
     """Return name of an option in MJCF -> value, for the model of a file; solref and solimp are tables: closure -> value."""
     import mujoco
@@ -74,25 +65,17 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
         "integrator": words[int(model.opt.integrator)],
         "iterations": int(model.opt.iterations),
         "tolerance": float(model.opt.tolerance),
-        "solref": {name: [float(x) for x in model.eq_solref[k]] for k, name in enumerate(names)},
-        "solimp": {name: [float(x) for x in model.eq_solimp[k]] for k, name in enumerate(names)},
+        "solref": dict(zip(names, model.eq_solref.tolist(), strict=True)),
+        "solimp": dict(zip(names, model.eq_solimp.tolist(), strict=True)),
     }
 
 
 def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
-    """Set options of a compiled model, given by their names in MJCF.
-
-    One option is no attribute of MJCF: "body_invweight0" is a factor on the compiled inverse weights.
-
-    Raises:
-        KeyError: an option has another name.
-    """
+    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights."""
     for key, value in changes.items():
         match key:
-            case "solref":
-                model.eq_solref[:] = value
-            case "solimp":
-                model.eq_solimp[:] = value
+            case "solref" | "solimp":
+                getattr(model, f"eq_{key}")[:] = value
             case "integrator":
                 model.opt.integrator = find_integrator(mujoco, value)
             case "body_invweight0":
@@ -104,14 +87,14 @@ def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
 
 
 def open_model(mujoco: Any, path: Path | str) -> Any:
-    """Return the compiled model of a file. MuJoCo must not reset a diverging run to the start, which would look like a motion."""
+    """Return the compiled model of a file; MuJoCo must not reset a diverging run to the start, which would look like a motion."""
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return model
 
 
 def start_model(mujoco: Any, model: Any, data: Any, key: int) -> None:
-    """Set MuJoCo's data to the keyframe with the index `key`; if the model has no keyframe, set it to the model's own start."""
+    """Set MuJoCo's data to the keyframe with the index `key`, or to the model's own start if it has no keyframe."""
     if model.nkey:
         mujoco.mj_resetDataKeyframe(model, data, key)
     else:
@@ -122,25 +105,13 @@ class OwnModelRun:
     """The model that MuJoCo compiles from a file, run with the integrator and step of a `Choice`.
 
     Attributes:
-        seen: how the model represents the links: their bodies, centres of mass and angles, and the plane of motion.
-        model, data: MuJoCo's model and state that a run steps.
-        still, still_data: a copy of both that only evaluates accelerations at given states, without changing the state of a run.
+        still, still_data: a copy of the model and its state that evaluates accelerations without changing the state of a run.
         key: index of the keyframe at which runs start.
         y0, dy0: (nv,) joint coordinates and rates at the start.
         y, dy: (k, nv) samples of joint coordinates and rates.
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
-        """Compile the file, change options of the model, and set the model to a keyframe.
-
-        A copy of the model evaluates accelerations, so that these evaluations do not change the state of a run.
-
-        Args:
-            path: path of the MJCF file.
-            seen: how the model represents the links of a linkage.
-            key: index of the keyframe.
-            changes: name of an option in MJCF -> new value.
-        """
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -157,13 +128,12 @@ class OwnModelRun:
         self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
 
     def forward(self, y: Array, dy: Array) -> Any:
-        """Evaluate `still`, a copy of the model, at y and dy (nv,), and return MuJoCo's data, with accelerations."""
         self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
-    def absolute(self, y: Array, dy: Array) -> LinkStates:
-        """Return the states of all links at joint coordinates y and rates dy (nv,), with the accelerations that MuJoCo computes."""
+    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
+        """Return q, v, a (n,) of all links at joint coordinates y and rates dy (nv,), and the Jacobian dq/dy (n, nv)."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
@@ -180,7 +150,7 @@ class OwnModelRun:
             jacobian += [*(axes @ point), normal @ turn]
             bias += [*(axes @ point_rate @ dy), normal @ turn_rate @ dy]
         J = np.array(jacobian)
-        return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
+        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method, beginning with the model's start.
@@ -190,29 +160,25 @@ class OwnModelRun:
         """
         y = self.y0.copy()
         for _ in range(ITERATIONS):
-            here = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
+            here, _, _, jacobian = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(jacobian, q - here, rcond=None)[0]
             y += change
             if np.abs(change).max() < CLOSE:
-                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
+                *_, jacobian = self.absolute(y, np.zeros_like(y))
+                return y, np.linalg.lstsq(jacobian, v, rcond=None)[0]
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
-        return self.absolute(*self.relative(q, v)).a
+        return self.absolute(*self.relative(q, v))[2]
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        """Set the model to its keyframe at times[0], and compute the sequence of steps.
-
-        `native` has no effect, because MuJoCo's own loop always takes the steps.
-        """
         self.times, self.plan = times, list(stretches(times, self.choice.step))
         self.y, self.dy = sample_arrays(times, self.y0, self.dy0)
         start_model(self.mujoco, self.model, self.data, self.key)
         self.data.time = times[0]
 
     def run(self) -> None:
-        """Take all steps, and store the joint states at the samples."""
         with collect_warnings(self.mujoco, []):  # the judge finds a run that diverges
             for _, count, size, _, row in self.plan:
                 self.model.opt.timestep = size
@@ -221,7 +187,6 @@ class OwnModelRun:
                     self.y[row], self.dy[row] = self.data.qpos, self.data.qvel
 
     def read(self) -> Trajectory:
-        """Return the samples in absolute coordinates of the links."""
         with collect_warnings(self.mujoco, []):
             states = [self.absolute(*state) for state in zip(self.y, self.dy, strict=True)]
         q, v, a, _ = (np.array(x) for x in zip(*states, strict=True))
@@ -229,23 +194,17 @@ class OwnModelRun:
 
 
 def acts_beside_loops(path: str, key: int, until: float) -> dict[str, Any]:
-    """Run the model of a file with its own options until a contact, a joint limit or dry friction acts.
-
-    The constraints that close loops, MuJoCo's equality constraints, act all the time and do not end the run.
-
-    Args:
-        key: index of the keyframe at which the run starts.
-        until: time [s] at which the run ends.
+    """Run the model of a file from a keyframe until `until` [s], or until a contact, a joint limit or dry friction acts.
 
     Returns:
-        A table with two keys. "what": a sentence that names the element which acts; empty if none does. "at": the time [s].
+        "what": a sentence that names the element which acts, empty if none does; and "at": the time [s].
     """
     import mujoco
 
     model = open_model(mujoco, path)
     data = mujoco.MjData(model)
     start_model(mujoco, model, data, key)
-    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)  # constraints that close loops, which act all the time
     with collect_warnings(mujoco, []):
         mujoco.mj_forward(model, data)
         for _ in range(1 + round(until / model.opt.timestep)):
@@ -284,14 +243,9 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
 
 
 def compare_models(before: str, after: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Compare the compiled models of two files, after the options in `changes` were applied to the first one.
+    """Compare the compiled models of two files, after the options in `changes` (name in MJCF -> value) were applied to the first.
 
     Return a table with the key "reason": a sentence that says how the two models differ, or an empty text if they are equal.
-
-    Args:
-        before: path of the original file.
-        after: path of the file into which the changes were written.
-        changes: name of an option in MJCF -> value.
     """
     import mujoco
 

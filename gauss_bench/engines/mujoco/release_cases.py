@@ -1,12 +1,11 @@
 """Cases that compare MuJoCo's releases beyond the adapter's runs: equality constraints that close loops, and default options.
 
-The models of the cases are MJCF documents, because every release of MuJoCo reads them. If a release does not know an equality, it
-refuses the document, and the refusal is the result of the release. The loops are closed in the reference pose, because MuJoCo takes
-anchors, lengths and relative poses from it. In the cases with the equality `weld`, the rod of the four-bar is modelled as two
-bodies that coincide, and the equality welds them to each other.
+The models of the cases are MJCF documents, because every release of MuJoCo reads them, or refuses an equality that it does not
+know. The loops are closed in the reference pose, because MuJoCo takes anchors, lengths and relative poses from it. In the cases
+with the equality `weld`, the rod of the four-bar is two bodies that coincide, and the equality welds them to each other.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,8 +38,7 @@ class Closure:
     """One kind of loop closure, and the model in which it closes the loops.
 
     Attributes:
-        model: name of the linkage; accelerations are computed at states of this linkage.
-        bars: the bars of the model.
+        model: name of the linkage at whose states accelerations are computed.
         equality, tendons: MJCF elements that close the loops.
         options: attributes of the MJCF element <option>.
     """
@@ -78,23 +76,16 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of a case at absolute states q, v (k, n).
-
-    The solver has no warm start, so that a result does not depend on the state that was evaluated before.
-
-    Args:
-        name: name of the case, "CLOSURE, SOLVER": a key of CLOSURES, and one of SOLVERS.
-    """
+    """Return the absolute accelerations (k, n) of a case at absolute states q, v (k, n); `name` is "CLOSURE, SOLVER"."""
     import mujoco
 
     named, _, solver = name.rpartition(", ")
     closure = CLOSURES[named]
     model = mujoco.MjModel.from_xml_string(document(closure, solver))
     data: Any = mujoco.MjData(model)
-    disable(mujoco, model, ["mjDSBL_WARMSTART"])
+    disable(mujoco, model, ["mjDSBL_WARMSTART"])  # a result must not depend on the state that was evaluated before
 
     def solve(y: Array, dy: Array) -> Array:
-        """Return the angular accelerations (bars,) at angles y and angular speeds dy (bars,), all relative to the parents."""
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
         return np.array(data.qacc)
@@ -141,43 +132,28 @@ def reference_pose(bars: Sequence[Bar]) -> list[float]:
     share = (rod**2 - rocker**2 + distance**2) / (2 * distance)  # along the line from the crank's end to the rocker's pin
     height = float(np.sqrt(rod**2 - share**2))  # above that line
     meeting = end + (share * across + height * np.array([-across[1], across[0]])) / distance
-    angles = {"crank": crank, "rod": _angle(meeting - end), "rocker": _angle(meeting - ground)}
+    rod_angle, rocker_angle = (float(np.arctan2(x[1], x[0])) for x in (meeting - end, meeting - ground))
+    angles = {"crank": crank, "rod": rod_angle, "rocker": rocker_angle}
     theta = np.array([angles["rod" if bar.name == "twin" else bar.name] for bar in bars])
     return [float(x) for x in relative(theta, bars)]
 
 
-def _angle(x: Array) -> float:
-    """Return the angle [rad] of a vector (2,)."""
-    return float(np.arctan2(x[1], x[0]))
-
-
 def defaults() -> dict[str, str]:
-    """Return one table: name of an option of MuJoCo -> default value, and name of a member of an enumeration -> "there".
-
-    The value "there" only says that the release has this member.
-    """
+    """Return name of an option of MuJoCo -> default value, and name of a member of an enumeration that it has -> "there"."""
     import mujoco
 
     body, equality = '<body name="a"><geom size="1"/><joint/></body>', '<connect body1="a" anchor="0 0 0"/>'
     text = f"<mujoco><worldbody>{body}</worldbody><equality>{equality}</equality></mujoco>"
     model: Any = mujoco.MjModel.from_xml_string(text)
-    found = {f"option {name}": write(getattr(model.opt, name)) for name in _fields(model.opt)}
+    options = [name for name in dir(model.opt) if not name.startswith("_") and not callable(getattr(model.opt, name))]
+    found = {f"option {name}": write(getattr(model.opt, name)) for name in options}
     found |= {f"equality {name}": write(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
     found |= {f"joint {name}": write(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
     for kind in KINDS:
         if hasattr(mujoco, kind):
-            found |= {f"{kind} {name}": "there" for name in _members(getattr(mujoco, kind))}
+            members = (name for name in dir(getattr(mujoco, kind)) if name.startswith("mj") and not name.startswith("mjN"))
+            found |= {f"{kind} {name}": "there" for name in members}
     return found
-
-
-def _fields(item: Any) -> Iterable[str]:
-    """Yield the names of an object's public fields."""
-    return (name for name in dir(item) if not name.startswith("_") and not callable(getattr(item, name)))
-
-
-def _members(kind: Any) -> Iterable[str]:
-    """Yield the names of an enumeration's members."""
-    return (name for name in dir(kind) if name.startswith("mj") and not name.startswith("mjN"))
 
 
 def write(value: Any) -> str:

@@ -1,5 +1,6 @@
-"""Pinocchio: `tree` builds the model, `forces` computes the forces for which Pinocchio has no element, `adapter` runs the model.
+"""Pinocchio: `tree` builds the model, and `adapter` runs it.
 
-`dynamics` calls Pinocchio's solver from Python, and `compiled` calls it from C++ (`loop.cpp`, which `build` compiles). `symbolic`
-stands for Pinocchio's symbolic scalar, and `library_calls` times the library alone.
+`dynamics` computes the forces for which Pinocchio has no element and calls its solver from Python; `compiled` calls it from C++
+(`loop.cpp`, which `build` compiles). `symbolic` stands for Pinocchio's symbolic scalar, and `library_calls` times the library
+alone.
 """

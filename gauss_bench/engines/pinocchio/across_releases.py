@@ -1,10 +1,7 @@
 """The differences between Pinocchio's releases; only this file deals with them.
 
-The adapter is written for the newest release of Pinocchio. Releases before 4 differ as follows:
-
-    constraints:    The function initConstraintDynamics takes no data of the constraints.
-    gains:          Baumgarte's gains of a constraint are in the field `corrector`.
-    algorithms:     The function lcaba, the articulated-body algorithm for loops, does not exist.
+Releases before 4 keep Baumgarte's gains of a constraint in the field `corrector`, and have no lcaba, the articulated-body algorithm
+for loops.
 """
 
 from typing import Any
@@ -15,18 +12,14 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def find_algorithm(pin: Any, name: str) -> Any:
-    """Return the function of Pinocchio with the given name.
-
-    Raises:
-        RunFailure: the installed release of Pinocchio has no function of that name.
-    """
+    """Return the function of Pinocchio with the given name; a RunFailure if the installed release has none."""
     if not hasattr(pin, name):
         raise RunFailure(Status.SKIP, f"Pinocchio {pin.__version__} has no {name}")
     return getattr(pin, name)
 
 
 def prepare(pin: Any, algorithm: str, model: Any, data: Any, rows: Any, row_data: Any) -> None:
-    """Prepare the data of a model for an algorithm with constraints; the function fills `data` and returns nothing.
+    """Prepare the data of a model for an algorithm with constraints.
 
     Args:
         rows: Pinocchio's list of constraint models, one for each pin that closes a loop.

@@ -1,20 +1,12 @@
 """Pinocchio: a tree of joints in relative coordinates, closed by rigid point constraints and integrated by the suite.
 
-Pinocchio's proximal iterations solve
-
-    M y'' + h = tau + J^T f,    J y'' + mu (f - f_before) = gamma
-
-for the accelerations y'' and the constraint forces f, where f_before are those of the previous iteration. So mu times the change of
-f in the last iteration is the residual of the constraints. The adapter uses only this change, so the sign and frame of f do not
-matter. A prescribed motion is imposed by a torque or force on the driven joint, which needs one more solution of these equations
-for each driver.
-
 Pinocchio has no springs and dampers, and no integrator for constrained systems. Forces other than gravity are given to Pinocchio as
-tau, and the suite's integrators step the tree coordinates. Pinocchio computes Baumgarte's terms. The suite projects states in
-absolute coordinates; mapped back to tree coordinates, projected states close the loops.
+tau, and the suite's integrators step the tree coordinates. A prescribed motion is imposed by a torque or force on the driven joint.
+Pinocchio computes Baumgarte's terms. The suite projects states in absolute coordinates; mapped back to tree coordinates, projected
+states close the loops.
 
-Redundant constraint rows contradict each other when errors of the integrator have opened the loops. In this case the iterations do
-not converge, and the run ends with this as the reason. Projection keeps redundant rows consistent.
+Redundant constraint rows contradict each other when errors of the integrator have opened the loops. In this case Pinocchio's
+proximal iterations do not converge, and the run ends with this as the reason. Projection keeps redundant rows consistent.
 """
 
 from collections.abc import Callable
@@ -28,8 +20,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import OwnSteps
 from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.engines.pinocchio.compiled import CompiledDynamics, unsupported_by_compiled_loop
-from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
-from gauss_bench.engines.pinocchio.forces import TreeForces
+from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, finite
 from gauss_bench.engines.tree_model import TreeModel
@@ -60,7 +51,6 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return f"Pinocchio {pinocchio.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        """Return the reason why Pinocchio cannot run a mechanism with a given setting, or None if it can."""
         if reason := beyond_a_tree(mechanism, "Pinocchio"):
             return reason
         if choice.integrator == "dop853" and choice.stabilization == "projection":
@@ -74,12 +64,11 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         return PinocchioModel(mechanism, choice)
 
     def unbuilt(self, settings: str) -> str:
-        """Return the name of the compiled loop if these settings need the loop and it is not built yet; otherwise an empty text."""
+        """Return the name of the compiled loop if these settings need it and it is not built yet; otherwise an empty text."""
         must_build = is_compiled(settings) and not building.missing() and building.absent()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
-        """Build the compiled loop, which is kept for all later runs of this user."""
         building.build_loop()
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -92,16 +81,11 @@ def is_compiled(settings: str) -> bool:
 
 
 class PinocchioModel(OwnSteps, TreeModel):
-    """A mechanism in Pinocchio with one integrator and stabilisation of the suite.
-
-    Attributes:
-        stabilized: the function that computes the accelerations of a run, with Baumgarte's terms if these are chosen.
-    """
+    """A mechanism in Pinocchio with one integrator and stabilisation of the suite."""
 
     library = "Pinocchio"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build Pinocchio's model, compare it with the linkage, and prepare the dynamics that are integrated."""
         import pinocchio
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
@@ -135,14 +119,10 @@ class PinocchioModel(OwnSteps, TreeModel):
         return np.asarray(self.tree.absolute(y[None], dy[None], self.plain(t, y, dy)[None]).a[0])
 
     def bare_calls(self) -> tuple[Callable[[], Array], Callable[[], Array]]:
-        """Return two functions: a call of Pinocchio's solver at the start state, and a call of a trivial function of Pinocchio.
-
-        The trivial function computes the difference of two states; its time shows the cost of calling Pinocchio from Python.
-        """
+        """Return calls of Pinocchio's solver at the start state, and of a trivial function, the difference of two states."""
         return self.plain.bare(*self.start), lambda: self.pin.difference(self.plain.model, *self.start)
 
     def run(self) -> None:
-        """Integrate, and store the samples; evaluations are counted from zero."""
         self.stabilized.evaluations = 0
         super().run()
 
@@ -153,20 +133,13 @@ class PinocchioModel(OwnSteps, TreeModel):
         return super()._run_adaptive(rtol, atol)
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
-        """Return the state after `count` steps of h [s] from x, dx; the settings decide whether compiled code takes the steps.
-
-        The compiled code does not need `last`, the latest time at which forces may be evaluated.
-        """
+        """Return the state after `count` steps of h [s] from x, dx, in compiled code or in Python; only Python needs `last`."""
         if isinstance(self.stabilized, CompiledDynamics):
             return self.stabilized.advance(self.choice.integrator, begin, x, dx, h, count)
         return super()._advance(begin, x, dx, h, count, last)
 
     def project(self, t: float, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the tree state x, dx (n,) nearest to the given one that satisfies the constraints at time t [s].
-
-        Raises:
-            RunFailure: the state is not finite.
-        """
+        """Return the tree state x, dx (n,) nearest to the given one that satisfies the constraints at time t [s]."""
         q, v, _ = self.tree.absolute(x, dx, dx)  # the accelerations are not used, so any values will do
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
@@ -174,9 +147,7 @@ class PinocchioModel(OwnSteps, TreeModel):
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        """Return the samples; if all samples are finite, check that their accelerations satisfy the constraints.
-
-        The trajectory's note names the forces that Python evaluates in every step.
+        """Return the samples, with the forces that Python evaluates in every step in the note.
 
         Raises:
             RunFailure: the accelerations of a sample do not satisfy the constraints.
@@ -189,11 +160,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         return trajectory
 
     def _check_constraints(self, x: Trajectory) -> None:
-        """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma.
-
-        Raises:
-            RunFailure: the accelerations of a sample do not satisfy them; the exception holds the samples before this one.
-        """
+        """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma."""
         rows = self.evaluator.constraints(x.t, x.q, x.v)
         # (k,) largest residual of each sample, relative to its accelerations
         residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)

@@ -1,9 +1,8 @@
 """Build `loop.cpp`, the compiled loop over time steps, against the headers and the library of Pinocchio's wheel, once per user.
 
-The compilation of `loop.cpp` takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it. The
-compilation is started only by a search for settings, or if a user names settings that need the compiled loop. Only one process at a
-time compiles. The compiled library is stored in the user's cache, under a name that depends on its sources, flags, compiler and
-libraries. The file of the library is written elsewhere, and moved into the cache only when it is complete.
+The compilation takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it, but only a search for
+settings, or a user who names settings that need the compiled loop. The compiled library is stored in the user's cache, under a name
+that depends on its sources, flags, compiler and libraries.
 """
 
 import fcntl
@@ -12,8 +11,6 @@ import platform
 import resource
 import shutil
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -50,16 +47,11 @@ def prefix() -> Path | None:
 
 
 def compiler() -> str | None:
-    """Return the path of a C++ compiler; None if there is none."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
 def find_tools() -> tuple[str, Path]:
-    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine.
-    """
+    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`."""
     root, program = prefix(), compiler()
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -73,7 +65,7 @@ def find_tools() -> tuple[str, Path]:
 
 
 def missing() -> str | None:
-    """Return the reason why `loop.cpp` (loop over time steps) cannot be built on this machine, or None if it can be."""
+    """Return the reason why `loop.cpp` cannot be built on this machine, or None if it can be."""
     try:
         find_tools()
     except RunFailure as failure:
@@ -96,11 +88,7 @@ def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
 
 
 def loop_library() -> bytes:
-    """Return the content of the library that was built from `loop.cpp`, from the user's cache.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, or was not built yet.
-    """
+    """Return the content of the library that was built from `loop.cpp`, from the user's cache."""
     content = user_cache.load(_cache_name())
     if content is None:
         raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")
@@ -108,25 +96,17 @@ def loop_library() -> bytes:
 
 
 def build_loop() -> None:
-    """Build the loop of steps and keep it in the user's cache, unless another process has done that.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, the compiler rejects it, or the library cannot be kept.
-    """
+    """Build the loop of steps and keep it in the user's cache, unless another process has done that."""
     name, folder = _cache_name(), user_cache.trusted_folder()
     if folder is None:
         raise RunFailure(Status.ERROR, f"{user_cache.folder()} is not this user's own: Pinocchio's compiled loop is not kept there")
-    with _hold_lock(folder / "pinocchio-loop.lock"):
+    with (folder / "pinocchio-loop.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # only one process at a time compiles; the system releases the lock if it ends
         if user_cache.load(name) is None and not user_cache.store(name, _compile()):
             raise RunFailure(Status.ERROR, f"{folder}: Pinocchio's compiled loop cannot be kept there")
 
 
 def _compile() -> bytes:
-    """Compile the loop of steps and return the content of the library.
-
-    Raises:
-        RunFailure: the compiled loop cannot be built on this machine, or the compiler rejects it or takes too long.
-    """
     program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
@@ -137,7 +117,7 @@ def _compile() -> bytes:
                 text=True,
                 timeout=LONGEST,
                 check=False,
-                preexec_fn=_limit_memory,
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
             )
@@ -146,19 +126,6 @@ def _compile() -> bytes:
         if done.returncode:
             raise RunFailure(Status.ERROR, f"{program} refuses Pinocchio's compiled loop: {in_a_sentence(done.stderr)}")
         return target.read_bytes()
-
-
-def _limit_memory() -> None:
-    """Limit the memory of the compiler; the processes that it starts inherit the limit."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-
-
-@contextmanager
-def _hold_lock(path: Path) -> Iterator[None]:
-    """Hold a lock file, which only one process can hold at a time; the system releases it if the process ends."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def _cache_name() -> str:
@@ -184,5 +151,4 @@ def _describe_package(package: str) -> str:
 
 @lru_cache
 def _describe_compiler(program: str) -> str:
-    """Return the text by which a compiler tells its name and version."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

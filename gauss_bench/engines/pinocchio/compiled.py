@@ -11,8 +11,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio.build import loop_library
-from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics
-from gauss_bench.engines.pinocchio.forces import TreeForces
+from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.integrate import StepFailure
@@ -62,16 +61,16 @@ class CompiledDynamics(ConstrainedDynamics):
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
-        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare both accelerations.
-
-        Args:
-            gains: Baumgarte's gains Kp [1/s^2], Kd [1/s].
-        """
+        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare both accelerations."""
         super().__init__(body, forces, options, gains)
         self.n, self.library = forces.tree.n, _library()
         self.tableau = _tableau()  # imports scipy, which must not happen in a timed run
         self.linkage = self.library.create(_numbers(body.model.gravity.linear))
-        self._add_joints(body.model)
+        model = body.model
+        for j in range(1, model.njoints):  # each with the mass, centre and moments of inertia of the body that it carries
+            kind, placement, carried = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
+            lever, inertia = _numbers(carried.lever), _numbers(carried.inertia)
+            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, carried.mass, lever, inertia)
         for row in self.rows:
             first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
             self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
@@ -81,33 +80,21 @@ class CompiledDynamics(ConstrainedDynamics):
         tables = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
         accuracies = _numbers([options["absolute_accuracy"], options["relative_accuracy"]])
         self.library.finish(self.linkage, *tables, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
-        self._compare(forces)
+        # if Eigen's headers have another memory layout than Pinocchio's library, the compiled loop computes nonsense
+        start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
+        own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
+        require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
 
     def __del__(self) -> None:
         if linkage := getattr(self, "linkage", None):
             self.library.destroy(linkage)
 
-    def _add_joints(self, model: Any) -> None:
-        """Add the joints of Pinocchio's model, each with the mass, centre and moments of inertia of the body that it carries."""
-        for j in range(1, model.njoints):
-            kind, placement, body = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
-            lever, inertia = _numbers(body.lever), _numbers(body.inertia)
-            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, body.mass, lever, inertia)
-
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
-        """Add a load to the linkage in C++.
-
-        Raises:
-            RunFailure: the compiled loop does not support this kind of load.
-        """
-
         def place(point: Point) -> tuple[int, Array]:
-            """Return the joint that carries a point, and the point (2,) in the joint's frame."""
             joint, placement = body.place(point)
             return int(joint), _numbers(placement.translation[:2])
 
         def direction(link: int, x: Array) -> tuple[int, Array]:
-            """Return the joint that carries a link, and the vector x (2,) of the link in the joint's frame."""
             joint, placement = body.carriers[link]
             return int(joint), _numbers(placement.rotation[:2, :2] @ x)
 
@@ -115,25 +102,14 @@ class CompiledDynamics(ConstrainedDynamics):
             case PointForce():
                 self.library.add_push(self.linkage, *place(load.point), *direction(load.frame, load.value))
             case Law(coordinate=Along() as x):
-                axis = direction(x.origin.link, unit(x.angle, x.across))[1]
-                self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _law(load))
+                axis, law = direction(x.origin.link, unit(x.angle, x.across))[1], [load.k, load.c, load.rest, load.bias]
+                self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _numbers(law))
             case Law(coordinate=Distance() as x):
                 # an axis of zero: the force acts along the line between the points
-                self.library.add_spring(self.linkage, *place(x.a), *place(x.b), np.zeros(2), _law(load))
+                axis, law = np.zeros(2), [load.k, load.c, load.rest, load.bias]
+                self.library.add_spring(self.linkage, *place(x.a), *place(x.b), axis, _numbers(law))
             case _:
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
-
-    def _compare(self, forces: TreeForces) -> None:
-        """Compare the accelerations at the start with those of calls from Python.
-
-        If Eigen's headers have another memory layout than Pinocchio's library, the compiled loop computes nonsense.
-
-        Raises:
-            RunFailure: the accelerations differ.
-        """
-        start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
-        own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
-        require_agreement({"accelerations of the compiled loop": (own, expected, size(expected))}, AGREEMENT)
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
@@ -160,11 +136,9 @@ class CompiledDynamics(ConstrainedDynamics):
         """Integrate from the first rows of y, dy (k, n), fill the other rows at the times (k,) [s], and return the number of steps.
 
         Raises:
-            StepFailure: the error control could not continue.
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
-        # y_last, dy_last: the start, which the loop replaces by the state at which it stopped if it returns FAILED; it does not
-        # return the time of this state, so the message of the failure has the time of the start
+        # the loop replaces y_last, dy_last by the state, at an unknown time, at which it stopped if it returns FAILED
         y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
         steps: int = self.library.advance_adaptive(
             self.linkage, self.tableau, _numbers([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
@@ -179,11 +153,6 @@ class CompiledDynamics(ConstrainedDynamics):
         return steps
 
     def _fail(self, t: float, y: Array, dy: Array) -> None:
-        """Raise a failure for the state at which the compiled loop stopped.
-
-        Raises:
-            RunFailure: always.
-        """
         super().__call__(t, y, dy)  # a call from Python usually fails with a more precise reason
         raise RunFailure(Status.NOT_CONVERGED, f"after t = {t:.6g} s: Pinocchio's compiled loop misses the constraints")
 
@@ -198,17 +167,12 @@ def _placement(x: Any) -> Array:
     return np.concatenate([x.translation, _numbers(x.rotation)])
 
 
-def _law(law: Law) -> Array:
-    """Return k, c, rest and bias of a law."""
-    return _numbers([law.k, law.c, law.rest, law.bias])
-
-
 @lru_cache(maxsize=1)
 def _tableau() -> Array:
     """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
 
-    DOP853 has 12 stages in a step, and its dense output needs four more evaluations, 16 in all. One of the four is at the end of
-    the step, with the coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
+    A step has 12 stages, and its dense output needs four more evaluations. One of them is at the end of the step, with the
+    coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
     """
     from scipy.integrate import DOP853
 
@@ -221,9 +185,7 @@ def _tableau() -> Array:
 
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL:
-    """Load the compiled loop as a shared library into this process, and declare the argument types of its functions.
-
-    A loaded library stays in memory when its file is deleted.
+    """Load the compiled loop into this process, where it stays when its file is deleted, and declare its argument types.
 
     Raises:
         RunFailure: the compiled loop is not built.

@@ -16,10 +16,7 @@ from gauss_bench.terms import Array
 
 
 def prepare_solver(variant: str, mechanism: Mechanism, q: Array, v: Array) -> LibraryCall:
-    """Return the call of the algorithm that a variant selects, at a state q, v (n,), and the links' accelerations by this call.
-
-    The timed call is Pinocchio's solver alone, at the tree coordinates y and rates dy that correspond to q, v.
-    """
+    """Return a call of Pinocchio's solver alone, by a variant's algorithm, at the tree state of a state q, v (n,)."""
     model = PinocchioModel(mechanism, Choice(variant, "rk4"))
     y, dy = model.tree.relative(q, v)
     call = model.plain.bare(y, dy)

@@ -27,12 +27,7 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`.
-
-    Args:
-        name: name of the case: Pinocchio's names of the kind of constraint, the frame and the algorithm, as in
-            "CONTACT_3D LOCAL, lcaba", or BY_JACOBIAN.
-    """
+    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`."""
     import pinocchio
 
     kind, _, algorithm = name.rpartition(", ")
@@ -50,10 +45,7 @@ Solve = Callable[[Array, Array], Array]  # function of joint angles and rates (b
 
 
 def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
-    """Return the model of a tree of bars, and Pinocchio's index of each bar's joint.
-
-    The frame of a bar has its origin at the bar's first pin, and its x axis along the bar.
-    """
+    """Return the model of a tree of bars, and Pinocchio's index of each bar's joint."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, GRAVITY, 0.0])
     joints: list[int] = []
@@ -76,14 +68,11 @@ def by_constraint(
 ) -> Solve:
     """Return a function (y, dy) -> joint accelerations (bars,) by one of Pinocchio's algorithms for constrained dynamics.
 
-    The linkage is a four-bar: a crank, a rod of 2 m and a rocker of 1.5 m. The constraint closes the loop: in FOUR_BAR it joins the
-    ends of rod and rocker; in HALVES the rod is two bodies in one place, which it joins to each other.
-
     Args:
         joints: Pinocchio's index of each bar's joint.
         contact: member of pin.ContactType: points or whole frames coincide.
         frame: member of pin.ReferenceFrame: the axes along which the constraint is written.
-        algorithm: name of Pinocchio's function, such as "constraintDynamics".
+        algorithm: name of Pinocchio's function.
     """
     # the end of the rod, 2 m long, coincides with the end of the rocker, 1.5 m long
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
@@ -97,7 +86,6 @@ def by_constraint(
     row_data.append(row.createData())
     call = find_algorithm(pin, algorithm)
     prepare(pin, algorithm, model, data, rows, row_data)
-    # each of the two algorithms has its own proximal regularisation
     mu = MU if algorithm == "constraintDynamics" else MU_LCABA
     settings = pin.ProximalSettings(ACCURACY, ACCURACY, mu, ITERATIONS)
     tau = np.zeros(model.nv)
@@ -115,7 +103,6 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
     data = model.createData()
 
     def constrained_accelerations(y: Array, dy: Array) -> Array:
-        """Return the joint accelerations (bars,) with which the ends of rod and rocker stay together."""
         pin.computeJointJacobians(model, data, y)
         pin.forwardKinematics(model, data, y, dy, np.zeros(model.nv))
         pin.updateFramePlacements(model, data)
@@ -129,10 +116,9 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> default value of ProximalSettings and of Baumgarte's gains.
+    """Return name -> default value of ProximalSettings and of Baumgarte's gains, and Pinocchio's names -> "there".
 
-    Every public name of Pinocchio about constraints, contacts, dynamics or solvers is listed with the value "there", so that the
-    comparison of two releases shows which functions were added and removed.
+    The names are the public ones about constraints, contacts, dynamics or solvers.
     """
     import pinocchio as pin
 

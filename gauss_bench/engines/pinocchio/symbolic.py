@@ -41,5 +41,4 @@ class PinocchioCasadi:
         raise RunFailure(Status.SKIP, str(self.skip(mechanism, choice)))
 
     def _is_installed(self) -> bool:
-        """Tell whether `pinocchio.casadi` can be imported."""
         return bool(find_spec("pinocchio") and find_spec("pinocchio.casadi"))

@@ -1,9 +1,8 @@
 """A linkage as a Pinocchio model: a tree of joints in relative coordinates, and the point constraints that close it.
 
-Pinocchio's configuration vector holds the tree coordinates y, so `Tree` maps it to absolute states. A branch of the tree is a link
-with the joint that carries it. Placements are rigid transformations: A is that of a link's centre of mass in the frame of its
-joint, A_parent the same of the parent link, T a translation and R a rotation about z. Joints are placed in the frame of the
-parent's joint. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
+Pinocchio's configuration vector holds the tree coordinates y. Placements are rigid transformations: A is that of a link's centre of
+mass in the frame of its joint, A_parent the same of the parent link, T a translation and R a rotation about z. Joints are placed in
+the frame of the parent's joint. Each kind of branch has a joint type of Pinocchio (RZ, PX, PY):
 
     revolute:    The joint RZ is placed at A_parent T(anchor on the parent), and A = T(-anchor).
     prismatic:   The joint PX is placed at A_parent T(anchor + base) R(axis), and A = R(turn - axis) T(-anchor).
@@ -34,17 +33,14 @@ class Multibody:
     """A mechanism built with the module `pin`: Pinocchio's model of the tree, and the constraints that close it.
 
     Attributes:
-        model: Pinocchio's model.
-        carriers: link or ground -> the joint of Pinocchio that carries it, and the placement of its centre of mass in the frame of
-            this joint.
+        carriers: link or ground -> index of the joint of Pinocchio that carries it, and A, the placement of its centre of mass in
+            the frame of this joint.
         pins: the pairs of points that must coincide to close the loops.
     """
 
     def __init__(self, pin: Any, mechanism: Mechanism, tree: Tree):
-        """Build Pinocchio's model of the tree."""
         self.pin, self.model = pin, pin.Model()
         self.model.gravity.linear = np.array(spatial(mechanism.gravity))
-        # link -> index of Pinocchio's joint that carries it, and A, the placement of its centre of mass in the joint's frame
         self.carriers: dict[int, tuple[int, Any]] = {GROUND: (0, pin.SE3.Identity())}
         for b in tree.branches:
             self._add_link(mechanism, b)
@@ -56,9 +52,7 @@ class Multibody:
         """Add the joints and the body of a branch (a link with the joint that carries it), as the head of this file describes."""
         pin, link = self.pin, mechanism.links[b.link]
         name = b.joint.name if b.joint else ""
-        # parent, centre: index of the parent link's joint, and A_parent, the placement of the parent's centre of mass in the frame
-        # of this joint; own: A, the same placement for this link
-        parent, centre = self.carriers[b.parent]
+        parent, centre = self.carriers[b.parent]  # centre: A_parent; own: A
         match b.kind:
             case "revolute":
                 joint = self._joint(name, parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
@@ -78,7 +72,6 @@ class Multibody:
         self.carriers[b.link] = joint, own
 
     def _joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
-        """Add a joint of a kind to a parent joint, and return its index."""
         joint: int = self.model.addJoint(parent, kind, placement, name)
         return joint
 
@@ -106,7 +99,6 @@ class Multibody:
         return rows
 
     def mass(self, y: Array) -> Array:
-        """Return the mass matrix (n, n) at tree coordinates y (n,)."""
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:
@@ -116,7 +108,6 @@ class Multibody:
         self.pin.forwardKinematics(self.model, data, y)
 
         def world_place(point: Point) -> Array:
-            """Return the place (2,) [m] of a point in the world."""
             joint, placement = self.place(point)
             return np.array((data.oMi[joint] * placement).translation)[:2]
 
@@ -134,8 +125,5 @@ def verify(body: Multibody, mechanism: Mechanism, tree: Tree) -> None:
 
 @lru_cache(maxsize=16)
 def without_forces(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism without applied forces.
-
-    The same object is returned for the same mechanism, because `evaluator_of` stores the equations of a mechanism by its object.
-    """
+    """Return a mechanism without forces; for the same mechanism the same object, by which `evaluator_of` stores equations."""
     return replace(mechanism, forces=())

@@ -1,16 +1,19 @@
-"""Yuan & Ge (2016), sections 1 to 3 up to eq. (14): Gauss's function, its constraints and its least-squares form.
+"""Yuan & Ge (2016), sections 1 to 3: Gauss's function, its least-squares form, and the inverse of a projector.
 
     G(a) = 1/2 (M a + f - Q)^T M^-1 (M a + f - Q)                                                                 (1)
     a = J^- g + N h,    N = I - J^- J                                                                             (8)
     G = 1/2 |A h - b|^2,    A = M^(1/2) N,    b = -(M^(1/2) J^- g + M^(-1/2) (f - Q))                       (9)-(11)
     h = A^- b + (I - A^- A) w,    a = J^- g + N A^- b                                                      (12)-(14)
+    A^- = N^-1 M^(-1/2),    a = J^- g - N N^-1 {J^- g + M^-1 (f - Q)}                                     (15), (16)
 
 M a + f = Q - J^T lambda and J a = g are the equations of motion and of the constraints. J^- is any generalised inverse, a matrix
-with J J^- J = J, such as the Moore-Penrose inverse J^+; h and w are arbitrary vectors (n,).
+with J J^- J = J, such as the Moore-Penrose inverse J^+; h and w are arbitrary vectors (n,). Eqs. (10) and (11) print the exponent
+-1/2 for both powers 1/2 of M.
 
-Equation numbers are those of Yuan & Ge (2016). The argument `form` of a measure is the formula, exponent or inverse that is tested,
-either as printed or as corrected. The exponents of M that are tested are those in A and in the first term of b; eqs. (10) and (11)
-print -1/2 for both instead of 1/2.
+N has the rank n - rank J, so that it has no inverse if there are constraints. With Moore-Penrose inverses, N N^- = N, and eq. (16)
+projects M^-1 (Q - f) on J a = g in the Euclidean metric instead of the metric of M:
+
+    a_true - a_(16) = N (a_true - M^-1 (Q - f)) = -N M^-1 J^T lambda
 """
 
 from collections.abc import Callable
@@ -18,14 +21,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from gauss_bench.formulations.gauss_pinv import gauss_pinv
+from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.audit import worst
 from gauss_bench.papers.crank_slider import Number, derivative, gradient
-from gauss_bench.papers.forms.problems import CRANK, Problem, Trial, crank_problems, in_millimetres, relative, solve_problem
+from gauss_bench.papers.forms import problems
+from gauss_bench.papers.forms.problems import CRANK, Problem, Trial, count_off, relative
 from gauss_bench.terms import Array
 
 RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
-AB = tuple[Array, Array]
+Form = Callable[..., Array]
+Rate = Callable[[Number, Number], Number]  # function of q and v: the rates J v of the constraints, which a motion keeps at zero
 
 
 def power(M: Array, exponent: float) -> Array:
@@ -34,8 +41,8 @@ def power(M: Array, exponent: float) -> Array:
     return np.asarray((vectors * values**exponent) @ vectors.T)
 
 
-def pinv(A: Array) -> Array:
-    """Return the Moore-Penrose inverse; singular values below RCOND times the largest count as zero."""
+def pinv(A: Array, rng: np.random.Generator | None = None) -> Array:
+    """Return the Moore-Penrose inverse; the unused `rng` makes the arguments those of `some_inverse`."""
     return np.linalg.pinv(A, rcond=RCOND)
 
 
@@ -44,11 +51,6 @@ def some_inverse(A: Array, rng: np.random.Generator) -> Array:
     X = pinv(A)
     U, V = rng.normal(size=X.shape), rng.normal(size=X.shape)
     return X + (np.eye(len(X)) - X @ A) @ U + V @ (np.eye(len(A)) - A @ X)
-
-
-def moore_penrose(A: Array, rng: np.random.Generator) -> Array:
-    """Return the Moore-Penrose inverse; `rng` is not used, and makes the arguments those of `some_inverse`."""
-    return pinv(A)
 
 
 def projector(p: Problem) -> Array:
@@ -68,42 +70,29 @@ def root_function(p: Problem, a: Number, extra: Array | float = 0.0) -> Number:
     return np.asarray(r @ r / 2)
 
 
-def slope(p: Problem, G: Callable[[Number], Number], a: Array) -> float:
-    """Return how far a function G of the accelerations is from an extremum at a, among accelerations that the constraints allow.
+def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
+    """Return the slope of form(p, a), a formula for Gauss's function, along the constraints at a (by default p.a).
 
-    The result is the largest component of the gradient of G projected on the directions that the constraints allow, divided by the
-    largest component of the full gradient.
+    It is the largest component of the gradient projected on J a = 0, divided by the largest component of the whole gradient.
     """
-    full = gradient(G, a)
+    full = gradient(lambda x: form(p, x), p.a if a is None else a)
     return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
 
 
-def stationary(form: Callable[[Problem, Number], Number], p: Problem) -> float:
-    """Return the projected gradient (`slope`) of a formula for Gauss's function at the true accelerations, where it should be 0.
-
-    `form(p, a)` is the formula, for the problem p and the accelerations a.
-    """
-    return slope(p, lambda a: form(p, a), p.a)
-
-
-def same_function(form: Callable[[Problem, Number], Number], x: Trial) -> float:
+def same_function(form: Form, x: Trial) -> float:
     """Compare a formula for Gauss's function with eq. (1) at random accelerations."""
     a = x.rng.normal(size=x.p.n)
     return abs(float(form(x.p, a) / gauss_function(x.p, a)) - 1)
 
 
-def stationary_with(form: Callable[[Problem, Number, Array], Number], x: Trial) -> float:
-    """Return the projected gradient (`slope`) of Gauss's function, eq. (3), at the true accelerations, where it should be 0.
+def stationary_with(form: Form, x: Trial) -> float:
+    """Return the slope (`stationary`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
 
-    The constraint forces in eq. (3) do work; here they are random, (n,). `form(p, a, extra)` is Gauss's function with these
-    constraint forces as `extra`. In the true motion, constraint forces that do work act like applied forces, and are added to Q.
+    Constraint forces that do work act like applied forces: the true motion is that with Q + extra.
     """
     p, extra = x.p, x.rng.normal(size=x.p.n)
-    true = solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
-    return slope(p, lambda a: form(p, a, extra), true)
-
-
-Rate = Callable[[Number, Number], Number]  # function of q and v: the rates J v of the constraints, which a motion keeps at zero
+    true = problems.solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
+    return stationary(lambda p, a: form(p, a, extra), p, true)
 
 
 def differentiate(rate: Rate, q: Array, v: Array) -> Array:
@@ -112,32 +101,20 @@ def differentiate(rate: Rate, q: Array, v: Array) -> Array:
 
 
 def list_motions() -> list[tuple[Rate, Array, Array, Array]]:
-    """Return states of reference motions of the crank-slider, and of a knife edge that moves on a circle.
-
-    Each state has four items: the rates of the constraints as a function of q and v, and q, v, a at one instant.
-    """
-
-    def slider(q: Number, v: Number) -> Number:
-        """Return the constraint rates (6,) of the crank-slider."""
-        return np.asarray(crank_slider.jacobian(q) @ v)
-
-    def blade(q: Number, v: Number) -> Number:
-        """Return the velocity (1,) of the knife edge, which is at x, y with the angle theta, across its direction."""
-        return np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]])
-
+    """Return (rates of the constraints, q, v, a) at instants of motions of the crank-slider and of a knife edge on a circle."""
     radius, omega, theta = 0.7, 3.0, 0.4  # [m], [rad/s], [rad] of the circular motion
     along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    # at this instant the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
+    # the knife edge is at the origin, and the centre of the circle is at the distance `radius` across its direction
     on_circle = np.array([0.0, 0.0, theta]), np.append(radius * omega * along, omega), np.append(radius * omega**2 * across, 0.0)
     moving = crank_slider.states()[1:]  # without the start, which is at rest
-    return [(slider, s.q, s.v, s.a) for s in moving] + [(blade, *on_circle)]
+    return [
+        *((lambda q, v: np.asarray(crank_slider.jacobian(q) @ v), s.q, s.v, s.a) for s in moving),
+        (lambda q, v: np.array([np.cos(q[2]) * v[1] - np.sin(q[2]) * v[0]]), *on_circle),  # velocity across the knife edge
+    ]
 
 
-def bias_left(form: Callable[[Rate, Array, Array], Array], motion: tuple[Rate, Array, Array, Array]) -> float:
-    """Return the relative difference of the right-hand side g of J a = g from J a at a state of a motion (`list_motions`).
-
-    `form` is a formula that computes g from the function rate(q, v) = J v and from q and v. J is the derivative of rate by v.
-    """
+def bias_left(form: Form, motion: tuple[Rate, Array, Array, Array]) -> float:
+    """Return the relative difference of form(rate, q, v), a formula for g of J a = g, from J a at an instant of `list_motions`."""
     rate, q, v, a = motion
     return relative(form(rate, q, v), gradient(lambda x: rate(q, x), v) @ a)
 
@@ -147,18 +124,14 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
-def every_solution(form: Callable[[Problem, Array, Array], Array], x: Trial) -> float:
-    """Return the larger of the errors of two statements about a formula for eq. (8), a = X g + (I - X J) h.
+def every_solution(form: Form, x: Trial) -> float:
+    """Return the larger error of two statements on form(p, X, h), a formula for eq. (8) with a random generalised inverse X of J.
 
-    First, for any h, here a random vector, the result a satisfies J a = g. Second, for h = p.a, the true accelerations, the result
-    is p.a itself. `form(p, X, h)` returns accelerations; X is a random generalised inverse of J.
+    For a random h the result satisfies J a = g, and for the true accelerations h = p.a it is p.a itself.
     """
     p, X = x.p, some_inverse(x.p.J, x.rng)
     a = form(p, X, x.rng.normal(size=p.n))
     return worst([np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)])
-
-
-Inverse = Callable[[Array, np.random.Generator], Array]  # returns a generalised inverse of a matrix
 
 
 def least_squares_residual(A: Array, x: Array, b: Array) -> float:
@@ -166,11 +139,10 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
-def contradicting_rows(form: Inverse, x: Trial) -> float:
-    """Return the least-squares residual of contradicting redundant rows J a = g for accelerations a by eq. (8) of the paper.
+def contradicting_rows(form: Form, x: Trial) -> float:
+    """Return the least-squares residual of redundant rows J a = g that contradict each other, for a by eq. (8).
 
-    The problem has redundant rows of J. Random numbers, about a tenth of the largest right-hand side, are added to the right-hand
-    sides g, so that J a = g has no solution. `form` computes the generalised inverse in eq. (8).
+    Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
     """
     p, rng = x.p, x.rng
     noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
@@ -179,40 +151,44 @@ def contradicting_rows(form: Inverse, x: Trial) -> float:
 
 
 def matrix(p: Problem, exponent: float = 0.5) -> Array:
-    """Return A = M^exponent N, eq. (10) of the paper if the exponent is 1/2."""
+    """Return A = M^exponent N, eq. (10) if the exponent is 1/2."""
     return power(p.M, exponent) @ projector(p)
 
 
 def vector(p: Problem, exponent: float = 0.5) -> Array:
-    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)), eq. (11) of the paper if the exponent is 1/2."""
+    """Return b = -(M^exponent J^+ g + M^(-1/2) (f - Q)), eq. (11) if the exponent is 1/2."""
     return -(power(p.M, exponent) @ pinv(p.J) @ p.g + power(p.M, -0.5) @ (p.f - p.Q))
 
 
 def matrix_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the true A in G = 1/2 |A h - b|^2.
-
-    The true A is the factor of h that results if a by eq. (8) is inserted in G by eq. (2) of the paper.
-    """
+    """Return the relative error of A = M^exponent N against M^(-1/2) M N, the factor of h if (8) is put into (2)."""
     return relative(matrix(p, exponent), power(p.M, -0.5) @ p.M @ projector(p))
 
 
 def vector_off(exponent: float, p: Problem) -> float:
-    """Return the relative error of the vector b (`vector`) with the given exponent of M in its first term.
-
-    If a by eq. (8) is inserted in G by eq. (2) of the paper, the terms without h are M^(-1/2) (M J^- g + f - Q), and the true b is
-    minus these terms.
-    """
+    """Return the relative error of `vector` against minus the terms without h if (8) is put into (2)."""
     return relative(vector(p, exponent), power(p.M, -0.5) @ (p.Q - p.f - p.M @ pinv(p.J) @ p.g))
 
 
-def acceleration(p: Problem, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations by the paper's eq. (14) with w = 0; exponents of the mass matrix M as in `accelerations_with_w`."""
-    return accelerations_with_w(p, np.zeros(p.n), exponents)
+def acceleration(p: Problem, w: Array | None = None, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
+    """Return the accelerations a = J^+ g + N (A^+ b + (I - A^+ A) w) of eq. (14), by default with w = 0.
+
+    `exponents` are those of M in A and in the first term of b.
+    """
+    w = np.zeros(p.n) if w is None else w
+    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
+    X = pinv(A)
+    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
 
 
-def pair_off(exponents: tuple[float, float], p: Problem) -> float:
-    """Return the relative error of the accelerations by eq. (14) with w = 0; exponents of M as in `accelerations_with_w`."""
-    return relative(acceleration(p, exponents), p.a)
+def printed_exponents(p: Problem) -> Array:
+    """Return the accelerations of eq. (14) with the exponents of eqs. (10) and (11) as printed."""
+    return acceleration(p, exponents=(-0.5, -0.5))
+
+
+def acceleration_off(form: Form, p: Problem) -> float:
+    """Return the relative error of the accelerations form(p)."""
+    return relative(form(p), p.a)
 
 
 def half_square(A: Array, b: Array, h: Array) -> float:
@@ -222,51 +198,34 @@ def half_square(A: Array, b: Array, h: Array) -> float:
 
 
 def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
-    """Return the relative difference of form(A, b, h) = |A h - b|^2 / 2 from Gauss's function, for a random vector h (n,).
-
-    A and b are those of `matrix` and `vector`. Gauss's function is evaluated at the accelerations that eq. (8) gives for h.
-    """
+    """Return the relative difference of form(A, b, h) = |A h - b|^2 / 2 from Gauss's function, for a random vector h (n,)."""
     p, h = x.p, x.rng.normal(size=x.p.n)
     G = gauss_function(p, general_solution(p, pinv(p.J), h))
     return abs(form(matrix(p), vector(p), h) / float(G) - 1)
 
 
-def unit_dependence(acceleration_of: Callable[[Problem], Array], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration if lengths are given in millimetres."""
-    return float(abs(acceleration_of(in_millimetres(p))[CRANK] / acceleration_of(p)[CRANK] - 1))
+def unit_dependence(form: Form, p: Problem) -> float:
+    """Return the relative change of the crank's acceleration in form(p) if lengths are given in millimetres."""
+    return float(abs(form(problems.in_millimetres(p))[CRANK] / form(p)[CRANK] - 1))
 
 
-def pair_unit_dependence(exponents: tuple[float, float], p: Problem) -> float:
-    """Return the relative change of the crank's acceleration by eq. (14) of the paper if lengths are in millimetres.
-
-    `exponents` are the powers of the mass matrix M in the matrix A and in the first term of the vector b.
-    """
-    return unit_dependence(lambda x: acceleration(x, exponents), p)
-
-
-def sides(A: Array, b: Array, h: Array) -> AB:
-    """Return both sides of A h = b, which is eq. (12) of the paper as printed."""
+def sides(A: Array, b: Array, h: Array) -> tuple[Array, Array]:
+    """Return both sides of A h = b, which is eq. (12) as printed."""
     return A @ h, b
 
 
-def normal_sides(A: Array, b: Array, h: Array) -> AB:
-    """Return both sides of the normal equations A^T A h = A^T b, which is eq. (12) of the paper as the authors intended it."""
+def normal_sides(A: Array, b: Array, h: Array) -> tuple[Array, Array]:
+    """Return both sides of the normal equations A^T A h = A^T b, which is eq. (12) as intended."""
     return A.T @ A @ h, A.T @ b
 
 
-def sides_off(form: Callable[[Array, Array, Array], AB], p: Problem) -> float:
-    """Return the relative difference of the two sides of an equation for h, such as `normal_sides`, at the minimum of |A h - b|.
-
-    The true accelerations p.a, taken as h, are such a minimum.
-    """
+def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Problem) -> float:
+    """Return the relative difference of the sides form(A, b, h) at the minimum of |A h - b|, which the true accelerations are."""
     return relative(*form(matrix(p), vector(p), p.a))
 
 
-def minimum_missed(form: Inverse, x: Trial) -> float:
-    """Return the relative least-squares residual |A^T (A h - b)| for the vector h = A^- b + (I - A^- A) w of eq. (13).
-
-    w is a random vector, and `form` computes the generalised inverse A^- of A.
-    """
+def minimum_missed(form: Form, x: Trial) -> float:
+    """Return the least-squares residual of h = A^- b + (I - A^- A) w, eq. (13), with A^- by `form` and a random w."""
     p, A, b = x.p, matrix(x.p), vector(x.p)
     X = form(A, x.rng)
     h = X @ b + (np.eye(p.n) - X @ A) @ x.rng.normal(size=p.n)
@@ -274,38 +233,26 @@ def minimum_missed(form: Inverse, x: Trial) -> float:
 
 
 def expand(p: Problem, w: Array) -> Array:
-    """Return the accelerations of eq. (14) for a vector w (n,), computed with the brackets of the equation multiplied out."""
+    """Return the accelerations of eq. (14) for a vector w (n,), with the brackets of the equation multiplied out."""
     A, b = matrix(p), vector(p)
     N, X = projector(p), pinv(A)
     return np.asarray(pinv(p.J) @ p.g + N @ X @ b + N @ w - N @ X @ A @ w)
 
 
 def last_member_alone(p: Problem, w: Array) -> Array:
-    """Return the last term of eq. (14) alone; as the equation is printed, the accelerations are equal to this term."""
+    """Return the last term of eq. (14), to which the accelerations are equal as the equation is printed."""
     A = matrix(p)
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def accelerations_with_w(p: Problem, w: Array, exponents: tuple[float, float] = (0.5, 0.5)) -> Array:
-    """Return the accelerations a = J^+ g + N (A^+ b + (I - A^+ A) w) of eq. (14) of the paper.
-
-    Args:
-        w: (n,) any vector.
-        exponents: e and k in A = M^e N and b = -(M^k J^+ g + M^(-1/2) (f - Q)); both are 1/2 if the equations are right.
-    """
-    A, b = matrix(p, exponents[0]), vector(p, exponents[1])
-    X = pinv(A)
-    return np.asarray(pinv(p.J) @ p.g + projector(p) @ (X @ b + (np.eye(p.n) - X @ A) @ w))
-
-
-def with_any_w(form: Callable[[Problem, Array], Array], x: Trial) -> float:
+def with_any_w(form: Form, x: Trial) -> float:
     """Return the relative error of the accelerations form(p, w) for a random vector w, ten times as large as the accelerations."""
     return relative(form(x.p, 10 * np.abs(x.p.a).max() * x.rng.normal(size=x.p.n)), x.p.a)
 
 
-def crank_at_start(acceleration_of: Callable[[Problem], Array]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] in the paper's example, by a formula for accelerations."""
-    return float(acceleration_of(crank_problems()[0])[CRANK])
+def crank_at_start(form: Form) -> float:
+    """Return the crank's initial acceleration [rad/s^2] in the paper's example by form(p), a formula for accelerations."""
+    return float(form(problems.crank_problems()[0])[CRANK])
 
 
 def true_crank_at_start() -> float:
@@ -313,6 +260,59 @@ def true_crank_at_start() -> float:
     return float(crank_slider.states()[0].a[CRANK])
 
 
-def crank_by_pair(exponents: tuple[float, float]) -> float:
-    """Return the crank's initial acceleration [rad/s^2] by eq. (14); exponents of M in A and b as in `accelerations_with_w`."""
-    return crank_at_start(lambda p: acceleration(p, exponents))
+# eqs. (15) and (16)
+
+
+def rank_off(form: list[int], p: Problem) -> float:
+    """Return the error of a claimed rank of N, form[0] n + form[1] m + form[2] r, where r of the m rows of J are independent."""
+    sizes = np.linalg.svd(projector(p), compute_uv=False)  # a projector's singular values are 0 or at least 1
+    return count_off(form, (p.n, len(p.J), p.rank), int((sizes > 0.5).sum()))
+
+
+def reverse_order(p: Problem) -> Array:
+    """Return the inverse of A = M^(1/2) N by eq. (15) as printed, N^+ M^(-1/2)."""
+    return pinv(projector(p)) @ power(p.M, -0.5)
+
+
+def normal_inverse(p: Problem) -> Array:
+    """Return the Moore-Penrose inverse of A = M^(1/2) N from the normal equations: (N M N)^+ M^(1/2)."""
+    N = projector(p)
+    return pinv(N @ p.M @ N) @ power(p.M, 0.5)
+
+
+def inverse_off(form: Form, p: Problem) -> float:
+    """Compare form(p), an inverse of A = M^(1/2) N, with the Moore-Penrose inverse by singular values."""
+    return relative(form(p), pinv(power(p.M, 0.5) @ projector(p)))
+
+
+def free_motion(p: Problem) -> Array:
+    """Return the accelerations M^-1 (Q - f) without constraints: eq. (16) if N N^-1 was the unit matrix."""
+    return np.asarray(np.linalg.solve(p.M, p.Q - p.f))
+
+
+def euclidean(p: Problem) -> Array:
+    """Return the accelerations by eq. (16), with Moore-Penrose inverses in place of J^- and N^-1."""
+    return yuan_ge_eq16(p.terms).a
+
+
+def final_of_14(p: Problem) -> Array:
+    """Return the accelerations by eq. (14) with corrected exponents of M."""
+    return gauss_pinv(p.terms).a
+
+
+def accelerations_off(form: Form, on: str = "") -> float:
+    """Return the largest relative error of form(p) on all problems, or on those of the kind `on` (`special_problems`)."""
+    return worst([acceleration_off(form, p) for p in (problems.special_problems(on) if on else problems.all_problems())])
+
+
+def constraints_off(form: Form, p: Problem) -> float:
+    """Return the residual of the constraints J a = g, eq. (6), for the accelerations a = form(p), relative to the terms of J a."""
+    return float(np.abs(p.J @ form(p) - p.g).max() / (np.abs(p.J) @ np.abs(form(p))).max())
+
+
+def difference_off(factor: float, p: Problem) -> float:
+    """Return the error of `factor` times -N M^-1 J^T lambda as the difference a_true - a_(16), relative to the accelerations."""
+    wrong = euclidean(p)
+    predicted = -projector(p) @ np.linalg.solve(p.M, p.J.T @ p.multipliers)
+    scale = max(np.abs(wrong).max(), np.abs(p.a).max(), np.abs(free_motion(p)).max())
+    return float(np.abs(factor * predicted - (p.a - wrong)).max() / scale)

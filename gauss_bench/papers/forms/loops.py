@@ -4,14 +4,13 @@
     J phi'' = -B q'' - B' q' - J' phi'            (5)
     J_l = sum J_i U_i,   B_l = sum J_i K_i        (11)
 
-As in the paper, phi are the unknown variables and q the known inputs. J and B are the matrices of all loops, J_l and B_l those of
-one loop. Each link that the loop passes contributes a Jacobian unit J_i (see `link_units`), and the matrices U_i and K_i tell to
-which unknowns and to which inputs the columns of J_i belong. Equation numbers are those of the paper.
+phi are the unknown variables and q the known inputs. J and B are the matrices of all loops, J_l and B_l those of one loop. Each
+link that the loop passes contributes a Jacobian unit J_i (see `link_units`); the matrices U_i and K_i tell to which unknowns and to
+which inputs the columns of J_i belong.
 
-The equations are tested on built-in linkages, with matrices from the package `kinematics`, and with rates that are computed
-independently from the motion in the crank angle. The four matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and
-d-e-f-g, phi = [phi2, phi3, phi5, s], q = [phi1]) are written here as printed. The paper gives no dimensions of the six-bar, so that
-the dimensions in the linkage file are used.
+The equations are tested on built-in linkages, with matrices from the package `kinematics`, and with rates computed independently
+from the motion in the crank angle. The matrices of the paper's six-bar (section 1.2.5; loops a-b-c-d and d-e-f-g) are written here
+as printed. The paper gives no dimensions of the six-bar: those of the linkage file are used.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +26,7 @@ from gauss_bench.kinematics.loop_equations import LoopEquations, Matrices
 from gauss_bench.kinematics.topology import LinkageGraph, find_graph
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.model import GROUND, Mechanism, Prismatic
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.mechanism.motion_laws import rise
 from gauss_bench.papers.audit import worst
 from gauss_bench.papers.forms.problems import count_off, relative
@@ -41,6 +40,8 @@ LENGTHS = (0.10, 0.30, 0.28, 0.24, 0.36)  # l1, l2, l3, l3', l5 of the six-bar [
 RAIL = np.radians(-45.0)
 LAWS = ("sine", "cosine", "poly345")
 INSIDE = np.linspace(0.0, 1.0, 101)  # of a rise of 1 in 1 s
+Blocks = tuple[Array, ...]
+Laws = dict[str, Callable[[Array], Array]]
 COUNTED = ("crank_slider", "four_bar", "five_bar", "six_bar", "shaper", "eight_bar", "jansen", "parallelogram")
 
 
@@ -49,10 +50,8 @@ class DrivenLinkage:
     """A driven linkage at an instant.
 
     Attributes:
-        equations: loop equations of the linkage.
         x: values of the variables, unknowns before inputs.
-        rate, second: true first and second time derivatives of the variables; the second derivatives of slides are not computed,
-            and are NaN.
+        rate, second: their true first and second time derivatives; NaN for the second derivatives of slides.
     """
 
     equations: LoopEquations
@@ -73,48 +72,39 @@ class DrivenLinkage:
 
 @cache
 def list_driven() -> tuple[DrivenLinkage, ...]:
-    """Return the linkages DRIVEN at each of TIMES, with their cranks driven by a cycloidal law."""
-    return tuple(driven_linkage_at(load(name, "cycloid"), t) for name in DRIVEN for t in TIMES)
-
-
-def driven_linkage_at(mechanism: Mechanism, t: float) -> DrivenLinkage:
-    """Return the loop equations of a driven linkage at time t [s], with values and time derivatives of their variables.
-
-    The derivatives come from the motion in the crank angle, not from the loop equations.
-    """
-    q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
-    equations = LoopEquations(replace(mechanism, q0=q))
-    slides = {j.name: j for j in mechanism.joints if isinstance(j, Prismatic)}
-    rate, second = [], []
-    for variable in equations.variables:
-        if variable.link is not None:
-            rate.append(v[3 * variable.link + 2])
-            second.append(a[3 * variable.link + 2])
-        else:
-            rate.append(float(coordinates.rate(slides[variable.name].motion, q, v)))
-            second.append(np.nan)  # not needed: see `accelerations_off`
-    return DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second))
+    """Return the linkages DRIVEN at each of TIMES, cranks driven by a cycloidal law, with rates from the crank angle alone."""
+    found = []
+    for name in DRIVEN:
+        mechanism = load(name, "cycloid")
+        slides = {j.name: j for j in mechanism.slides}
+        for t in TIMES:
+            q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
+            equations = LoopEquations(replace(mechanism, q0=q))
+            rates = [  # first and second derivative of each variable
+                (v[3 * x.link + 2], a[3 * x.link + 2])
+                if x.link is not None
+                else (float(coordinates.rate(slides[x.name].motion, q, v)), np.nan)
+                for x in equations.variables
+            ]
+            rate, second = np.array(rates).T
+            found.append(DrivenLinkage(equations, equations.start(), rate, second))
+    return tuple(found)
 
 
 def velocities(m: Matrices, q_rate: Array) -> Array:
-    """Return the rates phi' of the unknowns by eq. (4) of the paper: J phi' = -B q', with the rates q' of the inputs."""
+    """Return the rates phi' of the unknowns by eq. (4), J phi' = -B q', from the rates q' of the inputs."""
     return np.asarray(np.linalg.solve(m.J, -m.B @ q_rate))
 
 
 def velocities_off(form: Callable[[Matrices, Array], Array], linkage: DrivenLinkage) -> float:
-    """Return the relative error of form(matrices, q'), the rates phi' of the unknowns computed from the rates q' of the inputs."""
+    """Return the relative error of form(matrices, q'), the rates phi' of the unknowns."""
     return relative(form(linkage.matrices, linkage.rate[linkage.unknowns :]), linkage.rate[: linkage.unknowns])
 
 
 def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
-    """Return the largest relative error of the angular accelerations phi'' of the unknowns by eq. (5) of the paper.
+    """Return the largest relative error of the angular accelerations of the unknowns by eq. (5).
 
-    The equation is J phi'' = -(B q'' + B' q' + J' phi'), with the inputs q. Accelerations of slides are unknowns of the same
-    equations, and are not compared.
-
-    Args:
-        last: list with the name of the matrix in the last term of eq. (5): "J_rate", which is right, or "J", as the paper prints
-            it.
+    `last` has the name of the matrix in the last term: "J_rate", which is right, or "J", as the paper prints it.
     """
     n, m = linkage.unknowns, linkage.matrices  # `rate` and `second` have n unknowns, then the inputs
     left = m.B @ linkage.second[n:] + m.B_rate @ linkage.rate[n:] + getattr(m, *last) @ linkage.rate[:n]
@@ -122,25 +112,13 @@ def accelerations_off(last: list[str], linkage: DrivenLinkage) -> float:
     return relative(np.linalg.solve(m.J, -left)[angles], linkage.second[:n][angles])
 
 
-Parts = tuple[Array, Array]
-Blocks = tuple[Array, ...]
-Laws = dict[str, Callable[[Array], Array]]
-
-
-def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Parts:
-    """Return J_l and B_l of one loop by eq. (11) of the paper: the sums of J U and of J K over the links that the loop passes.
-
-    `units` are the Jacobians J of the links; U and K assign the columns of J to the unknowns and to the inputs (`loops_of`).
-    """
+def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> Blocks:
+    """Return J_l and B_l of one loop by eq. (11), from the Jacobians J of its links and their matrices U and K."""
     return sum(J @ u for J, u in zip(units, U, strict=True)), sum(J @ k for J, k in zip(units, K, strict=True))  # type: ignore[return-value]
 
 
 def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Return for every loop the Jacobians J, the matrices U and the matrices K of the paper, one of each for each link of the loop.
-
-    The rows of U and K belong to the columns of the link's J; the columns of U belong to the unknown variables, and those of K to
-    the inputs.
-    """
+    """Return for every loop the Jacobians J, the matrices U and the matrices K, one of each for each link of the loop."""
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
     for ways in equations.ways:
@@ -150,21 +128,17 @@ def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], lis
     return loops
 
 
-def assembly_off(form: Callable[..., Parts], linkage: DrivenLinkage) -> float:
-    """Return the residual of eq. (4), J phi' + B q' = 0, at the true rates, relative to its terms.
-
-    `form` computes J and B of one loop (J_l and B_l in the paper) as `assemble` does.
-    """
+def assembly_off(form: Callable[..., Blocks], linkage: DrivenLinkage) -> float:
+    """Return the residual of eq. (4), J phi' + B q' = 0, relative to its terms, if `form` computes J_l, B_l as `assemble` does."""
     loops = [np.hstack(form(*loop)) for loop in loops_of(linkage)]  # J and B of each, side by side
     return worst([float(np.abs(x @ linkage.rate).max() / (np.abs(x) @ np.abs(linkage.rate)).max()) for x in loops])
 
 
 def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
-    """Return the relative error of the velocities phi' by eq. (4) if J and B are composed of the blocks J_l, B_l of all loops.
+    """Return the relative error of the velocities by eq. (4) if J and B are the blocks J_l, B_l one below the other.
 
-    The blocks are put one below the other. If `transposed`, the blocks are put side by side instead, and J and B are transposed
-    afterwards. If J or B has a wrong shape, the velocities cannot be computed. In this case the number of surplus or missing rows
-    and columns of both is returned, divided by the sum of the right numbers.
+    If `transposed`, the blocks are put side by side, and the whole is transposed. If J or B then has a wrong shape, the number of
+    surplus or missing rows and columns is returned, divided by the sum of the right numbers.
     """
     parts = [assemble(*loop) for loop in loops_of(linkage)]
     J, B = (np.hstack(blocks).T if transposed else np.vstack(blocks) for blocks in zip(*parts, strict=True))
@@ -176,9 +150,9 @@ def stack_off(transposed: bool, linkage: DrivenLinkage) -> float:
 
 
 def ones_off(form: list[list[str]]) -> float:
-    """Return the fraction of rows of the matrices U and K (`loops_of`) that are not rows of a unit matrix.
+    """Return the fraction of rows of U and K (`loops_of`) that are not rows of a unit matrix.
 
-    Each list in `form` names the matrices whose rows are tested: ["U"], ["K"], or ["U", "K"] for the rows of U and K side by side.
+    Each list in `form` names the matrices that are tested: ["U"], ["K"], or ["U", "K"] for the rows of both side by side.
     """
     right = []
     for linkage in list_driven():
@@ -192,10 +166,10 @@ def ones_off(form: list[list[str]]) -> float:
 
 
 def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
-    """Return the largest error of a claimed number of columns of the links' Jacobians J.
+    """Return the largest error of form[0] t + form[1] g + form[2] b as the number of columns of a link's Jacobian J.
 
-    The claimed number is form[0] * t + form[1] * g + form[2] * b. t is 1 if the link can turn, else 0. g is the number of guides
-    (or ends of telescopic rods) and b the number of blocks among the two elements at which a loop enters and leaves the link.
+    t is 1 if the link can turn, else 0; g and b are the numbers of guides (or rod ends) and blocks at which the loop enters and
+    leaves it.
     """
     errors = []
     for p in chain.from_iterable(linkage.equations.ways):
@@ -209,8 +183,7 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
 @cache
 def graphs() -> tuple[LinkageGraph, ...]:
     """Return the graphs of all built-in linkages with joints and without knife edges."""
-    mechanisms = [load(name) for name in built_in()]
-    return tuple(find_graph(m) for m in mechanisms if m.joints and not m.knife_edges)
+    return tuple(find_graph(m) for m in map(load, built_in()) if m.joints and not m.knife_edges)
 
 
 def counted() -> list[LoopEquations]:
@@ -224,30 +197,22 @@ def unknowns_off(form: list[int], equations: LoopEquations) -> float:
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:
-    """Return the incidence matrix as networkx computes it, with a row for each link (the frame last) and a column for each pair.
-
-    An entry of the matrix is 1 if the pair connects this link to another one. If `oriented`, the entry of one of the pair's two
-    links is -1 instead.
-    """
+    """Return the incidence matrix (links, frame last; pairs) by networkx; `oriented`: one of both ones of a pair is -1."""
     links, edges = [*range(graph.links), GROUND], [(*pair.links, pair.name) for pair in graph.pairs]
     return np.asarray(nx.incidence_matrix(nx.MultiGraph(edges), links, edges, oriented).toarray())
 
 
 def loop_count_off(form: list[int], graph: LinkageGraph) -> float:
-    """Return the error of a claimed number of loops, a * pairs + b * links + c with `form` = [a, b, c].
-
-    The true number of loops is the dimension of the space of cycles: the number of pairs minus the rank of the incidence matrix.
-    """
+    """Return the error of form[0] pairs + form[1] links + form[2] as the number of loops, the dimension of the space of cycles."""
     matrix = incidence(graph, oriented=True)
     links, pairs = matrix.shape
     return count_off(form, (pairs, links, 1), pairs - int(np.linalg.matrix_rank(matrix)))
 
 
 def incidence_off(diagonal: bool) -> float:
-    """Return the number of wrong entries in the paper's incidence matrices, divided by the number of entries 1 in the true ones.
+    """Return the share of wrong entries in the paper's incidence matrices: i, j is 1 if joint j is on link i.
 
-    Entry i, j of the paper's matrix is 1 if joint j is on link i. If `diagonal`, only the diagonal entries of the matrix may be 1.
-    The true matrix is computed by networkx.
+    If `diagonal`, only entries of the diagonal may be 1. The number of wrong entries is divided by that of the true ones.
     """
     wrong = ones = 0
     for graph in graphs():
@@ -267,24 +232,16 @@ def cyclic(loop: str) -> frozenset[frozenset[str]]:
 
 
 def loops_off(form: dict[str, list[str]]) -> float:
-    """Return the number of loops that only the paper has, plus the number of loops that only the suite has.
-
-    Args:
-        form: name of a linkage -> the loops that the paper uses for it, each as a string "joint-joint-...".
-    """
-    differences = 0
-    for name, loops in form.items():
-        own = {cyclic(str(loop)) for loop in find_graph(load(name)).loops}
-        differences += len(own ^ {cyclic(loop) for loop in loops})
-    return float(differences)
+    """Return the number of loops "joint-joint-..." that only the paper (`form`, by linkage) or only the suite has."""
+    own = {name: {cyclic(str(loop)) for loop in find_graph(load(name)).loops} for name in form}
+    return float(sum(len(own[name] ^ {cyclic(loop) for loop in loops}) for name, loops in form.items()))
 
 
 def six_bar_blocks(phi: Array, rate: Array) -> Blocks:
-    """Return J (4, 4), J', B (4, 1) and B' of eqs. (4) and (5) for the six-bar, as printed in section 1.2.5 of the paper.
+    """Return J (4, 4), J', B (4, 1) and B' of the six-bar as printed in section 1.2.5.
 
-    Args:
-        phi, rate: (4,) angles phi1, phi2, phi3, phi5 and their rates. phi1 is the input; the columns of J are for phi2, phi3, phi5
-            and the slide s.
+    phi and rate (4,) are the angles phi1 (the input), phi2, phi3, phi5 and their rates; the columns of J are for phi2, phi3, phi5
+    and the slide s.
     """
     l1, l2, l3, l3s, l5 = LENGTHS
     # each entry of these arrays belongs to one arm of a link: its length, its angle and its angular speed
@@ -304,11 +261,9 @@ def six_bars() -> list[DrivenLinkage]:
 
 
 def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -> float:
-    """Return the largest difference of the paper's matrices J, J', B, B' of the six-bar from those of the suite.
+    """Return the largest difference of form(angles, rates), the matrices `six_bar_blocks`, from those of the suite.
 
-    `form` computes the paper's matrices from angles and rates, as `six_bar_blocks` does. J and B are the derivatives of the loop
-    equations by the unknowns and by the input, J' and B' their time derivatives. The paper may pass a loop in the opposite sense,
-    so that the two equations of each loop may have the opposite sign.
+    The paper may pass a loop in the opposite sense, so that the two equations of each loop may have the opposite sign.
     """
     equations, m, errors = linkage.equations, linkage.matrices, []
     columns = [equations.column[i] for i in (0, 1, 2, 3)]  # of phi1, phi2, phi3, phi5
@@ -321,12 +276,12 @@ def blocks_off(form: Callable[[Array, Array], Blocks], linkage: DrivenLinkage) -
 
 
 def straight() -> Laws:
-    """Return a straight line in place of each law of motion, because the paper names the laws but prints no formula for them."""
+    """Return a straight line in place of each law of motion, for which the paper prints no formula."""
     return dict.fromkeys(LAWS, lambda u: u)
 
 
 def textbook() -> Laws:
-    """Return the motion laws of textbooks, as functions of u, the elapsed fraction of the rise time; they rise from 0 to 1."""
+    """Return the motion laws of textbooks, which rise from 0 to 1, as functions of the elapsed fraction u of the time."""
     return {
         "sine": lambda u: u - np.sin(2 * np.pi * u) / (2 * np.pi),
         "cosine": lambda u: (1 - np.cos(np.pi * u)) / 2,

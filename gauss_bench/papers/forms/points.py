@@ -8,10 +8,10 @@ The paper describes the shaper by two loop equations (1) between vectors r e(th)
 The lever turns about O1 on the frame and carries the pin B. The block A slides on the lever and is driven by the crank about O2.
 The rod joins B to C on the ram. Points are complex numbers here. Vectors 3 and 4 lie along the lever, from O1 to A and to B, so
 that th4 = th3; th6 and th7 are the directions of the frame and of the slide. The argument `form` of a measure is the equation, the
-data or the number that is tested, either as printed or as corrected.
+data or the number that is tested.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -20,6 +20,7 @@ import numpy as np
 from gauss_bench.kinematics.basins import basins
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import newton_raphson
+from gauss_bench.kinematics.synthesis import cross
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import Mechanism
@@ -61,14 +62,13 @@ def load_shaper() -> Mechanism:
 @cache
 def turn_states() -> Array:
     """Return the positions q (POSITIONS, n) of the shaper at equally spaced angles of one turn of its driven crank."""
-    mechanism = load_shaper()
-    motion, angles = MinimalCoordinate(mechanism), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
+    motion, angles = MinimalCoordinate(load_shaper()), 2 * np.pi * np.arange(POSITIONS) / POSITIONS
     return np.concatenate([motion.geometry(np.array([angle]))[0] for angle in angles])
 
 
 @cache
 def shapers() -> tuple[Shaper, ...]:
-    """Return the shaper at POSITIONS equally spaced angles of one turn of its driven crank."""
+    """Return the shaper in the positions `turn_states`."""
     shaper, q = load_shaper(), turn_states()
     O1, O2 = (complex(*shaper.ground_points[name]) for name in ("O1", "O2"))
     points = {link.name: link.points for link in shaper.links}
@@ -77,11 +77,6 @@ def shapers() -> tuple[Shaper, ...]:
     # x + i y of each point, (POSITIONS,) each
     A, B, C = (position(q, shaper.find_point(name)) @ [1, 1j] for name in ("block.A", "lever.B", "ram.C"))
     return tuple(Shaper(O1, O2, complex(a), complex(b), complex(c), lever, rod) for a, b, c in zip(A, B, C, strict=True))
-
-
-def cross(a: complex, b: complex) -> float:
-    """Return the cross product of two vectors, a_x b_y - a_y b_x."""
-    return (a.conjugate() * b).imag
 
 
 def sides(x: Shaper) -> tuple[complex, complex]:
@@ -101,10 +96,8 @@ def loops_off(form: Callable[[Shaper], tuple[complex, complex]], x: Shaper) -> f
 def lengths(x: Shaper) -> tuple[float, float]:
     """Return |B - O1|^2 - L_O1B^2 and |C - B|^2 - L_BC^2 [m^2], the residuals of the first two of eqs. (2) with squared lengths."""
     B, C, O1 = x.B, x.C, x.O1
-    return (
-        (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2,
-        (C.real - B.real) ** 2 + (C.imag - B.imag) ** 2 - x.rod**2,
-    )
+    lever = (B.real - O1.real) ** 2 + (B.imag - O1.imag) ** 2 - x.lever**2
+    return lever, (C.real - B.real) ** 2 + (C.imag - B.imag) ** 2 - x.rod**2
 
 
 def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> float:
@@ -113,12 +106,9 @@ def lengths_off(form: Callable[[Shaper], tuple[float, float]], x: Shaper) -> flo
 
 
 def basic_off(form: list[str]) -> float:
-    """Return the range of a point's coordinate over a turn of the shaper's crank, divided by the stroke of the ram.
+    """Return the range of a coordinate said to be constant over a turn of the crank, divided by the stroke of the ram.
 
-    The paper claims that this coordinate is constant, so that its range is 0.
-
-    Args:
-        form: two strings: the name of the point, and "real" for its x coordinate or "imag" for its y coordinate.
+    `form` has the name of the point, and "real" for its x coordinate or "imag" for its y coordinate.
     """
     point, axis = form
     values = [getattr(getattr(x, point), axis) for x in shapers()]
@@ -131,25 +121,25 @@ def collinear_off(form: list[str], x: Shaper) -> float:
     return float(abs(cross(b - a, c - a)) / (abs(b - a) * abs(c - a)))
 
 
+# function of O1, A and B that returns the residual of the third of eqs. (2): the three points lie on one line
+Line3 = Callable[[complex, complex, complex], float]
+
+
 def quotient(O1: complex, A: complex, B: complex) -> float:
-    """Return the residual of the third of eqs. (2) as printed in the paper; it divides by zero if the lever is horizontal."""
+    """Return the residual of the third of eqs. (2) as printed; it divides by zero if the lever is horizontal."""
     return (A.real - B.real) / (A.imag - B.imag) - (O1.real - B.real) / (O1.imag - B.imag)
 
 
 def product(O1: complex, A: complex, B: complex) -> float:
-    """Return the residual of the third of the paper's eqs. (2) as a cross product of unit vectors, defined in every position."""
+    """Return the residual of the third of eqs. (2) as a cross product of unit vectors, defined in every position."""
     return cross(A - B, O1 - B) / (abs(A - B) * abs(O1 - B))
-
-
-# function of O1, A and B that returns the residual of the third of the paper's eqs. (2): the three points lie on one line
-Line3 = Callable[[complex, complex, complex], float]
 
 
 def line_off(form: Line3) -> float:
     """Return the largest residual `form` of the third of eqs. (2) at true positions with the lever nearly parallel to an axis.
 
-    If the lever is nearly horizontal, the quotients that the paper prints are ill-conditioned. The whole linkage is rotated, at
-    four positions of its turn, so that the lever has angles from NEAREST to 0.5 rad to either side of each axis.
+    The whole linkage is rotated, at four positions of its turn, so that the lever has angles from NEAREST to 0.5 rad to either side
+    of each axis.
     """
     near = np.geomspace(NEAREST, 0.5, 12)
     errors = []
@@ -163,43 +153,30 @@ def line_off(form: Line3) -> float:
 
 
 def search_off(form: Line3) -> float:
-    """Return the share of positions at which Newton's method, started at the previous position, does not find the place of pin B.
+    """Return the share of positions at which Newton's method, started at the previous one, does not find the pin B within SAME.
 
-    `form` is the residual of the third of the paper's eqs. (2). The crank turns by 5 degrees from one position to the next. The
-    shaper is tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees, with its lever near the
-    horizontal.
+    The method solves |B - O1| = L_O1B and `form` = 0 for the two coordinates of B. The shaper is tested as it is drawn, with its
+    lever near the vertical, and rotated by 90 degrees.
     """
-    return sum(count_lost(form, [x.turn(angle) for x in shapers()]) for angle in (0.0, np.pi / 2)) / (2 * POSITIONS)
+    lost = 0
+    for angle in (0.0, np.pi / 2):
+        places = [x.turn(angle) for x in shapers()]
+        for before, x in zip(places, [*places[1:], places[0]], strict=True):
 
-
-def count_lost(form: Line3, places: Sequence[Shaper]) -> int:
-    """Return at how many positions of a turn Newton's method, started at the previous position, does not find the place of pin B.
-
-    Newton's method solves two equations of the paper for the two coordinates of B: |B - O1| = L_O1B, the first of the equations
-    (2), and the third, whose residual is `form`. `places` are the true positions of the linkage over one turn; B counts as found if
-    its distance from the true place is less than SAME [m].
-    """
-    failed = 0
-    for before, x in zip(places, [*places[1:], places[0]], strict=True):
-
-        def residual(p: Array, x: Shaper = x) -> tuple[Array, Array]:  # the default keeps the x of this iteration
-            """Return the residuals (2,) of the lever's length and of `form`, and their Jacobian (2, 2), with pin B at p (2,).
-
-            The Jacobian is computed by central differences.
-            """
-
-            def equations(place: Array) -> Array:
-                """Return the residuals of both equations with B at a place (2,)."""
+            def equations(place: Array, x: Shaper = x) -> Array:  # the default keeps the x of this iteration
+                """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
                 B = complex(place[0], place[1])
                 return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
 
-            steps = 1e-7 * np.eye(2)
-            return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
+            def residual(p: Array, equations: Callable[[Array], Array] = equations) -> tuple[Array, Array]:
+                """Return the residuals and their Jacobian (2, 2) by central differences."""
+                steps = 1e-7 * np.eye(2)
+                return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
 
-        with np.errstate(all="ignore"):
-            root = newton_raphson(residual, np.array([before.B.real, before.B.imag]), 1e-10)
-        failed += not abs(complex(*root.x) - x.B) < SAME
-    return failed
+            with np.errstate(all="ignore"):
+                root = newton_raphson(residual, np.array([before.B.real, before.B.imag]), 1e-10)
+            lost += not abs(complex(*root.x) - x.B) < SAME
+    return lost / (2 * POSITIONS)
 
 
 def from_before() -> float:
@@ -210,11 +187,9 @@ def from_before() -> float:
 
 
 def starts_off(form: Callable[[], float]) -> float:
-    """Return the share of random starts from which a search does not find the assembled position of the shaper.
+    """Return the larger share of random starts from which Gauss-Newton or Levenberg-Marquardt misses the assembled position.
 
-    The methods Gauss-Newton and Levenberg-Marquardt are tested, and the larger of the two shares is returned. `form` is a function
-    without arguments, which returns the largest distance [m] of the random starts from the assembled position.
+    form() is the largest distance [m] of the starts from it.
     """
-    radius = form()
-    searches = basins(load_shaper(), [radius], STARTS, SEED)
+    searches = basins(load_shaper(), [form()], STARTS, SEED)
     return worst([1 - basin.right for basin in searches if basin.method != "newton_raphson"])

@@ -2,9 +2,9 @@
 
     M a + f = Q - J^T lambda,   J a = g
 
-f, g and Q are given separately, as in the paper: f are forces that the paper puts on the left side, and Q the applied forces. Many
-books have the opposite sign of lambda. The reference solutions of random problems are computed from the saddle-point system of both
-equations. The reference accelerations of the crank-slider come from its motion in the crank angle, without J and lambda.
+f are forces that the paper puts on the left side, Q the applied forces; many books have the opposite sign of lambda. Random
+problems are solved as the saddle-point system of both equations. The accelerations of the crank-slider come from its motion in the
+crank angle, without J and lambda.
 """
 
 from collections.abc import Sequence
@@ -27,13 +27,7 @@ MILLIMETRES = np.array([1e3, 1e3, 1.0, 1e3, 1e3, 1.0, 1e3])
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One state of a system with n coordinates and m constraint rows, with the accelerations and multipliers at this state.
-
-    Attributes:
-        M, f, Q, J, g: the given terms of M a + f = Q - J^T lambda and J a = g.
-        a: (n,) reference accelerations.
-        multipliers: (m,) the multipliers lambda of least norm.
-    """
+    """The terms M, f, Q, J, g of a system, its accelerations a (n,), and the multipliers lambda (m,) of least norm."""
 
     M: Array
     f: Array
@@ -60,26 +54,20 @@ class Problem:
         return Terms(self.M, self.J, self.Q - self.f, self.g, zero, zero)
 
 
-def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
-    """Solve M a + J^T lambda = Q - f, J a = g for a and lambda, and return the problem together with its solution.
+def add_multipliers(M: Array, f: Array, Q: Array, J: Array, g: Array, a: Array) -> Problem:
+    """Return the problem with the accelerations a and the least-norm solution of J^T lambda = Q - f - M a."""
+    return Problem(M, f, Q, J, g, a, np.asarray(np.linalg.lstsq(J.T, Q - f - M @ a, rcond=1e-10)[0]))
 
-    The first `independent` rows of J are independent and determine a; the others are combinations of them.
-    """
+
+def solve_problem(M: Array, f: Array, Q: Array, J: Array, g: Array, independent: int) -> Problem:
+    """Return the problem with its solution; the first `independent` rows of J are independent, the others are combinations."""
     zero = np.zeros(independent)
     a = lagrange(Terms(M, J[:independent], Q - f, g[:independent], zero, zero)).a
-    return Problem(M, f, Q, J, g, a, multipliers_of(M, f, Q, J, a))
-
-
-def multipliers_of(M: Array, f: Array, Q: Array, J: Array, a: Array) -> Array:
-    """Return the multipliers lambda (m,) of least norm that satisfy J^T lambda = Q - f - M a."""
-    return np.asarray(np.linalg.lstsq(J.T, Q - f - M @ a, rcond=1e-10)[0])
+    return add_multipliers(M, f, Q, J, g, a)
 
 
 def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) -> Problem:
-    """Return a random problem with n coordinates, a full positive definite M, and m independent rows of J.
-
-    J has `repeated` further rows, which are linear combinations of the m rows.
-    """
+    """Return a problem with a full M (n, n), m independent rows of J, and `repeated` combinations of these rows."""
     root = rng.normal(size=(n, n))
     M = root @ root.T + 0.1 * n * np.eye(n)
     mix = np.vstack([np.eye(m), rng.normal(size=(repeated, m))])
@@ -89,23 +77,23 @@ def random_problem(rng: np.random.Generator, n: int, m: int, repeated: int = 0) 
 
 @cache
 def random_problems() -> tuple[Problem, ...]:
-    """Return random problems, EACH of them for every entry of SIZES; some have redundant but consistent rows."""
+    """Return EACH random problems for every entry of SIZES; some have redundant but consistent rows."""
     rng = np.random.default_rng(SEED)
     return tuple(random_problem(rng, *size) for size in SIZES for _ in range(EACH))
 
 
 @cache
 def crank_problems() -> tuple[Problem, ...]:
-    """Return problems from the example of Yuan & Ge (2016), the crank-slider: its initial state and random states."""
+    """Return the crank-slider, the paper's example, in its initial state and in random states."""
     M, f, problems = np.diag(crank_slider.mass()), np.zeros(7), []
     for s in crank_slider.states():
         J, g, Q = crank_slider.jacobian(s.q), crank_slider.bias(s.q, s.v), crank_slider.forces(s.q, s.v)
-        problems.append(Problem(M, f, Q, J, g, s.a, multipliers_of(M, f, Q, J, s.a)))
+        problems.append(add_multipliers(M, f, Q, J, g, s.a))
     return tuple(problems)
 
 
 def all_problems() -> tuple[Problem, ...]:
-    """Return the random problems and the problems of the crank-slider, which is the paper's example."""
+    """Return the random problems, then those of the crank-slider."""
     return (*random_problems(), *crank_problems())
 
 
@@ -116,29 +104,28 @@ class Trial(NamedTuple):
     rng: np.random.Generator
 
 
-def random_trials() -> list[Trial]:
-    """Return each random problem together with a generator of random numbers, as a list of `Trial`."""
+def all_trials() -> list[Trial]:
+    """Return each problem with a generator of random numbers."""
     rng = np.random.default_rng(SEED)
-    return [Trial(p, rng) for p in random_problems()]
+    return [Trial(p, rng) for p in all_problems()]
+
+
+def random_trials() -> list[Trial]:
+    """Return each random problem with a generator of random numbers."""
+    return all_trials()[: len(random_problems())]
 
 
 def redundant_trials() -> list[Trial]:
-    """Return each random problem with redundant rows together with a generator of random numbers."""
+    """Return each random problem with redundant rows and a generator of random numbers."""
     return [x for x in random_trials() if len(x.p.J) > x.p.rank]
-
-
-def all_trials() -> list[Trial]:
-    """Return each problem, random or of the crank-slider, together with a generator of random numbers."""
-    rng = np.random.default_rng(SEED)
-    return [Trial(p, rng) for p in all_problems()]
 
 
 @cache
 def special_problems(kind: str) -> tuple[Problem, ...]:
     """Return random problems of a kind for which a projection in the Euclidean metric gives the right accelerations.
 
-    The kinds are "even": M = mu I; "full": there are as many constraint rows as coordinates; "idle": the constraint forces are
-    zero; "aligned": M maps range(J^T) to itself.
+    The kinds are "even": M = mu I; "full": as many constraint rows as coordinates; "idle": no constraint forces; "aligned": M maps
+    range(J^T) to itself.
     """
     rng = np.random.default_rng(SEED + 1)
     problems: list[Problem] = []
@@ -158,11 +145,9 @@ def special_problems(kind: str) -> tuple[Problem, ...]:
 
 
 def in_millimetres(p: Problem) -> Problem:
-    """Return a problem of the crank-slider converted from metres to millimetres.
+    """Return a problem of the crank-slider in millimetres: coordinates q' = s q, with s = 1000 for lengths and 1 for angles.
 
-    The scaled coordinates are q' = s q, with s = 1000 for each coordinate that is a length and 1 for each angle. In these
-    coordinates, M' = M / (s s^T), f' = f / s, Q' = Q / s, a' = s a. The constraint rows are lengths, so that J' = 1000 J / s and g'
-    = 1000 g. Energies stay in J; the unit of force is then J/mm = 1 kN, and that of mass is J s^2/mm^2 = 1e6 kg.
+    Energies stay in J, so that forces are in kN and masses in 1e6 kg.
     """
     s = MILLIMETRES
     return replace(
@@ -171,7 +156,7 @@ def in_millimetres(p: Problem) -> Problem:
 
 
 def relative(x: Array, true: Array) -> float:
-    """Return the largest difference of values x from their reference values `true`, divided by the largest reference value."""
+    """Return the largest difference of x from `true`, divided by the largest entry of `true`."""
     return float(np.abs(x - true).max() / np.abs(true).max())
 
 

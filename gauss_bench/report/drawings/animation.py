@@ -1,15 +1,12 @@
 """Animate a linkage as one SVG that moves by itself in a loop, without a script.
 
-Each link is drawn once, in its own frame. The animation has some of the states of the motion, called the kept states. At each of
-them an SVG transform moves the link by its centre of mass z and its angle theta:
+A link is drawn once, in its own frame, and an SVG transform moves it by its centre of mass z and its angle theta:
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-Between kept states the browser interpolates linearly in time. If a link turns by an angle d_theta between two kept states, a point
-at the distance r from the centre of mass z is drawn off its circular path by at most r d_theta^2 / 8. Joints look closed as long as
-all d_theta are small.
-
-Readers who ask for reduced motion, and printers, get a still picture of the start with the names of its parts.
+The browser interpolates linearly between the kept states of the motion. If a link turns by d_theta between two of them, a point at
+the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Readers who ask for reduced motion, and printers,
+get a still picture of the start.
 """
 
 from collections.abc import Sequence
@@ -20,8 +17,8 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.drawings.canvas import Canvas, Part, page
-from gauss_bench.report.drawings.drawing import canvas_of, draw_names, draw_paths, free_corner, linkage_parts, place_scale
-from gauss_bench.report.drawings.lettering import LETTER
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, free_corner, linkage_parts, place_scale
+from gauss_bench.report.drawings.lettering import LETTER, lettering
 from gauss_bench.report.drawings.pose import unwrap_angles
 from gauss_bench.report.palette import INK, MUTED, PAPER
 from gauss_bench.terms import Array
@@ -39,8 +36,6 @@ HALO = f'paint-order="stroke" stroke="{PAPER}" stroke-width="3" stroke-linejoin=
 def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = ()) -> str:
     """Return the SVG of a linkage moving through states q (k, n) at times t (k,) [s], with the paths of points.
 
-    The text takes about 6 kB for each link, times the number of turns of the fastest link.
-
     Raises:
         ValueError: fewer than two states, or times that do not increase.
     """
@@ -52,11 +47,14 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     canvas = canvas_of(shown, states)
     film, slower = make_film(t[kept], states, canvas)
     # the animated parts, and the parts at the start, which are shown if animations are switched off
-    moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters={p.name: _letter(p) for p in points})]
+    named = {p.name: escape(p.name.partition(".")[2] or p.name) for p in points if p.name}
+    look = f'x="8" y="-8" fill="{INK}" font-style="italic" {HALO}'  # names move with their points
+    letters = {point: f"<text {look}>{name}</text>" for point, name in named.items()}
+    moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters=letters)]
     still = [*linkage_parts(shown, states[:1], trace=states, canvas=canvas)]
     # (l, 2, 2) lines [px] of the moving parts at all states, from which the scale bar keeps away
     swept = np.vstack([part.lines(k) for part in moving for k in range(len(part.place))])
-    scale = place_scale(canvas, swept)
+    scale, taken, ends = place_scale(canvas, swept)
     parts = [
         f"<style>{STYLE}</style>",
         *draw_paths(points, states, canvas),
@@ -64,10 +62,10 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
         *map(film.draw, moving),
         '</g><g class="motion-still" display="none">',
         *(part.draw() for part in still),
-        *draw_names(shown, states[0], canvas, still, scale),
+        *lettering(shown, states[0], canvas, still, taken, ends),
         "</g>",
-        *scale.draw(),
-        *draw_pace(slower, canvas, np.vstack([swept, scale.ends[None]])),
+        *scale,
+        *draw_pace(slower, canvas, np.vstack([swept, ends[None]])),
     ]
     return page(canvas, mechanism.title or mechanism.name, parts)
 
@@ -106,23 +104,21 @@ class Film:
 
     def draw(self, part: Part) -> str:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
-        moves = {
-            "translate": np.ptp(part.place, axis=0).max() > HELD,
-            "rotate": np.ptp(part.turn) > HELD,
-            "scale": np.ptp(part.stretch) > 1e-4,
-        }
+
+        def animated(kind: str, values: Sequence[str], more: str = 'additive="sum" ') -> str:
+            return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
+
+        is_stretched = np.ptp(part.stretch) > 1e-4
+        is_moved = np.ptp(part.place, axis=0).max() > HELD or np.ptp(part.turn) > HELD or is_stretched
+        tracks = []
         # The track of translations replaces the whole transform of `Part.draw`, and the other tracks multiply it. So every part
         # that moves has a translation, and a rotation unless it is upright. Links (parts with a title) always have both.
-        moving = bool(part.title) or any(moves.values())
-        needed = {"translate": moving, "rotate": moving and bool(part.title or part.turn.any()), "scale": moves["scale"]}
-        tracks = []  # the list of a transform's values at all states
-        for kind, values, digits in (("translate", part.place, 2), ("rotate", part.turn, 2), ("scale", part.stretch, 4)):
-            if needed[kind]:
-                track = ";".join(" ".join(f"{x:.{digits}f}" for x in np.atleast_1d(value)) for value in values)
-                more = "" if kind == "translate" else 'additive="sum" '
-                if kind == "scale":  # parts stretch only along their x axis: append the factor 1 of the y axis to each value
-                    track = track.replace(";", " 1;") + " 1"
-                tracks.append(f'<animateTransform attributeName="transform" type="{kind}" {more}values="{track}" {self.timing}/>')
+        if part.title or is_moved:
+            tracks.append(animated("translate", [f"{x:.2f} {y:.2f}" for x, y in part.place], ""))
+            if part.title or part.turn.any():
+                tracks.append(animated("rotate", [f"{x:.2f}" for x in part.turn]))
+        if is_stretched:  # along the x axis alone
+            tracks.append(animated("scale", [f"{x:.4f} 1" for x in part.stretch]))
         return part.draw(inside="".join(tracks))
 
 
@@ -131,7 +127,10 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     states = unwrap_angles(q)
     slower = max(1.0, SHORTEST / float(t[-1] - t[0]))
     seconds = (t - t[0]) * slower
-    if not _ends_where_it_began(states, canvas):  # rest at the end before the film begins again
+    change = (states[-1] - states[0]).reshape(-1, 3)
+    turn, shift = np.degrees(change[:, 2]), np.hypot(change[:, 0], change[:, 1]) * canvas.scale
+    apart = max(shift.max(initial=0), np.abs(turn - 360 * np.round(turn / 360)).max(initial=0))  # without whole turns
+    if apart >= SAME:  # rest at the end before the film begins again
         states, seconds = np.vstack([states, states[-1]]), np.append(seconds, seconds[-1] + REST)
     timing = f'dur="{seconds[-1]:.6g}s" repeatCount="indefinite"'
     parts = seconds / seconds[-1]
@@ -140,22 +139,8 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     return Film(states, timing), slower
 
 
-def _ends_where_it_began(states: Array, canvas: Canvas) -> bool:
-    """Tell whether every link ends where it began over states (f, n), apart from whole turns: within SAME pixels and degrees."""
-    change = (states[-1] - states[0]).reshape(-1, 3)
-    turn = np.degrees(change[:, 2])
-    shift = np.hypot(change[:, 0], change[:, 1]) * canvas.scale
-    return bool(shift.max(initial=0) < SAME and np.abs(turn - 360 * np.round(turn / 360)).max(initial=0) < SAME)
-
-
-def _letter(point: Point) -> str:
-    """Return the SVG of the name of a point, beside the origin; empty for a point without a name."""
-    name = escape(point.name.partition(".")[2] or point.name)
-    return f'<text x="8" y="-8" fill="{INK}" font-style="italic" {HALO}>{name}</text>' if name else ""
-
-
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """Return the SVG of the caption "slowed x times" in the corner with most room; an empty list for a film in real time.
+    """Return the SVG of the caption "slowed x times" in the corner with most room; nothing in real time.
 
     Args:
         avoid: segments (k, 2, 2) [px] from which the caption keeps away.

@@ -43,13 +43,11 @@ class Part:
     """A part of a drawing: shapes in a frame of their own, in pixels, and the motion of this frame over k states.
 
     Attributes:
-        shapes: SVG elements in pixels.
         place: (k, 2) position of the frame's origin in the picture [px].
         turn: (k,) angles of the frame [deg], clockwise as in SVG; zeros for a part that stays upright.
         stretch: (k,) factors of lengths along the x axis of the frame.
         reach: (l, 2, 2) line segments [px] in the frame that outline the part; names are placed away from them.
-        name: name of a force or driver, which is drawn beside the part.
-        title: name of a link, which is shown as a tooltip.
+        name, title: name of a force or driver, drawn beside the part; name of a link, shown as a tooltip.
         link: index of the link that moves the part, -1 for none.
         local: (2,) place on this link [px], for a part that moves with the link and stays upright.
     """
@@ -71,12 +69,7 @@ class Part:
         return np.asarray(self.place[k] + np.stack((c * x - s * y, s * x + c * y), axis=-1))
 
     def draw(self, more: str = "", inside: str = "") -> str:
-        """Return the SVG of the part at its first state.
-
-        Args:
-            more: further attributes, with a space before them.
-            inside: further elements, such as animations.
-        """
+        """Return the SVG of the part at its first state."""
         (x, y), turn = self.place[0], self.turn[0]
         tooltip = f"<title>{escape(self.title)}</title>" if self.title else ""
         move = f"translate({x:.2f} {y:.2f})" + (f" rotate({turn:.2f})" if turn else "")

@@ -4,7 +4,6 @@ A link is drawn once, in its own frame, with its guides and blocks. Pixels are r
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -44,8 +43,8 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
     q = mechanism.q0 if q is None else q
     canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
     parts = [*linkage_parts(mechanism, q[None], trace, canvas)]
-    scale = place_scale(canvas, np.vstack([part.lines() for part in parts]))
-    letters = [*draw_names(mechanism, q, canvas, parts, scale), *scale.draw()]
+    scale, taken, ends = place_scale(canvas, np.vstack([part.lines() for part in parts]))
+    letters = [*lettering(mechanism, q, canvas, parts, taken, ends), *scale]
     return page(canvas, mechanism.title or mechanism.name, [*draw_shapes(mechanism, trace, canvas, parts), *letters])
 
 
@@ -56,41 +55,30 @@ def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    """Return the SVG elements of the paths of observed points over `trace` (k, n), if given, and on top of them of all parts."""
+    """Return the SVG of the paths of observed points over `trace` (k, n), if given, and of all parts on top."""
     tracks = [] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)
     return [*tracks, *(part.draw() for part in parts)]
 
 
-@dataclass(frozen=True, eq=False)
-class ScaleBar:
-    """A scale bar of a drawing.
+def place_scale(canvas: Canvas, avoid: Array) -> tuple[list[str], Array, Array]:
+    """Return a scale bar of a round length below 120 px, in the corner farthest from the segments `avoid` (k, 2, 2) [px].
 
-    Attributes:
-        length: the length that the bar stands for [m].
-        ends: positions of both ends of the bar (2, 2) [px].
+    Returns:
+        Its SVG elements, the box (4,) [px] of its text, and both ends of the bar (2, 2) [px].
     """
-
-    length: float
-    ends: Array
-
-    def draw(self) -> list[str]:
-        """Return the SVG elements of the bar and its length."""
-        (a, y), (b, _) = self.ends
-        bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
-        style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
-        return [bar, f'<text x="{(a + b) / 2:.1f}" y="{y - 6:.1f}" {style}>{self.length:g} m</text>']
-
-
-def place_scale(canvas: Canvas, avoid: Array) -> ScaleBar:
-    """Return a scale bar of a round length below 120 px, in the corner farthest from the segments `avoid` (k, 2, 2) [px]."""
     length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
-    return ScaleBar(length, np.array([middle - half, middle + half]))
+    ends = np.array([middle - half, middle + half])
+    (a, y), (b, _) = ends
+    bar = f'<path d="M{a:.1f} {y - 4:.1f}V{y:.1f}H{b:.1f}V{y - 4:.1f}" fill="none" stroke="{MUTED}"/>'
+    style = f'text-anchor="middle" font-size="11" fill="{MUTED}"'
+    text = f'<text x="{(a + b) / 2:.1f}" y="{y - 6:.1f}" {style}>{length:g} m</text>'
+    return [bar, text], box_of(f"{length:g} m", ends.mean(axis=0) - np.array([0.0, 10.0]), 11.0), ends
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """Find the corner of the picture that is farthest from given segments, and place a horizontal line in this corner.
+    """Return the middle (2,) [px] of a line in the corner of the picture farthest from given segments.
 
     Args:
         half: half the length of the line [px].
@@ -104,17 +92,11 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     line = np.array([[-half, 0.0], [0.0, 0.0], [half, 0.0]])  # around its middle
 
     def room(corner: Array) -> float:
-        """Return the rounded distance [px] of the line with its middle at `corner` (2,) [px] from the segments."""
+        """Return the rounded distance [px] of the line from the segments."""
         # beyond 100 px all corners are equally good, and the first is taken
         return min(100.0, round(distance(corner + line, avoid)))
 
     return max(corners, key=room)
-
-
-def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], scale: ScaleBar) -> list[str]:
-    """Return the SVG elements of the names of all parts at state q (n,), placed apart from the scale bar."""
-    taken = box_of(f"{scale.length:g} m", scale.ends.mean(axis=0) - np.array([0.0, 10.0]), 11.0)
-    return lettering(mechanism, q, canvas, parts, taken, scale.ends)
 
 
 def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
@@ -177,11 +159,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
 
 
 def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Mapping[str, str]) -> Iterator[Part]:
-    """Yield the drawn symbols of pins and observed points at states (k, n).
-
-    Args:
-        letters: name of an observed point -> an SVG text that moves with it.
-    """
+    """Yield the drawn symbols of pins and observed points at states (k, n)."""
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
     # a pin through several links consists of several joints at one place: draw it once
@@ -196,7 +174,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """Return the drawn part of link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
+    """Return link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []  # reach: lines (2, 2) [px] in the link's frame, from which names keep away
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -231,7 +209,7 @@ def hull(points: Array) -> Array:
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the names of the points that each bar of a link joins; a link without bars has one between consecutive points."""
+    """Return the names of the points that each bar joins; without bars, one joins consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 

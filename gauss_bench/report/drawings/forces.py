@@ -11,28 +11,11 @@ force at a point      arrow whose head is at the point
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.mechanism import model
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.mechanism.model import (
-    GROUND,
-    Along,
-    AngleDriver,
-    AxisSpringDamper,
-    JointDamping,
-    LengthDriver,
-    Mechanism,
-    Point,
-    PointForce,
-    Prismatic,
-    Revolute,
-    RotationalSpringDamper,
-    SlideDriver,
-    SpringDamper,
-    Torque,
-)
 from gauss_bench.report.drawings.canvas import Canvas, Part, direction, make_part, path, stroke
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, INK, PAPER
 from gauss_bench.terms import Array
@@ -60,83 +43,70 @@ RIGHT = tuple(f'<g transform="scale(-1 1)">{x}</g>' for x in LEFT)
 PIN = f'<circle r="2.8" fill="{INK}"/>'
 
 
-def attachments(mechanism: Mechanism) -> list[Point]:
+def attachments(mechanism: model.Mechanism) -> list[model.Point]:
     """Return the points of the ground to which springs, dampers and cylinders are attached."""
-    lines = [x for x in (*mechanism.forces, *mechanism.drivers) if isinstance(x, (SpringDamper, LengthDriver))]
-    return [point for x in lines for point in (x.a, x.b) if point.link == GROUND]
+    lines = [x for x in (*mechanism.forces, *mechanism.drivers) if isinstance(x, (model.SpringDamper, model.LengthDriver))]
+    return [point for x in lines for point in (x.a, x.b) if point.link == model.GROUND]
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Positions and angles of a linkage at states (k, n), as drawn on a canvas."""
+def force_parts(mechanism: model.Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
+    """Yield the symbols of all forces and drivers at states (k, n); a joint damper is drawn at the first pair that it acts on."""
 
-    states: Array
-    canvas: Canvas
+    def at(point: model.Point) -> Array:
+        """Return the positions (k, 2) [px] of a point."""
+        return canvas.at(position(states, point))
 
-    def of(self, point: Point) -> Array:
-        """Return the positions (k, 2) [px] of a point of a link at the k states."""
-        return self.canvas.at(position(self.states, point))
-
-    def angle(self, link: int) -> Array:
+    def angle(link: int) -> Array:
         """Return the angle (k,) [rad] of a link."""
-        return np.zeros(len(self.states)) if link == GROUND else self.states[:, 3 * link + 2]
+        return np.zeros(len(states)) if link == model.GROUND else states[:, 3 * link + 2]
 
-
-def force_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterator[Part]:
-    """Yield the drawn symbols of all forces and drivers of a mechanism at states (k, n)."""
-    places = Places(states, canvas)
     for item in (*mechanism.forces, *mechanism.drivers):
-        yield from _symbol(item, mechanism, places)
+        match item:
+            case model.SpringDamper():
+                yield from spring_damper(item.name, at(item.a), at(item.b), item.k, item.c)
+            case model.AxisSpringDamper():
+                axis = direction(angle(item.origin.link) + item.angle)  # (k, 2)
+                along_axis = value(model.Along(item.origin, item.point, item.angle), states)  # (k,) [m]
+                foot = canvas.at(position(states, item.point) - along_axis[:, None] * axis)
+                yield from spring_damper(item.name, foot, at(item.point), item.k, item.c)
+            case model.RotationalSpringDamper():
+                shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
+                yield ring_part(item.name, shapes, at(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(angle(item.b)))
+            case model.JointDamping():
+                for pair in item.pairs[:1]:
+                    yield ring_part(item.name, [RING], at(pair.block if isinstance(pair, model.Prismatic) else pair.a), 11.0)
+            case model.Torque() if item.value:
+                yield ring_part(item.name, LEFT if item.value > 0 else RIGHT, at(_pin(mechanism, item.reaction, item.link)))
+            case model.AngleDriver():
+                shapes = [*(LEFT if _sense(item) > 0 else RIGHT), MOTOR]
+                yield ring_part(item.name, shapes, at(_pin(mechanism, model.GROUND, item.link)))
+            case model.SlideDriver():
+                turn = -np.degrees(angle(item.joint.guide.link) + item.joint.angle)
+                yield make_part(arrow(24.0, 52.0, _sense(item)), at(item.joint.block), turn, name=item.name)
+            case model.LengthDriver():
+                yield from cylinder(item.name, at(item.a), at(item.b))
+            case model.PointForce() if np.hypot(*item.value):
+                turn = angle(item.frame) + float(np.arctan2(item.value[1], item.value[0]))
+                reach = np.array([[(-LOAD, 0.0), (0.0, 0.0)]])
+                yield make_part(arrow(-LOAD, -6.0), at(item.point), -np.degrees(turn), name=item.name, reach=reach)
 
 
-def _symbol(item: object, mechanism: Mechanism, x: Places) -> Iterator[Part]:
-    """Yield the parts of the symbol of a force or driver; a joint damper is drawn at the first of the pairs that it acts on."""
-    match item:
-        case SpringDamper():
-            yield from spring_damper(item.name, x.of(item.a), x.of(item.b), item.k, item.c)
-        case AxisSpringDamper():
-            axis = direction(x.angle(item.origin.link) + item.angle)  # (k, 2)
-            along_axis = value(Along(item.origin, item.point, item.angle), x.states)  # (k,) [m]
-            foot = x.canvas.at(position(x.states, item.point) - along_axis[:, None] * axis)
-            yield from spring_damper(item.name, foot, x.of(item.point), item.k, item.c)
-        case RotationalSpringDamper():
-            shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
-            yield ring_part(item.name, shapes, x.of(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(x.angle(item.b)))
-        case JointDamping():
-            for pair in item.pairs[:1]:
-                yield ring_part(item.name, [RING], x.of(pair.block if isinstance(pair, Prismatic) else pair.a), 11.0)
-        case Torque() if item.value:
-            yield ring_part(item.name, LEFT if item.value > 0 else RIGHT, x.of(_pin(mechanism, item.reaction, item.link)))
-        case AngleDriver():
-            shapes = [*(LEFT if _sense(item) > 0 else RIGHT), MOTOR]
-            yield ring_part(item.name, shapes, x.of(_pin(mechanism, GROUND, item.link)))
-        case SlideDriver():
-            turn = -np.degrees(x.angle(item.joint.guide.link) + item.joint.angle)
-            yield make_part(arrow(24.0, 52.0, _sense(item)), x.of(item.joint.block), turn, name=item.name)
-        case LengthDriver():
-            yield from cylinder(item.name, x.of(item.a), x.of(item.b))
-        case PointForce() if np.hypot(*item.value):
-            turn = x.angle(item.frame) + float(np.arctan2(item.value[1], item.value[0]))
-            reach = np.array([[(-LOAD, 0.0), (0.0, 0.0)]])
-            yield make_part(arrow(-LOAD, -6.0), x.of(item.point), -np.degrees(turn), name=item.name, reach=reach)
-
-
-def _sense(driver: AngleDriver | SlideDriver) -> float:
+def _sense(driver: model.AngleDriver | model.SlideDriver) -> float:
     """Return the sign of the driver's first nonzero rate."""
     rates = (driver.law(t)[1] for t in (0.0, 1e-3, 0.1))
     return next((float(np.sign(rate)) for rate in rates if rate), 1.0)
 
 
-def _pin(mechanism: Mechanism, a: int, b: int) -> Point:
+def _pin(mechanism: model.Mechanism, a: int, b: int) -> model.Point:
     """Return a point around which torques between links a and b are drawn.
 
     The point is the first pin that joins a and b; without such a pin, the first pin that joins b to the ground; without either, the
     centre of mass of b (of a if b is the ground).
     """
     # reversed: of several pins between the same links, the first in the file is stored last and stays
-    pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, Revolute)}
-    centre = Point(b if b != GROUND else a, np.zeros(2), "")
-    return pins.get(frozenset((a, b))) or pins.get(frozenset((GROUND, b)), centre)
+    pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, model.Revolute)}
+    centre = model.Point(b if b != model.GROUND else a, np.zeros(2), "")
+    return pins.get(frozenset((a, b))) or pins.get(frozenset((model.GROUND, b)), centre)
 
 
 def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
@@ -161,10 +131,8 @@ def motion_along(a: Array, b: Array) -> tuple[float, dict[str, Array]]:
 def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator[Part]:
     """Yield the symbols of a spring (if k is not 0) and of a damper (if c is not 0) between a and b (n, 2) [px].
 
-    Points of the lines are (share of the length, px beside the line). Spring and damper are drawn along the whole length or, if
-    there are both, side by side from LEAD to 1 - LEAD, with short lines that join them at both ends. A spring is straight up to 0.2
-    of the length, follows the zigzag COILS up to 0.8, and then is straight again. A damper is a line to the bottom of its pot at
-    0.4, and a line from its piston at 0.52.
+    Points of the lines are (share of the length, px beside the line). If there are both, spring and damper are drawn side by side
+    from LEAD to 1 - LEAD, with short lines that join them at both ends.
     """
     length, motion = motion_along(a, b)
     side, ends = (SIDE, (LEAD, 1 - LEAD)) if k and c else (0.0, (0.0, 1.0))

@@ -83,20 +83,14 @@ def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
 
 
 def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
-    """Return for each point the line of a vector's magnitude; the components of the vector have the keys `first` and `second`."""
+    """Return for each point the magnitude of the vector with components `first` and `second`."""
     values = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
     return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the plot of all curves of a run, in panels one below the other.
-
-    Args:
-        history: the curves, with at least one sample.
-        caption: the texts above the panels, the end of the time axis, and the time until which the run is trusted.
-        head: whether to write the texts above the panels.
-    """
+    """Return the plot of all curves of a run, in panels one below the other."""
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
@@ -121,7 +115,7 @@ def plot(history: History, caption: Caption, head: bool = True) -> Figure:
 
 
 def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
-    """Draw the lines of a panel with their names, and mark the part of the run that is not trusted and the part that is missing.
+    """Draw the lines of a panel with their names, and mark what is not trusted and what is missing.
 
     Args:
         t: times (k,) of the samples [s].
@@ -161,7 +155,7 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
 
 
 def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
-    """Return line -> index of its colour; of more than NAMED lines, only those with the largest trusted values get a colour.
+    """Return line -> index of its colour; of more than NAMED lines only the largest trusted ones get one.
 
     Args:
         sure: (k,) whether a sample is trusted, because the judge has no objection to the run up to the time of the sample.
@@ -173,7 +167,7 @@ def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
 
 
 def _limits(values: Sequence[Array]) -> tuple[float, float]:
-    """Return the limits (low, high) of an axis around all finite values, with a margin that is wide for constant values."""
+    """Return limits (low, high) of an axis around all finite values, with a margin."""
     every = np.concatenate([np.ravel(x) for x in values])
     every = every[np.isfinite(every)]
     low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
@@ -182,11 +176,7 @@ def _limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write names beside the ends of lines; names that would overlap are moved apart and joined to their ends by thin lines.
-
-    Args:
-        ends: name, colour and last value of each line.
-    """
+    """Write names beside the ends of lines, moved apart and joined to their ends by thin lines."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt]

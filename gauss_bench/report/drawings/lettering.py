@@ -23,12 +23,12 @@ AROUND = direction(-np.linspace(0, 2 * np.pi, 24, endpoint=False))  # (24, 2) un
 
 
 def width_of(name: str, size: float = 13.0) -> float:
-    """Return an estimate of the width [px] of a name in letters of a given size [px]; it errs on the large side."""
+    """Estimate the width [px] of a name in letters of a size [px]; it errs on the large side."""
     return size / 13 * sum(WIDTHS.get(letter, OTHERS) for letter in name)
 
 
 def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
-    """Return the edges left, top, right and bottom (4,) [px] of the text of a name whose middle is at `middle` (2,) [px]."""
+    """Return the box (left, top, right, bottom) [px] of a name whose middle is at `middle` (2,) [px]."""
     half = np.array([width_of(name, size) / 2, TALL / 2 * size / 13])
     return np.concatenate([middle - half, middle + half])
 
@@ -36,43 +36,37 @@ def box_of(name: str, middle: Array, size: float = 13.0) -> Array:
 def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Part], taken: Array, bar: Array) -> list[str]:
     """Return the SVG texts of the names of joints, observed points, links, forces and drivers at state q (n,).
 
-    Names of joints and observed points are placed first, then titles of parts, which are names of links, then names of forces and
-    drivers. No name is placed over one that was placed before it. If every place beside a force or driver overlaps another name or
-    the edge of the picture, or lies on a line, its name is left out.
-
-    Args:
-        parts: all drawn parts.
-        taken: box (4,) [px] of a text that is placed already.
-        bar: a further line (2, 2) [px] from which names keep away.
+    Names of joints and observed points are placed first, then those of links, then those of forces and drivers. A force or driver
+    has no name in the drawing if every place overlaps another name, the edge of the picture or a line.
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
-    texts = []
+    named = []  # name, candidate places, room beyond which no place is better, style, whether the name may be left out
     for name, where in _points(mechanism, q, canvas):
         wide = np.array([width_of(name) / 2 - 4.0, 0.0])  # half a name, less 4 px: a name beside its point stands close to it
         # candidates around the point: at these distances [px] in all directions, and further to the sides for a wide name
         places = [where + r * way + wide * way for r in (15.0, 18.0, 21.0, 27.0, 34.0) for way in AROUND]
-        place, _ = _best(places, name, segments, boxes, size, NEAR)
-        boxes.append(box_of(name, place))
-        texts.append(_text(name, place, INK, 'font-style="italic"'))
+        named.append((name, places, NEAR, f'fill="{INK}" font-style="italic"', False))
     for part in parts:  # links
         if part.title:
             # a part whose `reach` is empty counts as a line of no length at its origin
             lines = part.lines() if len(part.reach) else np.tile(part.place[0], (1, 2, 1))
-            place, _ = _best(_beside_lines(part.title, lines), part.title, segments, boxes, size)
-            boxes.append(box_of(part.title, place))
-            texts.append(_text(part.title, place, MUTED, ""))
+            named.append((part.title, _beside_lines(part.title, lines), FAR, f'fill="{MUTED}"', False))
     for part in parts:  # forces and drivers
         if part.name and len(part.reach):
-            place, room = _best(_beside_lines(part.name, part.lines()), part.name, segments, boxes, size, NEAR)
-            if room > 0:
-                boxes.append(box_of(part.name, place))
-                texts.append(_text(part.name, place, CRANK_EDGE, ""))
+            named.append((part.name, _beside_lines(part.name, part.lines()), NEAR, f'fill="{CRANK_EDGE}"', True))
+    texts = []
+    for name, places, enough, style, may_miss in named:
+        place, room = _best(places, name, segments, boxes, size, enough)
+        if room > 0 or not may_miss:
+            boxes.append(box_of(name, place))
+            x, y = place[0], place[1] + 4.5
+            texts.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" {style}>{escape(name)}</text>')
     return texts
 
 
 def _beside_lines(name: str, lines: Array) -> list[Array]:
-    """Return candidate places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
+    """Return places (2,) [px] for the middle of a name, around several points of each of the lines (l, 2, 2) [px].
 
     `_best` takes the first of equally good places: places near a line, and near the middle of the line, come first.
     """
@@ -83,14 +77,8 @@ def _beside_lines(name: str, lines: Array) -> list[Array]:
     return [spot + away * way + wide * way for away in (13.0, 19.0, 27.0) for spot in spots for way in AROUND[::2]]
 
 
-def _text(name: str, place: Array, colour: str, style: str) -> str:
-    """Return the SVG text of a name around its middle (2,) [px]."""
-    x, y = place[0], place[1] + 4.5
-    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle" fill="{colour}" {style}>{escape(name)}</text>'.replace(" >", ">")
-
-
 def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, Array]]:
-    """Return (name, pixels (2,)) of joints and observed points; of several at the same place (to 0.1 px) only the first."""
+    """Return (name, pixels (2,)) of joints and observed points; of several at one place only the first."""
     named = [(j.joint, j.a if isinstance(j, Revolute) else j.block) for j in mechanism.joints]
     named += [(p.name.partition(".")[2], p) for p in mechanism.observed_points]
     once: dict[tuple[float, float], str] = {}
@@ -101,19 +89,12 @@ def _points(mechanism: Mechanism, q: Array, canvas: Canvas) -> list[tuple[str, A
 
 
 def _best(
-    places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float = FAR
+    places: Sequence[Array], name: str, segments: Array, boxes: list[Array], size: tuple[float, float], enough: float
 ) -> tuple[Array, float]:
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
-    The room of a place is the distance between the name at this place and the nearest line. The room is negative if the name
-    overlaps another name or the edge of the picture.
-
-    Args:
-        places: candidates (2,) [px].
-        segments: lines (l, 2, 2) [px] from which the name keeps away.
-        boxes: boxes (4,) [px] of the names that are placed already.
-        size: width and height of the picture [px].
-        enough: largest room that counts [px]: places with more room are equally good.
+    The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
+    or the edge of the picture. Places with more room than `enough` are equally good.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name

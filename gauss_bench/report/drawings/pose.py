@@ -1,20 +1,26 @@
 """States for drawings: a linkage at a readable crank angle, and a full turn of its crank."""
 
+import hashlib
+import tomllib
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.linkage.closure import gauss_newton
-from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import document_of, load_document
+from gauss_bench.linkage.errors import Fault, LinkageError
+from gauss_bench.linkage.load import built_in, document_of, load_document
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.report.rows import Run
 from gauss_bench.terms import Array
+from gauss_bench.untrusted import parse_toml
 
 POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
 TURN = 120  # states of a full turn
+KEPT = "linkages"  # key of a run's environment, under which it has name -> text of the file
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
@@ -45,7 +51,7 @@ def pose_document(
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """Return the states (TURN + 1, n) of a full turn of the driver in 1 s, or None if the linkage does not close everywhere."""
+    """Return states (TURN + 1, n) of a full turn of the driver in 1 s, None if the linkage does not close everywhere."""
     constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
     for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:
@@ -72,3 +78,31 @@ def crank_angles(mechanism: Mechanism, states: Array) -> Array:
     """Return the angles (k,) [rad] of the crank at states (k, n)."""
     assert mechanism.crank is not None
     return states[:, 3 * mechanism.crank + 2]
+
+
+def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
+    """Return the document, digest and path of a linkage of a run.
+
+    Raises:
+        LinkageError: the linkage is neither built in nor stored, or is damaged.
+    """
+    kept = run.environment.get(KEPT)
+    text = kept.get(name) if isinstance(kept, dict) else None
+    if isinstance(text, str):
+        try:
+            return parse_toml(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
+        except tomllib.TOMLDecodeError as error:
+            raise LinkageError(name, [Fault("", f"as the run kept it, no TOML: {error}")]) from error
+    if name not in built_in():
+        raise LinkageError(name, [Fault("", "the run did not keep its file")])
+    return document_of(name)
+
+
+@lru_cache(maxsize=64)
+def pose_in(run: Run, name: str, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
+    """Return a linkage of a run, the state q (n,) to draw, and the states (k, n) of a full turn of its crank.
+
+    Raises:
+        LinkageError: for the same reasons as in `document_in`, or because the linkage does not load.
+    """
+    return pose_document(*document_in(run, name), crank_deg)

@@ -27,11 +27,7 @@ def picture(kind: str, caption: Caption, history: History) -> bytes:
 
 
 def film(kind: str, caption: Caption, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
-    """Return the file with the moving linkage, up to the time until which the run is trusted.
-
-    Args:
-        kind: ".svg", ".gif" or ".html".
-    """
+    """Return the file with the moving linkage, up to the time until which the run is trusted."""
     count = len(trajectory.t)
     if caption.trusted is not None:
         count = int(np.searchsorted(trajectory.t, caption.trusted, "right"))
@@ -72,7 +68,6 @@ def _page(caption: Caption, history: History, moving: str, t: Array) -> str:
     """Return an HTML page with the moving linkage, its curves, and a line that marks the current time in them.
 
     Args:
-        moving: SVG of the moving linkage.
         t: times of its states (k,) [s].
     """
     duration = float(t[-1] - t[0])

@@ -23,10 +23,7 @@ ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines whose accelerations agree with the reference, on other engines, and on the negative control.
-
-    The negative control is a formulation that is wrong on purpose.
-    """
+    """Yield findings on engines whose accelerations agree with the reference, on others, and on the negative control."""
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -34,7 +31,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_same_model(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding that lists the engines whose accelerations agree with the reference at the same states."""
+    """Yield a finding on the engines whose accelerations agree with the reference."""
     engines = group_by(rows, lambda r: f"`{r['engine']}` {setting_words(r, 'settings')}".strip())
     worst = {name: max(r[ERROR] for r in group) for name, group in engines.items()}
     same = sorted((error, name) for name, error in worst.items() if error <= SAME_ACCELERATION)
@@ -57,10 +54,7 @@ def list_errors(rows: Sequence[Row]) -> Table:
 
 
 def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
-    """Yield a finding for each setting of an engine whose accelerations differ from the reference at the same states.
-
-    Each finding also says whether a smaller step reduces the error of the trajectory.
-    """
+    """Yield a finding for each setting whose accelerations differ from the reference, and whether a smaller step helps."""
     for (name, settings), group in group_by(rows, "engine", "settings").items():
         off = [row for row in group if row[ERROR] > SAME_ACCELERATION]
         if off:
@@ -78,9 +72,6 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
 
     Among series of runs whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by the
     smallest factor, if this factor is below SHRINKS.
-
-    Args:
-        off: the rows of one setting of an engine whose accelerations differ from the reference.
 
     Returns:
         End of the sentence, and list. The two are "." and an empty list if in every series the error falls by SHRINKS or more.
@@ -104,11 +95,7 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
 
 
 def find_controls(run: Run) -> Iterator[Finding]:
-    """Yield a finding for each negative control, which is a formulation that is wrong on purpose.
-
-    The finding states how small the control's constraint residuals are, how wrong its accelerations are, and whether the judge's
-    limit for accelerations rejects its runs.
-    """
+    """Yield a finding for each negative control, which is a formulation that is wrong on purpose."""
     rows = [row for row in run.results if row["control"] and has_ended(row)]
     for name, group in group_by(rows, "engine").items():
         residuals = [row["acceleration_residual"] for row in with_number(group, "acceleration_residual")]

@@ -4,33 +4,22 @@ from collections import Counter
 from collections.abc import Mapping
 
 from gauss_bench.report.cases import has_ended
-from gauss_bench.report.content import Bullets, Section, blocks_of
+from gauss_bench.report.content import Bullets, Section, blocks_of, layouts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.words import count
 
 PLACE = 91
 TITLE, ANCHOR = "Where this suite may be biased", "bias"
-REASONS = (
-    "**The authors wrote the adapters to all other engines.** A slow or loose setting may be the adapter's fault; the page of each "
-    "engine says how to object.",
-    "**Own engines are code that is generated for one linkage.** Other engines are general programs, and the time of generation "
-    "and compilation is not counted.",
-    "**The linkages are those of the authors' papers and their kind.** All are planar and small, and none has contact or three "
-    "dimensions, for which MuJoCo is made.",
-    "**All times are of one machine.** Another processor may order engines that are close in another way.",
-    "**References come from the authors' own programs.** Two pipelines without common equations agree on them, and they are "
-    "compared with published values and closed forms.",
-)
 
 
 def section(run: Run) -> Section:
-    """Return the section on possible biases of the suite, with a table of the effort that went into each engine."""
+    """Return the section on possible biases, with a table of the effort that went into each engine."""
     lines = list(count_effort(run).values())
-    return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *REASONS)), *blocks_of("bias", lines)))
+    return Section(TITLE, ANCHOR, (Bullets((describe_authorship(run), *layouts()["bias"]["items"])), *blocks_of("bias", lines)))
 
 
 def describe_authorship(run: Run) -> str:
-    """Return a sentence on the number of engines that the authors of the suite wrote, and on what they chose."""
+    """Return a sentence on the share of engines that the suite's authors wrote, and on what they chose."""
     engines = count_effort(run).values()
     own = sum(row["own"] == "yes" for row in engines)
     return (
@@ -40,11 +29,7 @@ def describe_authorship(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> a row of counts, with the engines by the authors of the suite first.
-
-    A row counts the settings that searches tried (`variants`), the runs of searches (`evaluations`), the cases, and the valid
-    cases. The entry `own` of a row tells whether the authors of the suite wrote the engine.
-    """
+    """Return engine -> a row of counts of searched settings, runs of searches, cases and valid cases; own engines first."""
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
     counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
     counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])

@@ -12,7 +12,7 @@ RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step
 
 
 def section(run: Run) -> Section:
-    """Return the section on the paper's claim that fewer unknowns are faster, with the table of timed comparisons."""
+    """Return the section on the claim that fewer unknowns are faster, with the table of timed comparisons."""
 
     def order(row: Row) -> tuple[float, float, str]:
         """Return the sort key of a row: numbers of unknowns of the Gauss and of the Lagrange formulation, then the linkage."""
@@ -24,11 +24,7 @@ def section(run: Run) -> Section:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m, as the paper claims.
-
-    The text begins with the times of the paper's own formula in numpy. The times of compiled steps follow, separately for linkages
-    with one free coordinate and with more; in the rows of compiled steps the column RACE + "verdict" says whether the claim holds.
-    """
+    """Yield a finding on whether a step with n - m unknowns takes less time than one with n + m."""
     by_formula, ratios = compare_formula(run)
     slower = any(x > 1 for x in ratios.values())
     formula = [{"where": name, "ratio": x} for name, x in ratios.items()]
@@ -96,11 +92,7 @@ def _count_freedoms(rows: Sequence[Row]) -> str:
 
 
 def _compare_races(rows: Sequence[Row]) -> str:
-    """Return in words, for each kind of step in RACES, how n - m unknowns compare with n + m.
-
-    The text gives the number of linkages on which n - m unknowns are faster, the range of the ratios (time with n + m unknowns
-    divided by the time with n - m), and the linkages on which n - m unknowns are not faster.
-    """
+    """Return in words, for each kind of step in RACES, how n - m unknowns compare with n + m."""
     parts = []
     for race, words in RACES.items():
         raced = with_number(rows, f"{race}ratio")

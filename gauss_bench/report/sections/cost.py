@@ -61,9 +61,6 @@ def _place(row: Row) -> tuple[str, ...]:
 def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
     """Return the time of OWN divided by that of RIVAL.
 
-    Args:
-        own, rival: for each of the two engines, its time divided by that of the run's baseline engine.
-
     Returns:
         The quotient own / rival. If RIVAL is the baseline, the quotient is `own`; if OWN is the baseline, the quotient is 1 /
         `rival`. Only in these two cases the range of the quotient is known.

@@ -4,14 +4,13 @@ import re
 from collections.abc import Iterator, Sequence
 
 from gauss_bench.report.cases import has_ended
-from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, lay_out
+from gauss_bench.report.content import Finding, Section, Table, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known
 from gauss_bench.report.words import count, itemise
 
 PLACE = 80
 NUMBER = re.compile(r"\d[\d.e+-]*")
 NONE = "None: every case of the run ended and is valid."
-SHARED = "Cases that ended for the same reason share a line; none of them is in a figure or a ranking."
 
 
 def section(run: Run) -> Section:
@@ -26,7 +25,7 @@ def section(run: Run) -> Section:
     }
     tables = [list_reasons(title, rows) for title, rows in kinds.items() if rows]
     untimed = blocks_of("untimed", [row for row in run.table("untimed") if row["status"] != "skip"])
-    blocks = (Text(SHARED), *tables, *untimed) if tables or untimed else (Text(NONE),)
+    blocks = (Text(layouts()["texts"]["failures"]), *tables, *untimed) if tables or untimed else (Text(NONE),)
     return Section("Skipped and failed cases", "failures", blocks)
 
 

@@ -1,8 +1,4 @@
-"""The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result.
-
-The rows are those of a run of the suite `field`, which is run separately. The folder of this run may be the subfolder `field` of
-another run's folder; then the report of the other run has this section too.
-"""
+"""The section "The field": results of the same tests for all engines, for each setting, with a reason for each missing result."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,8 +10,8 @@ from gauss_bench.report.cases import SAME_ACCELERATION, chose_steps, error_bar, 
 from gauss_bench.report.content import Finding, Section, Text, blocks_of, lay_out
 from gauss_bench.report.first_table import mark_own
 from gauss_bench.report.pages import facts
-from gauss_bench.report.reaches import answer, find_race
 from gauss_bench.report.rows import METHOD, Row, Run, group_by, is_known, number, spread, with_number
+from gauss_bench.report.site.settings import answer, find_race
 from gauss_bench.report.words import count, itemise, itemise_code, ratio_text
 from gauss_bench.trajectory import Status
 
@@ -69,9 +65,6 @@ def answers(run: Run, engine: str = "") -> list[Row]:
 def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     """Return the test results of a setting: errors and orders of its accuracy cases, and whether two runs are equal bit by bit.
 
-    Args:
-        row: a row of the table `field`.
-
     Returns:
         Columns of the layout `field`. `same` says whether the accelerations at given states agree with the reference; `repeats`,
         whether two runs are equal. Columns that begin with `why_`, and `missing`, are reasons for missing values (see
@@ -84,6 +77,8 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         return {"missing": row["message"] or NOT_HERE}
     if not has_ended(case):
         return {"missing": describe_end(case)}
+    linkage = row["redundant"]  # the linkage with redundant rows
+    others = [r for r in cases if r["mechanism"] == linkage]
     off = number(case, "acceleration_error_median")
     is_same = off <= SAME_ACCELERATION
     differs = f"off by {off:.0e}" if is_known(off) else ""
@@ -101,20 +96,9 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
         "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
-        **redundant_rows(cases, row["redundant"]),
+        "redundant": next((number(r, "length_error") for r in others if has_ended(r) and r["valid"]), math.nan),
+        "why_redundant": describe_end(others[0]) if others else NOT_HERE,
     }
-
-
-def redundant_rows(cases: Sequence[Row], linkage: str) -> dict[str, Any]:
-    """Return the error of a setting on the linkage with redundant rows, and the reason if it has none.
-
-    Args:
-        cases: all cases of the setting.
-    """
-    others = [r for r in cases if r["mechanism"] == linkage]
-    valid = [r for r in others if has_ended(r) and r["valid"]]
-    reason = describe_end(others[0]) if others else NOT_HERE
-    return {"redundant": number(valid[0], "length_error") if valid else math.nan, "why_redundant": reason}
 
 
 def describe_end(row: Row) -> str:
@@ -127,9 +111,8 @@ def describe_end(row: Row) -> str:
 def costs(run: Run, engine: str = "") -> list[Row]:
     """Return a row for each engine, or only for `engine`: its cost at both ACCURACIES, its time to start, and its installed size.
 
-    The columns "coarse" and "fine" have the time of the engine's cheapest setting [s]. The columns with the endings `_range_low`
-    and `_range_high` have the range of this time, and those with the ending `_over` the time divided by that of the fastest engine.
-    Columns `why_*` have reasons for missing values (see `content.missing_reason`).
+    Columns "coarse" and "fine" have the time of the engine's cheapest setting [s], those with the endings `_range_low` and
+    `_range_high` its range, those with `_over` its multiple of the fastest engine. Columns `why_*` have reasons for missing values.
     """
     run = run.field_run
     lines: list[dict[str, Any]] = []
@@ -175,13 +158,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str:
-    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost.
-
-    Args:
-        lines: rows of `costs`.
-        engines: names of the engines in question.
-        key: one of ACCURACIES.
-    """
+    """Return a sentence on the costs of some engines, divided by the least cost of all; empty if none of the engines has a cost."""
     multiples = {row["engine"]: row[f"{key}_over"] for row in with_number(lines, f"{key}_over")}
     timed = sorted((x for x in engines if x in multiples), key=lambda x: multiples[x])
     if not timed:

@@ -48,10 +48,7 @@ def _call(row: Row) -> tuple[str, str]:
 
 
 def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row]) -> Section | None:
-    """Return the section of the chapter on the kernel with the rows `shown` of the table `name`; None if the table has no rows.
-
-    If `shown` has fewer rows than `rows`, which are all rows of the table, a folded table with all of them follows.
-    """
+    """Return the section of the chapter on the kernel with the rows `shown` of the table `name`; None if the table has no rows."""
     if not rows:
         return None
     title = layouts()[name]["title"]
@@ -72,10 +69,7 @@ def size_section(run: Run) -> Section | None:
 
 
 def size_charts(rows: Sequence[Row]) -> list[Chart]:
-    """Return a list with the chart of the time of a right-hand side against the number of windows of a chain linkage.
-
-    A window is one of the four-bars of the chain. The list is empty if no time was measured.
-    """
+    """Return a list with the chart of the time of a right-hand side against the number of windows of a chain linkage."""
     shown = []
     for row in sorted(rows, key=lambda r: (r["engine"], r["quantity"], number(r, "size"))):
         name = f"{row['engine']}, {row['quantity']}"
@@ -91,10 +85,7 @@ def size_charts(rows: Sequence[Row]) -> list[Chart]:
 
 
 def limit_section(run: Run) -> Section | None:
-    """Return the section that compares the time of compiled steps with the least time that the processor allows.
-
-    The section is None if this was not measured.
-    """
+    """Return the section that compares the time of compiled steps with the least time that the processor allows."""
     bounds, machine = run.table("kernel_bounds"), run.table("kernel_machine")
     if not bounds:
         return None
@@ -192,11 +183,7 @@ def _list_ratios(rows: Sequence[Row]) -> str:
 
 
 def describe_batch(rows: Sequence[Row]) -> str:
-    """Return a sentence that compares the time of a batch of trajectories with that of MuJoCo.
-
-    The sentence also states the largest difference between the batch, which computes several trajectories at once in the lanes of
-    the processor's vector registers, and runs of one trajectory at a time.
-    """
+    """Return a sentence that compares the time of a batch of trajectories with that of MuJoCo."""
     largest_difference = max(number(r, "lanes_error") for r in rows)
     states = max(int(r["states"]) for r in rows)
     text = f"{states} trajectories from different states, on one core, are this many times faster than MuJoCo's rollout"
@@ -205,12 +192,7 @@ def describe_batch(rows: Sequence[Row]) -> str:
 
 
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
-    """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel.
-
-    The first sentence compares the kernel in its own compiled loop with Pinocchio, whose time is taken without that of the call
-    from Python. The second compares the two as they are called from Python. The text is empty if one of the two comparisons is
-    missing.
-    """
+    """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel."""
     by_call = group_by(rows, _call)
     if IN_LOOP not in by_call or CALLED not in by_call:
         return ""
@@ -266,14 +248,11 @@ def describe_kinematics(rows: Sequence[Row]) -> str:
 
 def describe_limits(rows: Sequence[Row]) -> str:
     """Return a sentence on the share of the processor's possible speed that the kernel reaches."""
-    groups = group_by(rows, "quantity")
-    shares = itemise(f"{_percent([r['share'] for r in group])} for {quantity}" for quantity, group in groups.items())
-    return f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {shares}."
-
-
-def _percent(shares: Sequence[float]) -> str:
-    """Format the range of shares in per cent."""
-    return f"{100 * min(shares):.0f} to {100 * max(shares):.0f} %"
+    parts = []
+    for quantity, group in group_by(rows, "quantity").items():
+        shares = [r["share"] for r in group]
+        parts.append(f"{100 * min(shares):.0f} to {100 * max(shares):.0f} % for {quantity}")
+    return f"Of the speed that latency and the peak rate of this processor allow, the kernel reaches {itemise(parts)}."
 
 
 # table, column that a row must have, title of the finding, function that makes its text

@@ -37,10 +37,7 @@ def section(run: Run) -> Section:
 
 
 def summarise(rows: Sequence[Row]) -> str:
-    """Return sentences which state for each paper how many audited lines have which verdict.
-
-    A last sentence names the verdicts that a measurement contradicts, if there are any.
-    """
+    """Return sentences which state for each paper how many audited lines have which verdict."""
     papers = group_by(rows, "paper")
     parts = [f"{paper}: {count(len(group), 'line')}; {count_verdicts(group)}." for paper, group in papers.items()]
     contradicted = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]

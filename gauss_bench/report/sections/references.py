@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from gauss_bench.report.cases import measured_head
 from gauss_bench.report.content import Bullets, Finding, Section, Text, blocks_of, lay_out
-from gauss_bench.report.rows import Row, Run, is_known, number, with_number
+from gauss_bench.report.rows import Run, is_known, number, with_number
 from gauss_bench.report.words import count
 
 PLACE = 50
@@ -17,7 +17,11 @@ def section(run: Run) -> Section:
     """Return the section with tables of references, certificates, closed forms and published values."""
     certificates = run.table("certificates")
     exact = with_number(certificates, "taylor_off_closed_form")
-    early = [_name_end(row) for row in certificates if row["status"] != "ok" or row["complete"] is False]
+    early = []  # sentences on certificates that end early
+    for row in certificates:
+        if row["status"] != "ok" or row["complete"] is False:
+            until = f"until {row['until']:g} s" if is_known(row.get("until")) else "not at all"
+            early.append(f"`{row['mechanism']}` {row['scenario']} is certified {until}: {row['message']}.")
     blocks = (
         *blocks_of("references", [{**row, "what": measured_head([row])} for row in run.table("references")]),
         *blocks_of("certificates", [row for row in certificates if row not in exact]),
@@ -26,12 +30,6 @@ def section(run: Run) -> Section:
         *blocks_of("published", run.table("published")),
     )
     return Section("The truth", "references", blocks or (Text("The run recorded no references."),))
-
-
-def _name_end(row: Row) -> str:
-    """Return a sentence on the time at which a certificate ends early."""
-    until = f"until {row['until']:g} s" if is_known(row.get("until")) else "not at all"
-    return f"`{row['mechanism']}` {row['scenario']} is certified {until}: {row['message']}."
 
 
 def findings(run: Run) -> Iterator[Finding]:

@@ -44,11 +44,7 @@ def list_quantities(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
-    """Return the verdict on the paper's statement that its linkage stops, and sentences of `layouts.toml` with values of the run.
-
-    Args:
-        rows: key of a quantity -> the row of the table `reproduction` with this key.
-    """
+    """Return the verdict on the paper's statement that its linkage stops, and sentences with values of the run."""
     values = {key: f"{print_value(row)} {row['unit']}" for key, row in rows.items()}
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
     values["rests"] = itemise(f"{print_value(row)} rad ({row['quantity'].removeprefix('comes to rest ')})" for row in at_rest)
@@ -101,11 +97,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_assumed(rows: Mapping[str, Row]) -> str:
-    """Return a sentence on the numbers that the example needs and the paper does not give.
-
-    Args:
-        rows: key of a quantity -> the row of the table `reproduction` with this key.
-    """
+    """Return a sentence on the numbers that the example needs and the paper does not give."""
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)
     return f"The paper does not give {assumed}."

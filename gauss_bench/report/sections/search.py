@@ -1,7 +1,4 @@
-"""The cheapest setting of every engine that meets a requirement over the whole run.
-
-The section also lists the searched variants, the budget of the search, and the source of each option.
-"""
+"""The cheapest setting of every engine that meets a requirement over the whole run."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -10,9 +7,8 @@ from typing import Any
 from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, lay_out, layouts
-from gauss_bench.report.reaches import answer
 from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
-from gauss_bench.report.site.settings import race_multiples
+from gauss_bench.report.site.settings import answer, race_multiples
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
@@ -45,9 +41,8 @@ def section(run: Run) -> Section | None:
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
     """Return rows of the table `search_winners` with further columns for the layout `search`.
 
-    The further columns are: `within`, the requirement; `name`, the engine with marks in brackets; `size`, step or tolerance;
-    `over`, the time divided by that of the fastest engine; and `remark`. There are three marks. "own": the authors of this suite
-    wrote the engine. "base": ratios of times are relative to this engine. BY_AUTHORS: the authors of the engine own the settings.
+    Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if ratios of times are relative to it,
+    and BY_AUTHORS if the authors of the engine own the settings.
     """
     multiples = race_multiples(run)
     winners = []
@@ -71,10 +66,9 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
 
 
 def list_owned(rows: Sequence[Row]) -> list[Row]:
-    """Return two rows of the layout `search_owned` for each row of the table `search_owned`.
+    """Return two rows of the layout `search_owned` for each row of the table: one for each owner of settings.
 
-    The first of the two rows has the settings by the engine's authors. The second has the settings that this suite found for the
-    same engine; the table stores them in the columns `our_*` of the same row.
+    The table has the settings by the engine's authors and, in the columns `our_*`, those of this suite.
     """
     lines: list[Row] = []
     for row in rows:
@@ -100,11 +94,7 @@ def answer_of(run: Run, row: Row) -> Reach:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on the searches.
-
-    One finding lists the linkages whose race (timed comparison) failed. A finding follows for each engine with settings by its
-    authors, and for each requirement a finding that compares the suite's own compiled engines with the others.
-    """
+    """Yield findings on the searches."""
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -115,7 +105,7 @@ def findings(run: Run) -> Iterator[Finding]:
     # kinds in the order of KINDS, other kinds after them; larger errors first
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
-        lost = [*name_faster(run, group), *name_unreached(run, group), *name_missed_targets(run, group)]
+        lost = [*name_defeats(run, group)]
         rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
         ratios = [
             f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
@@ -133,10 +123,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def compare_owned(run: Run) -> Iterator[Finding]:
-    """Yield a finding for each engine with settings by its authors.
-
-    The finding states the time of the authors' cheapest setting divided by that of this suite's cheapest setting for the engine.
-    """
+    """Yield a finding for each engine with settings by its authors."""
     for engine, rows in group_by(run.table("search_owned"), "engine").items():
         ratios = [f"{_place(r)} {spread(r, 'ratio').print_with(ratio_text)}" for r in with_number(rows, "ratio")]
         missed = [f"{_place(r)} ({r['message']})" for r in rows if r["status"] != OK]
@@ -153,14 +140,7 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations.
-
-    The sentence names the engines that are faster than the faster of the suite's two compiled formulations, and gives the range of
-    the ratios (time of an engine by other authors divided by that of this formulation).
-
-    Args:
-        group: rows that `over_the_cheaper` returns, at one requirement.
-    """
+    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations."""
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
@@ -176,10 +156,7 @@ def _mark_engine(run: Run, engine: str) -> str:
 
 
 def _print_ratio(run: Run, row: Row) -> str:
-    """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing.
-
-    This suite's time is that of the faster of its compiled engines.
-    """
+    """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing."""
     if row["status"] != OK:
         return f"{row['mechanism']} {answer_of(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
@@ -190,8 +167,8 @@ def _print_ratio(run: Run, row: Row) -> str:
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners` whose ratios are relative to the fastest of this suite's compiled engines on each linkage.
 
-    The rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of these engines that is
-    not the fastest, but as fast within the spread. Division by the smallest ratio of these engines gives the fastest the ratio 1.
+    Rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of them that is not the
+    fastest, but as fast within the spread; division by their smallest ratio gives the fastest the ratio 1.
     """
     least: dict[str, float] = {}
     for row in with_number(group, "ratio"):
@@ -205,27 +182,18 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
 
 
 def list_faster(group: Sequence[Row]) -> list[Row]:
-    """Return the rows of engines that are faster than the suite's compiled formulations: the whole range of the ratio is below 1.
-
-    Args:
-        group: rows that `over_the_cheaper` returns.
-    """
+    """Return the rows of engines that are faster than the suite's compiled formulations: their ratio's whole range is below 1."""
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
-def name_faster(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence on the engines that are faster than the suite's compiled formulations; nothing if there are none.
+def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
+    """Yield sentences in bold where this suite's compiled engines are slower, do not meet a requirement, or miss a target.
 
     Args:
         group: rows that `over_the_cheaper` returns, at one requirement.
     """
-    faster = [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]
-    if faster:
+    if faster := [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]:
         yield f"**Slower than {itemise(faster)}.** "
-
-
-def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence for each linkage on which this suite's compiled engines ran, and none of them meets the requirement."""
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
         # no sentence if one of them meets it, or if none ran: skipped and untried engines have other kinds of answer
@@ -233,13 +201,8 @@ def name_unreached(run: Run, group: Sequence[Row]) -> Iterator[str]:
             continue
         others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
         yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
-
-
-def name_missed_targets(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield a sentence that names the engines over which the lead of this suite's engines is smaller than its target, if any."""
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    near = [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]
-    if near:
+    if near := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
         yield f"**Our lead misses its target** over {itemise(near)}. "
 
 

@@ -97,11 +97,7 @@ def _name_loop(row: Row) -> str:
 
 
 def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
-    """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest one by `gauss`.
-
-    Args:
-        loop: words for the loop over the steps in these cases, by `_name_loop`.
-    """
+    """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest one by `gauss`."""
     cheapest = min(rows, key=run_time)
     text = f"{describe_case(cheapest)}, {run_time(cheapest) * 1e3:.3g} ms {loop}"
     own = [row for row in rows if row["engine"] == OWN]
@@ -136,10 +132,7 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error among those with a right model and closed loops.
-
-    These cases raised no warning: the status of a case with a warning is neither "ok" nor "invalid", so that `has_ended` is false.
-    """
+    """Yield a finding on the case with the largest error among those with a right model and closed loops."""
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:
@@ -174,10 +167,7 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 
 def _list_flags(group: Sequence[Row]) -> str:
-    """Return a list in words of the reasons why the given cases were judged invalid, the most frequent first.
-
-    Reasons that differ only in their numbers count as one: "a link ends up 0.02 m from ..." becomes "a link ends up away from ...".
-    """
+    """Return a list in words of the reasons why the given cases were judged invalid, the most frequent first."""
     flags = (re.sub(r" \S+ m from", " away from", row.get("flag") or "no reason given") for row in group)
     frequency = Counter(re.sub(NUMBERS, "", flag) for flag in flags)
     return itemise(sorted(frequency, key=lambda flag: (-frequency[flag], flag)))

@@ -4,11 +4,9 @@ from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import Any
 
-from gauss_bench.report import sections as section_package
 from gauss_bench.report.content import Chart, Finding, Section
-from gauss_bench.report.parts import parts_of
 from gauss_bench.report.rows import Run
-from gauss_bench.report.sections import bias, claim, field, kernel, limitations, papers, releases, reproduction
+from gauss_bench.report.sections import all_sections, bias, claim, field, kernel, limitations, papers, releases, reproduction
 from gauss_bench.report.site.page import Page, plain_page, render
 
 PAPERS = (claim, papers, reproduction)
@@ -17,8 +15,7 @@ TONES = ("bad", "warn", "", "good")  # tones of findings in the order of their p
 
 def make_sections(run: Run, modules: Iterable[ModuleType]) -> list[Section]:
     """Return the sections that modules make; a module without a section, or without rows for it, is left out."""
-    made = (module.section(run) for module in modules if hasattr(module, "section"))
-    return [x for x in made if x is not None]
+    return [x for module in modules if hasattr(module, "section") and (x := module.section(run)) is not None]
 
 
 def chart_data(section: Section) -> dict[str, Any]:
@@ -61,7 +58,7 @@ def method_page(run: Run) -> Page:
     """Return the page on the method: an opening text, limitations and biases, then every section that no other page has."""
     lead = "What is compared, what counts as true, what a time is, and where all of this ends."
     # limitations and biases come first; the others that are left out have pages of their own
-    others = [x for x in parts_of(section_package) if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
+    others = [x for x in all_sections() if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
     return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))
 
 

@@ -1,7 +1,7 @@
 """Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
 
-Colours are names of CSS variables, so that dark mode and printing need no second drawing. The specification of a chart contains no
-data; a script of the page adds the rows.
+Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification contains no data; a
+script of the page adds the rows.
 """
 
 import json
@@ -42,10 +42,8 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequ
     """Return the specification of a chart of points on two logarithmic axes, joined by lines.
 
     Args:
-        rows: the points that the page will draw; of each, only the key `engine` is used here. Points with the same value of the key
-            `line` are joined.
+        rows: points, of which only the key `engine` is used here; the page joins those with the same `line`.
         x, y: titles of the axes.
-        height: height of the chart [px].
         engines: engines in the order of the legend; by default they are sorted by name.
     """
     values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
@@ -67,30 +65,27 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
     return dict(fill(GRAMMAR["over_time"], values))
 
 
-def place_names(
-    lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True, most: int = MOST_LINES
-) -> list[dict[str, Any]]:
+def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True) -> list[dict[str, Any]]:
     """Return the rows of all lines of a chart, with the places of the lines' names.
 
     The last row of a line also has `end`, and `label_y`, the value on the vertical axis at which the line's name is written.
 
     Args:
-        lines: for each line its rows, with x and y.
-        most: number of lines, counted from the first, whose names must not overlap.
+        lines: for each line its rows, with x and y; the names of the first MOST_LINES must not overlap.
     """
 
     def height(y: float) -> float:
         """Return the height of a value on the axis: its logarithm on a logarithmic axis."""
         return math.log10(max(y, FLOOR)) if logarithmic else y
 
-    values = [float(r["y"]) for line in lines[:most] for r in line if is_known(r["y"])]
+    values = [float(r["y"]) for line in lines[:MOST_LINES] for r in line if is_known(r["y"])]
     if not values:
         return []
     span = max(height(max(values)) - height(min(values)), 1.0 if logarithmic else 1e-12)
     name_at = [height(float(line[-1]["y"])) for line in lines]  # beside the end of each line
     # from the lowest name upwards, keep each at least APART above the one before
     below = -math.inf
-    for i in sorted(range(len(lines[:most])), key=lambda i: name_at[i]):
+    for i in sorted(range(len(lines[:MOST_LINES])), key=lambda i: name_at[i]):
         name_at[i] = below = max(name_at[i], below + APART * span)
     rows: list[dict[str, Any]] = []
     for line, place in zip(lines, name_at, strict=True):
@@ -104,13 +99,7 @@ def bars(
 ) -> dict[str, Any]:
     """Return the specification of a chart with a bar for each row.
 
-    It has dots instead of bars if the axis is logarithmic or if rows have low and high, which are drawn as ranges.
-
-    Args:
-        rows: bars with name and y, and perhaps low and high.
-        x: title of the axis.
-        rule: value at which a line is drawn across all bars.
-        number_format: format of the axis' numbers in D3's notation.
+    Dots replace the bars if the axis is logarithmic, or if rows have low and high, which are drawn as ranges.
     """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}

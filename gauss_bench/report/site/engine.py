@@ -2,17 +2,14 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from statistics import geometric_mean
-from typing import Any
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
 from gauss_bench.report.content import Table, lay_out
-from gauss_bench.report.faults import faults_of
 from gauss_bench.report.first_table import FIRST
-from gauss_bench.report.pages import facts
-from gauss_bench.report.reaches import engines_of
+from gauss_bench.report.pages import facts, faults_of
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
@@ -27,6 +24,7 @@ from gauss_bench.report.site.settings import (
     cheapest_stored,
     describe_setting,
     describe_size,
+    engines_of,
     fastest_first,
     make_setting,
     race_multiples,
@@ -38,16 +36,13 @@ TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracie
 
 
 def engine_names(run: Run) -> list[str]:
-    """Return the names of all engines in the rows of a run, sorted."""
+    """Return the sorted names of all engines in the rows of a run."""
     rows = (*run.results, *run.table("search_winners"), *run.table("search_ladder"), *run.table("field"))
     return sorted({r["engine"] for r in rows} - {""})
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows.
-
-    An engine with rows in `run` has `run` itself, the other engines have `run.field_run`, the run of the suite `field`.
-    """
+    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows."""
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
 
@@ -62,13 +57,19 @@ def engine_page(run: Run, name: str) -> Page:
     options = None  # the method page has the options of this run's own engines
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
+    home = ""
+    if installed.get("environment"):
+        home = (
+            f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
+            "`gauss-bench engines` shows its licence and size."
+        )
     body = render(
         "engine.html",
         name=name,
         asked=lay_out("field", field_answers, title="Its answers"),
         costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
         apart=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
-        home=describe_home(name, installed),
+        home=home,
         settings=options,
         commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
@@ -87,16 +88,6 @@ def engine_page(run: Run, name: str) -> Page:
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
     return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
-
-
-def describe_home(name: str, installed: Mapping[str, Any]) -> str:
-    """Return sentences on the environment in which an engine lives; empty for an engine in the environment of the suite."""
-    if not installed.get("environment"):
-        return ""
-    return (
-        f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
-        "`gauss-bench engines` shows its licence and size."
-    )
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
@@ -131,23 +122,14 @@ def command_of(x: Setting, scenario: str) -> str:
 def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
     """Yield the most accurate case of each linkage, setting and integrator, as a row of the layout `engine_cases`."""
     for group in group_by(rows, "mechanism", "settings", "integrator").values():
-        row = min(group, key=_inaccuracy)
+        # ended cases before others, and known errors before unknown ones
+        row = min(group, key=lambda r: (not has_ended(r), math.isnan(number(r, "position_error")), number(r, "position_error")))
         outcome = "valid" if row["valid"] else row.get("flag") or row["message"] or row["status"]
         yield {**row, "outcome": outcome, "outcome_tone": "good" if row["valid"] else "bad"}
 
 
-def _inaccuracy(row: Row) -> tuple[bool, bool, float]:
-    """Return the sort key of a case: ended cases first; among them those with a known error first, by increasing error."""
-    error = number(row, "position_error")
-    return not has_ended(row), math.isnan(error), error
-
-
 def cheapest_table(run: Run, name: str) -> Table:
-    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED.
-
-    If no setting meets an accuracy, the row has the reason in the columns `words` and `missing`. The table is empty if no setting
-    of the engine with a known error is stored.
-    """
+    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED."""
     lines: list[Row] = []
     # linkages on which the search ran the engine, and linkages with a stored setting of the engine
     searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
@@ -171,23 +153,18 @@ def explain_time(run: Run, name: str) -> tuple[str, Table] | None:
     with position errors of at most FIRST [m] are compared or, if the engine meets FIRST on no linkage, those with errors of at most
     the larger USUAL [m]. The result is None if the engine does not meet USUAL either.
     """
-    return explain_time_within(run, name, FIRST) or explain_time_within(run, name, USUAL)
-
-
-def explain_time_within(run: Run, name: str, position: float) -> tuple[str, Table] | None:
-    """Return the sentences and the table of `explain_time` for position errors of at most `position` [m].
-
-    The result is None if no timed setting of the engine has errors that small.
-    """
     lines: list[Row] = []
-    for linkage in scenarios(run):
-        timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
-        for setting in (x for x in timed if x.engine == name):
-            best = timed[0]
-            time, steps = setting.seconds / best.seconds, setting.steps / best.steps
-            ratios = {"time": time, "steps": steps, "each": time / steps}
-            lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, setting)})
-    if not lines:
+    for position in (FIRST, USUAL):
+        for linkage in scenarios(run):
+            timed = [x for x in fastest_first(run, linkage, position) if x.steps > 0]  # one setting of each engine
+            for setting in (x for x in timed if x.engine == name):
+                best = timed[0]
+                time, steps = setting.seconds / best.seconds, setting.steps / best.steps
+                ratios = {"time": time, "steps": steps, "each": time / steps}
+                lines.append(ratios | {"mechanism": linkage, "fastest": best.engine, "words": describe_setting(run, setting)})
+        if lines:
+            break
+    else:
         return None
     # geometric means, unlike medians, keep the identity time = steps * time per step
     time, steps, each = (geometric_mean(x[k] for x in lines) for k in ("time", "steps", "each"))
@@ -219,8 +196,6 @@ def list_races(run: Run, name: str) -> Table:
 def list_changes(figures: Sequence[Row]) -> list[Row]:
     """Return a row for each accepted change of the engine's numbers in the accuracy gate's baseline, the latest first.
 
-    A row has the date, the reason, and how many numbers changed. Numbers that were accepted without a reason are left out.
-
     Args:
         figures: rows of the baseline, one for each number, in which `accepted` is "DATE REASON".
     """
@@ -233,11 +208,7 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on what the engine failed at.
-
-    They name its failed and invalid cases, its runs in the search that ended early, the linkages that it cannot model, and settings
-    under which its accelerations are wrong.
-    """
+    """Return sentences on what the engine failed at: cases, runs of the search, models, and accelerations."""
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     # negative controls are left out: they are invalid on purpose
@@ -271,7 +242,7 @@ def list_failures(run: Run, name: str) -> list[str]:
 
 
 def list_inexact(run: Run, name: str) -> list[str]:
-    """Return a sentence for each setting under which accelerations are not those of the linkage, with the cause if it is known."""
+    """Return a sentence for each setting with wrong accelerations, with the cause if it is known."""
     causes = run.environment.get("engines", {}).get(name, {}).get("soft", {})
     rows = with_number(of_engine(run.results, name), "acceleration_error_median")
     sentences = []

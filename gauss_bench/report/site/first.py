@@ -1,17 +1,27 @@
 """The first screen: the setting of each engine that meets a requirement, the main findings, and questions with answers."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+from statistics import median
 from typing import Any
 
-from gauss_bench.report.content import AUTHORS, Finding
-from gauss_bench.report.first_table import EXPLAINED, first_table
+from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank
+from gauss_bench.report.content import Chart, Finding, layouts
+from gauss_bench.report.drawings.pose import pose_in
+from gauss_bench.report.first_table import first_table
 from gauss_bench.report.palette import slots
-from gauss_bench.report.rows import Run, is_known
-from gauss_bench.report.site.cards import CARDS
-from gauss_bench.report.site.page import Page, file_name, render
-from gauss_bench.report.site.questions import questions
+from gauss_bench.report.rows import Row, Run, group_by, is_known, with_number
+from gauss_bench.report.sections import bias
+from gauss_bench.report.sections.trajectories import name_most_accurate
+from gauss_bench.report.site.charts import FLOOR, bars
+from gauss_bench.report.site.engine import explain_time
+from gauss_bench.report.site.page import Page, file_name, render, sentence_of
 from gauss_bench.report.site.settings import (
     FORCES,
     POSITIONS,
@@ -19,12 +29,24 @@ from gauss_bench.report.site.settings import (
     Setting,
     all_settings,
     answers,
+    cheapest_stored,
     describe_setting,
+    describe_size,
     fastest_first,
     scenarios,
 )
-from gauss_bench.report.words import ratio_text
+from gauss_bench.report.words import count, error_text, ratio_text
 
+HOLDS = 1e-4  # [m, rad] a loop that opens by less, a tenth of a millimetre, counts as closed
+CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts
+STEP = 1e-3  # [s] step at which engines are compared as shipped
+
+
+Card = dict[str, Any]  # contents of a card: its texts of CARD with `sentence`, `number` and `chart` (None without a figure)
+CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
+
+
+Question = dict[str, str]  # a question, its answer in one sentence, and the address of the page with the rows behind it
 LEAD = (
     "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
     "are measured against a motion that is known to far more digits."
@@ -32,12 +54,130 @@ LEAD = (
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # list of `Setting.choice` -> program of each
 
 
-def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
-    """Return the site's first page: the chooser of engines, the first table, cards with charts, questions, and the main findings.
+def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
+    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart."""
+    words, chart = CARD[name], None
+    if rows:
+        head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
+        spec = bars(rows, words["axis"], **chart_options)
+        chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
+    return {**words, "sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
 
-    Args:
-        programs: function that returns a program for each choice of a setting; by default the page shows calls of this package.
-    """
+
+def drift_as_shipped(run: Run) -> dict[str, Row]:
+    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP."""
+    ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
+    shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
+    worst: dict[str, Row] = {}  # the worst case of the best integrator
+    for (engine, _), cases in group_by(shipped, "engine", "integrator").items():
+        row = max(cases, key=itemgetter("position_drift"))
+        if engine not in worst or row["position_drift"] < worst[engine]["position_drift"]:
+            worst[engine] = row
+    return worst
+
+
+def loops_card(run: Run) -> Card | None:
+    """Return the card "Do loops hold by default?", or None if `drift_as_shipped` finds no case with default settings."""
+    worst = drift_as_shipped(run)
+    if not worst:
+        return None
+    ordered = sorted(worst.items(), key=lambda x: x[1]["position_drift"])
+    name, loosest = ordered[-1]
+    closed = sum(row["position_drift"] <= HOLDS for row in worst.values())
+    sentence = (
+        f"With default settings, its best integrator and a step of {STEP:g} s, {closed} of "
+        f"{count(len(worst), 'engine')} hold every loop within "
+        f"{1e3 * HOLDS:g} mm (or {HOLDS:g} rad); the loosest, `{name}`, opens one by {error_text(loosest['position_drift'])} on "
+        f"{loosest['mechanism']} ({loosest['integrator']})."
+    )
+    rows = [{"name": name, "y": max(row["position_drift"], FLOOR)} for name, row in ordered]
+    return make_card("loops", sentence, f"{closed} of {len(worst)}", rows, logarithmic=True, rule=HOLDS)
+
+
+def claim_card(run: Run) -> Card | None:
+    """Return the card that compares the time of a compiled step by Gauss's principle with that by Lagrange's multipliers."""
+    rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
+    if not rows:
+        return None
+    verdicts = Counter(r["verdict"] for r in rows)
+    middle = ratio_text(median(r["ratio"] for r in rows))
+    sentence = (
+        f"Compiled by the same generator, a step by Gauss (n - m unknowns) is faster than one by Lagrange multipliers (n + m) on "
+        f"{verdicts['holds']} of {count(len(rows), 'linkage')}, slower on {verdicts['reversed']}, and neither on "
+        f"{verdicts['open']}; the middle ratio of times is {middle}."
+    )
+    columns = {"name": "mechanism", "y": "ratio", "low": "ratio_low", "high": "ratio_high"}
+    shown = [{k: r.get(x, math.nan) for k, x in columns.items()} for r in rows]
+    return make_card("gauss", sentence, middle, shown, logarithmic=True, rule=1.0, number_format="~g")
+
+
+def paper_card(run: Run) -> Card | None:
+    """Return the card "Is the paper right?", or None for a run without an audit."""
+    rows = run.table("audit")
+    if not rows:
+        return None
+    verdicts = Counter(r["verdict"] for r in rows)
+    sentence = (
+        f"Of {count(len(rows), 'statement')} of {count(len({r['paper'] for r in rows}), 'paper')} that can be "
+        f"computed, {verdicts['ok']} are right as printed "
+        f"and {verdicts['wrong']} wrong as statements; the others are slips, left out, loose, or unreadable in the extracted text."
+    )
+    shown = [{"name": "right as printed" if kind == "ok" else kind, "y": n} for kind, n in verdicts.most_common()]
+    return make_card("paper", sentence, f"{verdicts['ok']} of {len(rows)}", shown)
+
+
+def trust_card(run: Run) -> Card | None:
+    """Return the card "Why trust this?", or None for a run without references."""
+    rows = [r for r in with_number(run.table("certificates"), "digits") if r["status"] == "ok"]
+    if rows:
+        loosest = min(rows, key=itemgetter("digits"))
+        sentence = (
+            "Errors are measured against motions that two independent pipelines agree on: "
+            f"{count(len(rows), 'scenario')} to at least {loosest['digits']:g} digits, the fewest on {loosest['mechanism']}."
+        )
+        digits = Counter(sorted((r["digits"] for r in rows), reverse=True))
+        shown = [{"name": f"{x:g} digits", "y": n} for x, n in digits.items()]
+        return make_card("trust", sentence, f"{loosest['digits']:g}", shown)
+    references = with_number(run.table("references"), "error_bar_q")
+    if references:
+        worst = max(references, key=itemgetter("error_bar_q"))
+        figure = error_text(worst["error_bar_q"])
+        sentence = f"Errors are measured against references whose own bars are at most {figure} (m, rad), on {worst['mechanism']}."
+        return make_card("trust", sentence, figure, [], "the widest bar")
+    return None
+
+
+CARDS: tuple[Callable[[Run], Card | None], ...] = (loops_card, claim_card, paper_card, trust_card)
+
+
+def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator[Question]:
+    """Yield frequent questions of readers, such as on MuJoCo's settings on the linkage `preferred`, that the rows answer."""
+    setting = cheapest_stored(run, preferred, USUAL).get("mujoco")
+    if setting is not None:
+        size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
+        answer = f"On {preferred} the cheapest is {describe_setting(run, setting)}, {size}; the page has those of every linkage."
+        yield Question(question=f"Which settings hold {1e3 * USUAL:g} mm in MuJoCo?", answer=answer, page="engine-mujoco.html#best")
+    for name in scenarios(run):
+        try:
+            redundant = pose_in(run, name)[0].redundant
+        except LinkageError:
+            continue
+        rows = [r for r in run.of(name) if may_rank(r) and is_known(end_error(r))]
+        if redundant > 0 and rows:
+            answer = f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}."
+            question = "Which engine is the most exact on redundant loops?"
+            yield Question(question=question, answer=answer, page=f"linkage-{file_name(name)}.html#cases")
+            break
+    if why := explain_time(run, "exudyn"):
+        yield Question(question="Why is Exudyn slow here?", answer=why[0], page="engine-exudyn.html#why")
+    if claim := next((finding for finding in findings if finding.title == CLAIM), None):
+        yield Question(question="Is Gauss faster than Lagrange?", answer=sentence_of(claim), page="papers.html#claim")
+    biased = "Where may this suite be biased?"
+    yield Question(question=biased, answer=bias.describe_authorship(run), page=f"method.html#{bias.ANCHOR}")
+
+
+def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
+    """Return the site's first page: chooser of engines, first table, cards with charts, questions, main findings."""
     settings = all_settings(run)
     names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
@@ -50,29 +190,26 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
         first=first_answers(run, preferred),
-        asked=questions(run, findings, preferred),
+        asked=list(questions(run, findings, preferred)),
         table=first_table(run),
-        said=EXPLAINED,
+        said=layouts()["texts"]["first"],
         cards=cards,
-        lost=headlines(findings),
+        # findings where the suite's own engines lose begin in bold; without a tone, which would colour every one of them
+        lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
         found=len(findings),
-        authors=AUTHORS,
+        authors=layouts()["texts"]["authors"],
     )
-    data: dict[str, Any] = {"charts": {c.chart.name: c.chart.data() for c in cards if c.chart}}
+    data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}
     if names:
-        choices = {name: answers(run, name) for name in names}
-        later = program_files(choices, programs)
-        data |= chooser_data(run, choices)
+        form, later = choose(run, names, programs)
+        data |= form
     scripts = ("chooser.js",) if names else ()
     return Page("index", "Choose an engine for your linkage", LEAD, body, data, scripts=scripts, later=later)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return for each engine the texts on its cheapest setting with position errors of at most USUAL [m] on the linkage `name`.
-
-    The fastest engine comes first. `over` is its time divided by that of the fastest engine.
-    """
+    """Return for each engine, the fastest first, texts on its cheapest setting within USUAL [m] on a linkage."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -86,46 +223,23 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
     ]
 
 
-def headlines(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings that begin in bold: those where the suite's own engines are slower, miss a target or fail.
+def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the data of the web form in which a reader chooses a linkage and a requirement, and the programs that it offers.
 
-    The returned findings have no tone, because the tone "bad" or "warn" would colour every one of them.
+    The programs are name of a file, which a page loads only on demand -> the programs of a linkage, by `programs` or else calls of
+    this package.
     """
-    return [replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")]
-
-
-def program_files(choices: Mapping[str, dict[str, Any]], programs: Programs | None) -> dict[str, Any]:
-    """Return a dictionary: name of a file -> the programs of a linkage, which a page loads only on demand.
-
-    This function changes `choices`: for each linkage it replaces the entry `chosen`, a list of settings, by the entry `programs`,
-    the name of the file with the programs that run these settings.
-
-    Args:
-        choices: linkage -> the dictionary that `settings.answers` returns for it.
-        programs: function that takes a list of `Setting.choice` and returns a program for each; None for calls of this package.
-    """
+    choices = {name: answers(run, name) for name in names}
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
     later = {}
     for name, settings in chosen.items():
-        file = f"programs-{file_name(name)}"
-        choices[name]["programs"] = file
+        file, page = f"programs-{file_name(name)}", f"linkage-{file_name(name)}.html"
+        choices[name] |= {"programs": file, "page": page, "scenario": scenarios(run)[name]}
         later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in settings])}
-    return later
-
-
-def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return the data of the web form in which a reader chooses a linkage and a requirement.
-
-    Args:
-        choices: linkage -> the dictionary that `settings.answers` returns for it. This function adds the linkage's page and
-            scenario.
-    """
-    for name, data in choices.items():
-        data |= {"page": f"linkage-{file_name(name)}.html", "scenario": scenarios(run)[name]}
     with_settings = {x.engine for settings in all_settings(run).values() for x in settings}
     engines = sorted(with_settings.union(*(data["none"] for data in choices.values())))
-    return {
+    data = {
         "choices": choices,
         "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
         "own": [x for x in engines if x in run.own_engines],
@@ -133,10 +247,11 @@ def chooser_data(run: Run, choices: Mapping[str, dict[str, Any]]) -> dict[str, A
         "positions": POSITIONS,
         "forces": [None if math.isinf(x) else x for x in FORCES],
     }
+    return data, later
 
 
 def pack(texts: Sequence[str]) -> dict[str, Any]:
-    """Return the distinct lines of texts, and each text as indices of its lines; programs of one engine share most lines."""
+    """Return the distinct lines of texts, and each text as indices of its lines; most lines are shared."""
     lines: dict[str, int] = {}
     indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
     return {"lines": list(lines), "texts": indices}

@@ -13,14 +13,13 @@ from gauss_bench.reach import Kind
 from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_rank, setting_words
 from gauss_bench.report.content import Chart, Table, lay_out
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.linkages import pose_in
+from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
 from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
-from gauss_bench.report.site.motion import draw_turn
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
-from gauss_bench.report.site.playback import play_pair
+from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
     POSITIONS,
     Setting,
@@ -46,11 +45,17 @@ ENERGY = "Energy gained beyond the work done, over time."
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
-    """Return the page of a linkage; parts without rows are left out.
-
-    The page has the linkage with a crank that a reader turns (or a still drawing), each engine's cheapest setting, charts, the most
-    accurate cases, and two runs that are played side by side.
-    """
+    """Return the page of a linkage; parts without rows are left out."""
+    try:
+        pose = pose_in(run, name)
+    except LinkageError:
+        lead, still = f"Scenario {scenario}.", None
+    else:
+        mechanism, still = pose[0], Markup(inline(draw(*pose), "still"))
+        loops = max(len(mechanism.joints) - len(mechanism.links), 0)
+        # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
+        parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
+        lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
     # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     made = (
@@ -68,7 +73,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         name=name,
         title=title,
         turn=turn and turn[0],
-        still=None if turn else draw_still(run, name),
+        still=None if turn else still,
         leaders=name_leaders(run, name),
         holding=list_leaders(run, name),
         charts=charts,
@@ -82,7 +87,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
     data = {"charts": {x.name: x.data() for x in charts}, "turn": turn and turn[1], "pair": pair and pair[1]}
     scripts = ("player.js",) if turn or pair else ()
     data = {k: x for k, x in data.items() if x}
-    return Page(f"linkage-{file_name(name)}", title, describe_linkage(run, name, scenario), body, data, "Linkages", scripts)
+    return Page(f"linkage-{file_name(name)}", title, lead, body, data, "Linkages", scripts)
 
 
 def rows_name(name: str) -> str:
@@ -101,32 +106,8 @@ def rows_page(run: Run, name: str) -> Page | None:
     return plain_page(rows_name(name), title, lead, back=back, tables=tables)
 
 
-def describe_linkage(run: Run, name: str, scenario: str) -> str:
-    """Return sentences on the linkage and its scenario, with the numbers of its links, joints and loops."""
-    try:
-        mechanism, _, _ = pose_in(run, name)
-    except LinkageError:
-        return f"Scenario {scenario}."
-    loops = max(len(mechanism.joints) - len(mechanism.links), 0)
-    # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
-    parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
-    return f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
-
-
-def draw_still(run: Run, name: str) -> Markup | None:
-    """Return a still drawing of a linkage, or None if its file does not load."""
-    try:
-        return Markup(inline(draw(*pose_in(run, name)), "still"))
-    except LinkageError:
-        return None
-
-
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines with a position error of at most HELD [m], and on the engines that have no time.
-
-    For engines without a time the sentences give the reason: the setting was not timed, or no setting meets the accuracy. The text
-    is empty if no setting on the linkage is stored.
-    """
+    """Return sentences on the fastest engines within HELD [m], and on why others have no time; empty without settings."""
     if name not in all_settings(run):
         return ""
     timed = fastest_first(run, name, HELD)
@@ -143,7 +124,7 @@ def name_leaders(run: Run, name: str) -> str:
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies, the fastest first; None if no setting reaches any."""
+    """Return the table of each engine's cheapest setting at four accuracies; None if no setting reaches any."""
     lines = []
     for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)
@@ -248,13 +229,7 @@ def _plainness(row: Row) -> tuple[Any, ...]:
 
 
 def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
-    """Return the chart of a column of the table `series` over time; None without rows.
-
-    Args:
-        name: name of the chart.
-        words: sentence about the figure.
-        axis: title of the vertical axis.
-    """
+    """Return the chart of a column of the table `series` over time; None without rows."""
     lines = histories(run, linkage, column)
     if not lines:
         return None

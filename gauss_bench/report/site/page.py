@@ -30,10 +30,7 @@ class Page:
 
     Attributes:
         name: name of the page's file, without suffix.
-        lead: sentence below the title.
-        body: HTML content.
         data: name -> data for the scripts of the page, such as charts.
-        scripts: further scripts that the page needs.
         later: name of a file -> data that a script loads only on demand.
         group: the page's group in the table of contents; empty for a page that has no entry there.
         facts: facts of the run from which the page's rows come; empty if that is the run of the whole site.
@@ -56,7 +53,7 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """Return a file name that is safe on file systems and in addresses; an altered name gets a checksum, so that it is distinct."""
+    """Return a file name that is safe in addresses; an altered name gets a checksum, so that it is distinct."""
     plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
     return plain if plain == text else f"{plain}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
@@ -88,8 +85,8 @@ def table_class(content: Table) -> str:
 def table_style(content: Table) -> Markup:
     """Return CSS rules for all tables of the same CSS class as `content`: those with the same columns.
 
-    Columns of numbers are aligned right. On phones the cells of a row stand below each other, each with the heading of its column.
-    One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size.
+    One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size. On phones the
+    cells of a row stand below each other, each with the heading of its column.
     """
     name = table_class(content)
     labels = [f".{name} td:nth-child({i})::before{{content:{label(head)}}}" for i, head in enumerate(content.head, 1)]
@@ -99,12 +96,12 @@ def table_style(content: Table) -> Markup:
 
 
 def label(head: str) -> Markup:
-    """Return the heading of a column as a string of CSS, in quotes and without marks of Markdown."""
+    """Return the heading of a column as a quoted string of CSS, without marks of Markdown."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
 def sort_by(cell: Cell) -> Markup:
-    """Return the HTML attribute with the sort key of a cell; empty for a text, or if the cell's text is a number itself."""
+    """Return the attribute with the sort key of a cell; empty for a text, or if the cell is a number."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)
@@ -113,8 +110,7 @@ def sort_by(cell: Cell) -> Markup:
 def shown(cell: Cell) -> Markup:
     """Return the HTML of a cell.
 
-    A formula is typeset, an address becomes a link, and a long text is folded behind a label. A missing value is a dash followed by
-    the reason.
+    A missing value is a dash followed by the reason; a long text is folded behind a label.
     """
     text = cell.text or NOTHING
     if text == NOTHING:
@@ -187,24 +183,13 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own.
-
-    Args:
-        charts: name of a figure -> its data, for the figures in the sections of the page.
-        parts: contents of some of the parts of a page that PARTS lists, such as sections, tables or findings.
-    """
+    """Return a page without scripts of its own."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page.
-
-    Args:
-        pages: all pages, for the table of contents.
-        facts: facts of the run for the header.
-        guide: address of the documentation; empty if it was not built.
-    """
+    """Return the complete HTML of a page."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:

@@ -18,19 +18,20 @@ multiplied in the same way: pose(f) = reference + f (ahead + gap).
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
+from markupsafe import Markup
 
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.drawings.canvas import Canvas
-from gauss_bench.report.drawings.drawing import canvas_of
-from gauss_bench.report.drawings.pose import crank_angles, unwrap_angles
-from gauss_bench.report.linkages import document_in
+from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, linkage_parts
+from gauss_bench.report.drawings.pose import crank_angles, document_in, pose_in, unwrap_angles
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import KEYS, Row, Run, group_by, number
-from gauss_bench.report.site.motion import Turn, draw_numbered, find_turn, in_pixels, list_frames
 from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
@@ -41,12 +42,78 @@ DIGITS = 3  # significant digits of a stored difference
 
 
 @dataclass(frozen=True, eq=False)
+class Turn:
+    """States (k, n) of a linkage over a full turn of its crank, with continuous angles."""
+
+    mechanism: Mechanism
+    states: Array
+
+    def at(self, crank: Array) -> Array:
+        """Return states (l, n) at crank angles (l,) [rad], by linear interpolation; angles of links may be off by whole turns."""
+        own = crank_angles(self.mechanism, self.states)  # (k,)
+        sense = np.sign(own[-1] - own[0])
+        turned = np.mod((crank - own[0]) * sense, 2 * np.pi)  # (l,) [rad] since the first state
+        return np.stack([np.interp(turned, (own - own[0]) * sense, column) for column in self.states.T], axis=-1)
+
+
+def find_turn(run: Run, name: str) -> Turn | None:
+    """Return a linkage's states over a full turn of its crank, from the crank angle 0 if possible; else None."""
+    try:
+        mechanism, _, trace = pose_in(run, name, 0.0)
+        if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings
+            mechanism, _, trace = pose_in(run, name)
+    except LinkageError:
+        return None
+    # a negative index is the ground
+    if trace is None or mechanism.crank is None or mechanism.crank < 0:
+        return None
+    turn = Turn(mechanism, unwrap_angles(trace))
+    first, last = crank_angles(mechanism, turn.states)[[0, -1]]
+    return turn if abs(abs(last - first) - 2 * np.pi) < 1e-6 else None
+
+
+def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
+    """Return the SVG of a linkage with numbered links, and the places of all links in each state."""
+    turn = find_turn(run, name)
+    if turn is None:
+        return None
+    canvas = canvas_of(turn.mechanism, turn.states)
+    text = draw_numbered(turn.mechanism, turn.states, canvas)
+    first, last = crank_angles(turn.mechanism, turn.states)[[0, -1]].tolist()
+    data = {"poses": list_frames(in_pixels(canvas, turn.states)), "first": round(first, 9), "sense": np.sign(last - first)}
+    return Markup(inline(text, name.replace("_", "-"))), data
+
+
+def in_pixels(canvas: Canvas, states: Array) -> Array:
+    """Return x, y and angle of links as drawn, (k, links, 3) [px, px, degrees], at states (k, n)."""
+    links = states.reshape(len(states), -1, 3)
+    return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
+
+
+def list_frames(places: Array) -> list[Any]:
+    """Return places (k, links, 3) [px, px, degrees] as a list for each link, rounded to 0.01."""
+    return list(np.round(places, 2).swapaxes(0, 1).tolist())
+
+
+def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
+    """Return the SVG of the first of states (k, n); each moving part has the number of its link."""
+    parts = linkage_parts(mechanism, states, None, canvas, forces=False)
+    shapes = draw_paths(mechanism.observed_points, states, canvas)
+    for part in parts:
+        # attributes by which a script moves a part: its link, and its place on the link if the part stays upright
+        place = "" if part.local is None else ' data-x="{:.2f}" data-y="{:.2f}"'.format(*part.local)
+        shapes.append(part.draw("" if part.link < 0 else f' data-link="{part.link}"{place}'))
+    size = f'viewBox="0 0 {canvas.width:g} {canvas.height:g}"'
+    start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" aria-label="{escape(mechanism.name)}">'
+    return f"{start}{''.join(shapes)}</svg>"
+
+
+@dataclass(frozen=True, eq=False)
 class StoredRun:
     """A run with stored poses.
 
     Attributes:
         label: engine and setting in words.
-        is_default: whether the engine had its default settings.
         ahead, gap: the part of the difference from the reference that leaves loops closed, and the part that opens them, both
             (frames, links, 3) [m, m, rad]; fewer frames if the run ended early.
     """
@@ -57,52 +124,34 @@ class StoredRun:
     ahead: Array
     gap: Array
 
-    @property
-    def off(self) -> Array:
-        """The largest distance of any link from the reference at each frame, (frames,) [m]."""
-        return _largest_shift(self.ahead + self.gap)
-
-    @property
-    def open(self) -> Array:
-        """At each frame the largest distance of a link from the place that it would have with closed loops, (frames,) [m]."""
-        return _largest_shift(self.gap)
-
 
 def _largest_shift(x: Array) -> Array:
-    """Return the largest shift of any link at each frame, (frames,) [m], from differences (frames, links, 3) [m, m, rad]."""
+    """Return the largest shift (frames,) [m] of any link, from differences (frames, links, 3) [m, m, rad]."""
     return np.asarray(np.hypot(x[..., 0], x[..., 1]).max(axis=-1))
 
 
-class Poses:
-    """The rows of a table with poses, in which each row has one link at one time.
+def read_poses(rows: Iterable[Row], links: Sequence[str], *parts: str) -> tuple[Array, list[Array]]:
+    """Return the times (k,) [s] at which every link has a row, and for each of `parts` values (k, links, 3) [m, m, rad].
 
-    Attributes:
-        links: names of the links in their order.
-        times: increasing times [s] at which the table has the poses of all links.
+    Args:
+        rows: rows of one run or of a reference motion, each with one link at one time.
+        parts: endings of the columns "x", "y" and "angle": "_ahead" and "_gap" in the table `poses`, "" in the table `motions`.
     """
-
-    def __init__(self, rows: Iterable[Row], links: Sequence[str]):
-        """Store the rows of one run or of a reference motion, by time and link, and the times at which every link has a row."""
-        self.links = links
-        self.rows = {(number(r, "t"), r["link"]): r for r in rows}
-        every = sorted({t for t, _ in self.rows})
-        self.times = [t for t in every if all((t, link) in self.rows for link in links)]
-
-    def read(self, part: str) -> Array:
-        """Return the values (times, links, 3) [m, m, rad] of the columns "x", "y" and "angle" with the ending `part`.
-
-        The ending is "_ahead" or "_gap" in the table `poses`, and "" in the table `motions`, which has the reference.
-        """
-        columns = [f"{axis}{part}" for axis in ("x", "y", "angle")]
-        values = [number(self.rows[t, link], c) for t in self.times for link in self.links for c in columns]
-        return np.reshape(values, (len(self.times), len(self.links), 3))
+    stored = {(number(r, "t"), r["link"]): r for r in rows}
+    times = [t for t in sorted({t for t, _ in stored}) if all((t, link) in stored for link in links)]
+    shape = (len(times), len(links), 3)
+    values = [
+        np.reshape([number(stored[t, link], x + part) for t in times for link in links for x in ("x", "y", "angle")], shape)
+        for part in parts
+    ]
+    return np.array(times), values
 
 
 def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[Array, Array] | None:
     """Return times (k,) [s] and reference states (k, n) with continuous angles, or None if fewer than two times are stored."""
-    poses = Poses((r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario)), links)
-    times = np.array(poses.times)
-    return (times, unwrap_angles(poses.read("").reshape(len(times), -1))) if len(times) > 1 else None
+    rows = (r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario))
+    times, (states,) = read_poses(rows, links, "")
+    return (times, unwrap_angles(states.reshape(len(times), -1))) if len(times) > 1 else None
 
 
 def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[StoredRun]:
@@ -110,33 +159,20 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
     cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
-        row = cases.get(key)
-        if row is None:
-            continue
-        poses = Poses(rows, links)
-        if poses.times:
-            is_default = row["settings"] == "default"
-            ahead, gap = poses.read("_ahead"), poses.read("_gap")
-            stored.append(StoredRun(row["engine"], label_run(row), is_default, ahead=ahead, gap=gap))
+        if row := cases.get(key):
+            times, (ahead, gap) = read_poses(rows, links, "_ahead", "_gap")
+            label = f"{row['engine']} {setting_words(row)}".strip() + ("" if row["status"] == "ok" else " (not valid)")
+            if len(times):
+                stored.append(StoredRun(row["engine"], label, row["settings"] == "default", ahead, gap))
     return sorted(stored, key=lambda x: (x.engine, not x.is_default, x.label))
 
 
-def label_run(row: Row) -> str:
-    """Return the engine and the setting of a run in words, with a mark if the run is not valid."""
-    return f"{row['engine']} {setting_words(row)}".strip() + ("" if row["status"] == "ok" else " (not valid)")
-
-
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the part of a linkage's page that plays two runs side by side, and the data for its script.
-
-    The data have all stored runs, of which a reader chooses two. The script of the page draws the differences of the runs from the
-    reference magnified. If the crank can turn fully, links move along the turn of the crank (see the top of this file); otherwise
-    each difference is multiplied by the factor that the reader chooses. The result is None if fewer than two runs or no reference
-    are stored, or if the linkage does not load.
-    """
+    """Return the contents of the part of a page that plays two runs side by side, and the data for its script; else None."""
     turn = find_turn(run, name)
     try:
-        mechanism = turn.mechanism if turn else load_document(*_document(run, name, scenario))
+        document, digest, path = document_in(run, name)
+        mechanism = turn.mechanism if turn else load_document(document, scenario, str(path), digest)
     except LinkageError:
         return None
     links = [link.name for link in mechanism.links]
@@ -160,21 +196,10 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
     return make_stage(svg, runs, canvas.scale, len(times)), data
 
 
-def _document(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], str, str, str]:
-    """Return document, scenario, name of the file and digest of a linkage, as `load_document` takes them."""
-    document, digest, path = document_in(run, name)
-    return document, scenario, str(path), digest
-
-
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
-    """Return the data of a run of a linkage whose crank can turn fully. The drawn pose is turn(c + f ahead) + rest + f gap.
+    """Return the data of a run of a linkage whose crank can turn fully; `reference` (k, n) has the true states at all frames.
 
-    `ahead` is, at each frame, the angle a by which the crank of the run is ahead of the reference [rad]. `rest` is the difference
-    of the links from the closed pose at this crank angle, and `gap` opens the loops, both [px, px, degrees]. `rest` and `gap` are
-    left out if they are too small to be seen. c and f are explained at the top of this file.
-
-    Args:
-        reference: states (k, n) of the reference at all frames.
+    `rest` and `gap` are in [px, px, degrees], and left out if they are too small to be seen; the top of this file explains them.
     """
     ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead
@@ -194,7 +219,7 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
 
 def _describe(x: StoredRun) -> dict[str, Any]:
     """Return the name of a run, and its error and its largest loop opening at each frame [mm]."""
-    return {"name": x.label, "off": _round(1e3 * x.off), "open": _round(1e3 * x.open)}
+    return {"name": x.label, "off": _round(1e3 * _largest_shift(x.ahead + x.gap)), "open": _round(1e3 * _largest_shift(x.gap))}
 
 
 def shift_in_pixels(canvas: Canvas, x: Array) -> Array:
@@ -208,19 +233,12 @@ def _round(x: Array) -> list[Any]:
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the part of a page that plays two runs side by side.
-
-    The contents of this part are the picture, the names of all runs, the indices of the two runs that are shown at first, the
-    factors by which differences from the reference can be magnified, the factor that is chosen at first, and the index of the last
-    frame. The factor at first is the largest with which both runs are drawn within REACH pixels of the reference.
-
-    Args:
-        scale: pixels per metre of the picture.
-        frames: number of frames (times with a stored pose).
-    """
+    """Return the contents of the part of a page that plays two runs side by side."""
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
-    farthest = scale * max(float(runs[i].off.max()) for i in (left, right))  # [px] at a factor of one
+    farthest = scale * max(
+        float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)
+    )  # [px] at a factor of one
     initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
     labels = [*enumerate(x.label for x in runs)]
     return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": initial, "last": frames - 1}

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,21 +16,14 @@ INDEX = "search/search_index.json"  # file of the documentation with its heading
 
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
     """Return the search page; `guide` is the folder of the documentation, which need not exist."""
-    found = list(dict.fromkeys((*page_headings(pages), *guide_headings(guide))))
-    lead = "All pages and headings of this site and its documentation; type words to narrow the list."
-    return replace(plain_page("search", "Search", lead, "Search", found=found), scripts=("search.js",))
-
-
-def page_headings(pages: Sequence[Page]) -> Iterator[tuple[str, str]]:
-    """Yield (address, text) of all pages and of their headings."""
+    found = []  # (address, text) of all pages and headings
     for page in pages:
-        yield page.file, page.title
-        for anchor, words in HEADING.findall(str(page.body)):
-            yield f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}"
-
-
-def guide_headings(guide: Path) -> Iterator[tuple[str, str]]:
-    """Yield (address, text) of the documentation's headings; nothing if it was not built."""
+        headings = HEADING.findall(str(page.body))
+        found += [(page.file, page.title)]
+        found += [(f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}") for anchor, words in headings]
     if (guide / INDEX).is_file():
-        for entry in json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]:
-            yield f"{guide.name}/{entry['location']}", f"Guide: {Markup(entry['title']).striptags()}"
+        entries = json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]
+        found += [(f"{guide.name}/{x['location']}", f"Guide: {Markup(x['title']).striptags()}") for x in entries]
+    lead = "All pages and headings of this site and its documentation; type words to narrow the list."
+    page = plain_page("search", "Search", lead, "Search", found=list(dict.fromkeys(found)))
+    return replace(page, scripts=("search.js",))

@@ -1,25 +1,24 @@
 """Settings that meet a requirement, and their costs: the data of the first page of the report's website.
 
-A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. The time of a
-setting was measured in a race (a timed comparison), or it is estimated from a race of the same variant at another step, in
-proportion to the number of steps. If no search for cheapest settings has a linkage, the cases of the accuracy suite count as its
-settings. For every requirement that a reader of the page can choose, the functions here find the cheapest setting of each engine; a
-script of the page shows it.
+A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
+measured in a race (a timed comparison), or is estimated from a race of the same variant at another step, in proportion to the
+number of steps. On a linkage without a search the cases of the accuracy suite count as settings.
 """
 
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
+from operator import itemgetter
 from typing import Any
 
-from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach
+from gauss_bench.reach import BY_AUTHORS, Kind, Reach, Requirement, Trial, reach, trial_of
 from gauss_bench.report.cases import chose_steps, may_rank, run_time
 from gauss_bench.report.content import to_json
-from gauss_bench.report.reaches import answer, engines_of
 from gauss_bench.report.rows import METHOD, Key, Row, Run, first_number, group_by, is_known, number, spread, with_number
 from gauss_bench.report.words import round_digits
+from gauss_bench.trajectory import Status
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] errors of positions that a reader can require
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] errors of joint forces that a reader can require; infinity requires nothing
@@ -29,6 +28,7 @@ VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all st
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] durations that a reader can choose, up to that of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
 COMMENTS = ("remark",)  # options that are comments
+Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials of each variant
 
 
 @dataclass(frozen=True)
@@ -76,30 +76,22 @@ class Setting:
         """The values on which a program for the setting depends."""
         return tuple(getattr(self, k) for k in (*VARIANT, "step", "tolerance", "until"))
 
-    @property
+    @cached_property
     def words(self) -> str:
         """Variant, integrator and stabilisation in words, without "none" and without words that the variant's name contains."""
-        return _name_variant(self.settings, self.integrator, self.stabilization)
-
-
-@cache
-def _name_variant(settings: str, *more: str) -> str:
-    """Return the name of a variant, followed by the words in `more` that it does not contain."""
-    return " · ".join(filter(None, (settings, *(x for x in more if x not in ("", "none", *settings.split("/"))))))
+        known = ("", "none", *self.settings.split("/"))
+        return " · ".join(filter(None, (self.settings, *(x for x in (self.integrator, self.stabilization) if x not in known))))
 
 
 def describe_size(x: Setting) -> str:
-    """Return the step or tolerance of a setting in words, or "own" if the engine chooses its steps."""
+    """Return step or tolerance of a setting in words, "own" if the engine chooses its steps."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return a setting in words: integrator, stabilisation, and the options that differ from the engine's options as shipped.
-
-    If the run stored no options, the words are those of the variant's name.
-    """
+    """Return a setting in words: integrator, stabilisation, and the options that differ from those as shipped."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -110,10 +102,7 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return a dictionary: variant -> the options, in words, in which it differs from the engine's first variant.
-
-    A variant is given by the tuple of its values in the columns METHOD.
-    """
+    """Return variant (its columns METHOD) -> the options, in words, in which it differs from the engine's first variant."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
         # rows with an `owner` have settings that the engine's authors sent; the first other row is the engine as shipped
@@ -135,9 +124,7 @@ def _describe_option(name: str, value: Any) -> str:
     return " ".join([name, *words])
 
 
-def variant_of(row: Row) -> tuple[str, ...]:
-    """Return the values of a row in the columns VARIANT."""
-    return tuple(row[k] for k in VARIANT)
+variant_of = itemgetter(*VARIANT)  # values of a row in the columns VARIANT
 
 
 def setting_key(row: Row) -> tuple[Any, ...]:
@@ -150,36 +137,33 @@ def setting_key(row: Row) -> tuple[Any, ...]:
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Return the setting of a row; `more` has further fields, and numbers that are neither in the row nor in `more` are NaN."""
+    """Return the setting of a row with further fields; missing numbers are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
 
 def race_time(row: Row) -> dict[str, float]:
-    """Return the time that a race measured [s] and the ends of its range, as the fields of `Setting`."""
+    """Return the time of a race [s] and the ends of its range, as fields of `Setting`."""
     time = spread(row, "seconds")
     return {"seconds": time.value, "low": time.low, "high": time.high}
 
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> dict[str, list[Setting]]:
-    """Return linkage -> all settings with known errors on the linkage; some of these settings were not timed."""
+    """Return linkage -> all settings with known errors, timed or not."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
     return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
 
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return a dictionary that maps the tuple that `setting_key` returns for a setting to the first setting with this tuple.
-
-    Searching through thousands of settings instead took half of the time in which the site is built.
-    """
+    """Return the first setting with each key of `setting_key`; a search through thousands of settings takes half of the build."""
     every = [x for settings in all_settings(run).values() for x in settings]
     return {setting_key(vars(x)): x for x in reversed(every)}
 
 
 def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings that a search tried on each linkage, each with its time: measured in a race, or estimated from a race."""
+    """Yield the settings of searches, each with its time: measured in a race, or estimated from one."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
     raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
@@ -202,7 +186,7 @@ def _search(run: Run) -> Iterator[Setting]:
 
 
 def _cases(run: Run) -> Iterator[Setting]:
-    """Yield the valid cases of the accuracy suite as settings, each with the estimated time of its run."""
+    """Yield the valid cases of the accuracy suite as settings with estimated times."""
     for row in run.results:
         error = first_number(number(row, "length_error"), number(row, "position_error"))
         if may_rank(row) and is_known(error) and is_known(run_time(row)):
@@ -244,7 +228,7 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
 
 
 def fastest_first(run: Run, mechanism: str, position: float) -> list[Setting]:
-    """Return for each engine its cheapest timed setting with position errors of at most `position` [m], the fastest first."""
+    """Return the cheapest timed setting of each engine within `position` [m], the fastest first."""
     settings = cheapest_stored(run, mechanism, position).values()
     return sorted((x for x in settings if is_known(x.seconds)), key=lambda x: x.seconds)
 
@@ -256,12 +240,11 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
-    """Return (linkage, kind of error, accuracy, engine) -> time of the engine in a race over that of the fastest engine."""
+    """Return (linkage, kind of error, accuracy, engine) -> its time in a race over the fastest."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
-        least = min(r["seconds"] for r in rows)
-        over |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
+        over |= {(*race, engine): x for engine, x in multiples({r["engine"]: r["seconds"] for r in rows}).items()}
     return over
 
 
@@ -297,8 +280,13 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
                 places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
     until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
+    data = []
+    for x in picked:  # `until` is left out, because the page states the duration once for the linkage
+        numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
+        known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
+        data.append({"engine": x.engine, "words": describe_setting(run, x)} | known)
     return {
-        "settings": [_page_data(run, x) for x in picked],
+        "settings": data,
         "picks": picks,
         "none": reasons,
         "words": list(words),
@@ -308,22 +296,8 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
     }
 
 
-def _page_data(run: Run, x: Setting) -> dict[str, Any]:
-    """Return the data of a setting for the page: engine, words, known numbers other than zero, and `estimated` if it is true.
-
-    `until` is left out, because the page states the duration once for the linkage.
-    """
-    numbers = {k: to_json(getattr(x, k)) for k in (*NUMBERS, "estimated") if k != "until"}
-    known = {k: v for k, v in numbers.items() if v not in (None, False)}  # this leaves out zeros, too
-    return {"engine": x.engine, "words": describe_setting(run, x)} | known
-
-
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
-    """Return a dictionary: engine -> why it does not meet a requirement, for all engines that have no setting that meets it.
-
-    Args:
-        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
-    """
+    """Return engine -> why it does not meet a requirement on errors [m], [N], for all engines without a setting that meets it."""
     settings = all_settings(run).get(mechanism, [])
     hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
@@ -331,43 +305,89 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 
 
 def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes.
-
-    The answer follows from the trials of a search. If no search has the engine on this linkage, the answer follows from the cases
-    of the accuracy suite.
+    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes; by its search or its cases.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
     """
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
-    if cases and engine not in engines_of(run, mechanism):
-        return _answer_of_cases(cases, wanted)
-    return answer(run, mechanism, engine, wanted)
-
-
-def _answer_of_cases(cases: Sequence[Setting], wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements, as its cases of the accuracy suite show.
-
-    Args:
-        cases: the cases of the engine on one linkage.
-        wanted: the requirement on positions and, perhaps, a second one on joint forces.
-    """
+    if not cases or engine in engines_of(run, mechanism):
+        return answer(run, mechanism, engine, wanted)
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
-    return reach([[_trial_of_case(x) for x in some] for some in variants], wanted)
 
+    def as_trial(x: Setting) -> Trial:
+        """Return a case as a trial of a search."""
+        return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
 
-def _trial_of_case(x: Setting) -> Trial:
-    """Return a case as a trial of a search."""
-    return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
+    return reach([[as_trial(x) for x in some] for some in variants], wanted)
 
 
 @lru_cache(maxsize=2)
 def scenarios(run: Run) -> Mapping[str, str]:
-    """Return linkage -> scenario, for the linkages that were run or searched, sorted by name."""
+    """Return linkage -> scenario of all linkages that were run or searched, sorted."""
     first: dict[str, str] = {}
     for row in (*run.results, *run.table("search_ladder")):
         first.setdefault(row["mechanism"], row["scenario"])
     return dict(sorted(first.items()))
+
+
+def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
+    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race.
+
+    Args:
+        wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
+            several, no engine was timed.
+    """
+    race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
+    ladders = _ladders(run).get(mechanism, {}).get(engine, [])
+    if race is None or (ladders and race["status"] == Status.SKIP):
+        return reach(ladders, wanted, "no race took it in")
+    if not ladders:
+        return _read_race(race)
+    if race["status"] == Status.OK:
+        return reach(ladders, wanted)
+    return reach(ladders, wanted, race["message"].removeprefix(f"{Kind.UNTIMED}: "))
+
+
+def engines_of(run: Run, mechanism: str) -> list[str]:
+    """Return the engines whose trials on a linkage are stored."""
+    return list(_ladders(run).get(mechanism, ()))
+
+
+def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
+    """Return the row of the table `search_winners` of an engine at a requirement, or None without a race at it."""
+    races = _races(run).get((mechanism, engine, wanted.kind), [])
+    races = [r for r in races if scenario in ("", r["scenario"])]
+    return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
+
+
+def _read_race(row: Row) -> Reach:
+    """Return the answer for a row of `search_winners`: timed, skipped or not reached."""
+    status, message = row["status"], row.get("message") or ""
+    if status == Status.OK:
+        return Reach(Kind.TIMED)
+    if status == Status.SKIP:
+        # a single trial that was skipped for this reason gives the right kind of answer
+        return reach([[Trial(math.nan, {}, status=Status.SKIP, message=message)]], [])
+    steps = number(row, "steps")
+    # a status such as "not reached" says all, and its message repeats it
+    return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, 0 if math.isnan(steps) else int(steps))
+
+
+@lru_cache(maxsize=2)
+def _ladders(run: Run) -> Ladders:
+    """Return linkage -> engine -> for each searched variant its trials at several steps or tolerances."""
+    ladders: Ladders = {}
+    for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
+        trials = [trial_of(r) for r in rows]
+        ladders.setdefault(mechanism, {}).setdefault(engine, []).append(trials)
+    return ladders
+
+
+@lru_cache(maxsize=2)
+def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
+    """Return (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
+    return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

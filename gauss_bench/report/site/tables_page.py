@@ -49,10 +49,7 @@ def data_file(name: str, rows: tuple[Row, ...]) -> str:
 
 
 def data_page(run: Run) -> Page:
-    """Return the page that offers all tables of a run as files and explains their columns.
-
-    The tables of the run in the subfolder `field` are offered in one common entry.
-    """
+    """Return the page that offers all tables of a run as files and explains their columns."""
     described = []
     for name, rows in sorted(run.tables.items()):
         if rows:
@@ -69,10 +66,7 @@ def data_page(run: Run) -> Page:
 
 
 def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
-    """Return what the page prints about the table `name`: its name, sentences in `said`, and a table of its columns.
-
-    The sentences are the meaning of a row, the number of rows, and the text `words`.
-    """
+    """Return what the page prints about the table `name`: its name, sentences in `said`, and a table of its columns."""
     columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
     said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
     return {"name": name, "said": said.strip(), "columns": lay_out("columns", columns, name=name)}

@@ -1,9 +1,8 @@
 """A page that draws the linkage encoded in the page's own address (URL), and the fragment of such an address: the text after #.
 
-The fragment is `v1.` followed by JSON, which is compressed with zlib and encoded as base64url. The JSON has the linkage file, the
-points of all links in their own frames, and sampled poses. Positions are whole multiples of `unit` [m], and angles are whole
-multiples of 1/`ANGLES` rad. Poses are stored as second differences over time, which are small for smooth motions. The page draws
-the poses and computes no motion. Anybody can write an address with any fragment, so the page checks everything in the fragment
+The fragment is `v1.` followed by JSON, compressed with zlib and encoded as base64url: the linkage file, the points of all links in
+their own frames, and sampled poses. Positions are whole multiples of `unit` [m], angles of 1/`ANGLES` rad; poses are stored as
+second differences over time, which are small for smooth motions. Anybody can write an address, so the page checks everything
 against LIMITS.
 """
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from gauss_bench.mechanism.model import LengthDriver, Mechanism, Point, SpringDamper
 from gauss_bench.mechanism.spaces import angles, places
-from gauss_bench.report.palette import COLOURS, DARK
+from gauss_bench.report.palette import COLOURS, DARK, declare
 from gauss_bench.terms import Array
 
 VIEW = "view.html"
@@ -42,12 +41,9 @@ class TooLarge(ValueError):
 
 
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
-    """Return the fragment of the address (the text after #) that encodes a linkage and its poses, and the number of poses in it.
-
-    As long as the fragment is too long, every second of the remaining poses is left out.
+    """Return the fragment (text after #) of the address of a linkage with its poses, and the number of its poses.
 
     Args:
-        text: the linkage file.
         q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
         end: time of the last position [s].
 
@@ -57,7 +53,9 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
     named = {"name": mechanism.name, "scenario": mechanism.scenario}
     linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
     shape = describe_shape(mechanism)
-    if len(shape["links"]) > LIMITS["links"] or count_places(shape) > LIMITS["places"]:
+    drawn = sum(len(x["points"]) + len(x["bars"]) for x in shape["links"])
+    drawn += sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
+    if len(shape["links"]) > LIMITS["links"] or drawn > LIMITS["places"]:
         raise TooLarge(f"an address can hold a linkage of at most {LIMITS['links']} links and {LIMITS['places']} points")
     stride, intervals = 1, max(len(q) - 1, 0)
     while True:
@@ -86,17 +84,8 @@ def compress(content: dict[str, Any]) -> str:
     return VERSION + base64.urlsafe_b64encode(zlib.compress(packed, 9)).decode("ascii").rstrip("=")
 
 
-def count_places(shape: dict[str, Any]) -> int:
-    """Count the points, bars, pins, slides, ties and paths of a shape."""
-    on_links = sum(len(link["points"]) + len(link["bars"]) for link in shape["links"])
-    return on_links + sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
-
-
 def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
-    """Return the links, pins, slides, paths (observed points) and ties (springs and cylinders between two points) of a linkage.
-
-    A place is [link, x, y] in the frame of the link's centre of mass; link -1 is the ground.
-    """
+    """Return links, pins, slides, paths (observed points) and ties (springs and cylinders) of a linkage."""
     whole = mechanism.whole
     links = []
     for i, link in enumerate(whole.links):
@@ -129,9 +118,8 @@ def round_place(at: Array) -> list[float]:
 def pack_poses(q: Array) -> dict[str, Any]:
     """Return the entries `unit` [m] and `poses` of a fragment, from positions (k, n) at k times.
 
-    `poses` has a list for each of the n coordinates, which are x, y and angle of each link. A coordinate is stored as a whole
-    number: x and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad (the page knows ANGLES). The list has the k second
-    differences of a coordinate over time; two cumulative sums restore the coordinate.
+    `poses` has for each of the n coordinates (x, y and angle of each link) the k second differences over time of whole numbers: x
+    and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad. Two cumulative sums restore them.
     """
     at = places(q)
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
@@ -146,22 +134,17 @@ def pack_poses(q: Array) -> dict[str, Any]:
 
 
 def view_page() -> tuple[str, str]:
-    """Return the HTML of `view.html` with its script and style in it, and its content security policy, which allows only these."""
+    """Return the HTML of `view.html` with script and style, and its content security policy."""
     assets = files("gauss_bench.report.site") / "assets"
     read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
     script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
-    style = read["view.css"].replace("/*light*/", variables(COLOURS)).replace("/*dark*/", variables(DARK))
+    style = read["view.css"].replace("/*light*/", declare(COLOURS)).replace("/*dark*/", declare(DARK))
     policy = (
         f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
     )
     page = read[VIEW].replace("/*policy*/", policy)
     return page.replace("/*style*/", style).replace("/*script*/", script), policy
-
-
-def variables(colours: dict[str, str]) -> str:
-    """Return colours as declarations of CSS variables."""
-    return "".join(f"--{name}:{colour};" for name, colour in colours.items())
 
 
 def digest(text: str) -> str:

@@ -34,12 +34,7 @@ SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "searc
 
 
 def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: Programs | None = None) -> list[Path]:
-    """Write the site of a run to `out`/site, replacing an earlier site, and return the written files.
-
-    Args:
-        findings: findings of all sections.
-        programs: function that returns the example programs on the first page of the site, see `first_page`.
-    """
+    """Write the site of a run to `out`/site, replacing an earlier site, and return the written files."""
     folder = out / SITE
     if (folder / "site.css").is_file():  # only an earlier site is emptied, no other folder; the documentation in it stays
         for old in folder.iterdir():
@@ -68,10 +63,7 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 
 
 def asset_files() -> dict[str, str]:
-    """Return name -> text of the files that every site has.
-
-    These files are scripts, styles, licences, and the page `view.html`, which draws the linkage encoded in its own address.
-    """
+    """Return name -> text of the files that every site has."""
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
     texts["site.css"] = texts["site.css"].replace("/*light*/", hues(dark=False)).replace("/*dark*/", hues(dark=True))

@@ -1,10 +1,8 @@
 """The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
-An edit changes the tables of the document, and the poses of links that move; tables and poses determine the places of all points.
-After the edit, the file's sketch (`assembly.sketch`, places from which the joints are closed) is written anew, so that the file
-opens as it was drawn. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of
-its joint. If the pin has a point but no joint, the id is the reference of this point; if the pin joins nothing yet, the id is the
-pin's name in the sketch.
+Tables and poses determine the places of all points; after the edit, the file's sketch (`assembly.sketch`) is written anew. Places
+are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of its joint, the reference of
+its point if it has no joint, or its name in the sketch if it joins nothing yet.
 """
 
 import math
@@ -18,8 +16,7 @@ from gauss_bench.linkage.build import resolve_points
 from gauss_bench.linkage.limits import follow
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.studio.document import Document
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import place
+from gauss_bench.studio.messages import Refused, place
 from gauss_bench.studio.reading import Reading, lone_pins, new_faults
 from gauss_bench.studio.scene import pins
 
@@ -95,24 +92,13 @@ class Drawing:
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
-        """Check that the edit has not made the file faulty.
-
-        Args:
-            where: ids of the parts that a refusal would concern.
-
-        Raises:
-            Refused: the file has a fault that it did not have before.
-        """
+        """Check that the edit has not made the file faulty."""
         faults = new_faults(self.reading.document, self.document)
         if faults:
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
 
     def group(self, name: str, key: str | None = None) -> dict[str, Any]:
-        """Return the table `name` of the file, or the table `key` in that table; add a table that is missing.
-
-        Raises:
-            Refused: at this place the file has a value that is not a table.
-        """
+        """Return the table `name` of the file, or the table `key` in that table; add a table that is missing."""
         entries, path = self.document.setdefault(name, {}), name
         if key is not None and isinstance(entries, dict):
             entries, path = entries.setdefault(key, {}), f"{name}.{key}"
@@ -121,11 +107,7 @@ class Drawing:
         return entries
 
     def link(self, name: Any) -> dict[str, Any]:
-        """Return the table of a link.
-
-        Raises:
-            Refused: there is no link of that name, or its table is faulty.
-        """
+        """Return the table of a link."""
         entries = self.group("links").get(name) if isinstance(name, str) else None
         if not isinstance(entries, dict) or name not in self.poses:
             raise Refused(f"there is no link {str(name)[:60]!r}", field="link")
@@ -152,11 +134,7 @@ class Drawing:
         return {name: complex(*x) for name, x in points.items()}
 
     def place(self, reference: str) -> complex:
-        """Return the place of a point in the world.
-
-        Raises:
-            Refused: there is no such point.
-        """
+        """Return the place of a point in the world."""
         link, name = owner(reference), tail(reference)
         known = self.points(link) if self.is_written(link) else {}
         if name not in known:
@@ -176,7 +154,6 @@ class Drawing:
     def set_point(self, reference: str, at: complex) -> None:
         """Move a point of a link or of the ground to a place in the world; points that are defined from it keep their places."""
         link, name = owner(reference), tail(reference)
-        # places in the frame of the link, and the points as the file defines them
         places, written = self.points(link), self.written_points(link)
         for other in written:
             # `follow` returns the chain of points from which a point is defined, each by its key `from`
@@ -187,11 +164,7 @@ class Drawing:
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """Return a new name: the word followed by the smallest number for which no entry of the groups has this name.
-
-        The groups are names of tables of the file, by default joints and cylinders. If the word is empty, the name is just a number
-        that is not yet the name of a pin or point of the file.
-        """
+        """Return a new name: the word followed by the smallest number for which no entry of the groups has this name."""
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
@@ -213,9 +186,6 @@ class Drawing:
 
         Args:
             given: a value of a message: the id of a pin, `{"pin": id}`, or `{"at": [x, y], "ground": bool}` for a new pin.
-
-        Raises:
-            Refused: there is no such pin, or no place is given.
         """
         if isinstance(given, dict) and "pin" in given:
             given = given["pin"]
@@ -244,10 +214,7 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: the name of the pin's joint, or else of the first point at the pin.
-
-        If that name is among the names `taken` or is not valid, a number is returned instead.
-        """
+        """Return a name for a new point at a pin: the name of the pin's joint, or else of the first point at the pin."""
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
 
@@ -259,9 +226,6 @@ class Drawing:
         """Add a new point to a link at the place of a pin, and join the new point with the points that the pin already joins.
 
         Return the changed pin.
-
-        Raises:
-            Refused: the pin is on the link already.
         """
         if link in map(owner, pin.members):
             raise Refused(f"pin {pin.id} is on {link} already", (f"pins.{pin.id}",))
@@ -283,28 +247,20 @@ class Drawing:
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
-        elif written:  # a second point makes a joint
+        elif written:
             id = tail(written[0])
             if id in joints or id in self.group("cylinders"):
                 id = self.fresh("")
             joints[id] = {"type": "revolute", "at": [written[0], reference]}
-        else:  # a single point is a pin without a joint
+        else:
             self.remove_from_sketch(pin)
             id = reference
-        # if this edit has made the pin, list it under its new id
         self.made = [f"pins.{id}" if x == f"pins.{pin.id}" else x for x in self.made]
         self.pins[id] = Pin(id, pin.at, (*pin.members, reference))
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Return the references of two points of different links: one point at a, the other at b.
-
-        Args:
-            a, b: ids of pins, or references of points.
-
-        Raises:
-            Refused: there are no points of two different links at a and b.
-        """
+        """Return the references of two points of different links: one point at a, the other at b."""
         for x, y in product(self.points_at(str(a)), self.points_at(str(b))):
             if owner(x) != owner(y):
                 self.place(x)  # raises if there is no such point
@@ -314,22 +270,13 @@ class Drawing:
         raise Refused("two points of different links are needed", where, "b")
 
     def points_at(self, point: str) -> list[str]:
-        """Return the references "LINK.POINT" of all points at the pin with the id `point`, with points of the ground last.
-
-        If no pin has the id `point`, then `point` is itself a reference "LINK.POINT", and is returned alone.
-        """
+        """Return the references "LINK.POINT" of all points at the pin with the id `point`, with points of the ground last."""
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
 
     def on_link(self, point: str) -> str:
-        """Return the reference "LINK.POINT" of one point at the pin with the id `point`; prefer a link's point to the ground's.
-
-        If no pin has the id `point`, then `point` is itself a reference "LINK.POINT", and is returned unchanged.
-
-        Raises:
-            Refused: there is no such point.
-        """
-        reference = next(iter(self.points_at(point)), point)  # the first: `points_at` puts points of the ground last
+        """Return the reference "LINK.POINT" of one point at the pin with the id `point`; prefer a link's point to the ground's."""
+        reference = next(iter(self.points_at(point)), point)
         self.place(reference)  # raises if there is no such point
         return reference
 
@@ -340,18 +287,13 @@ class Drawing:
 
         Args:
             at, theta: place x + i y of the origin [m] and angle [rad] of the link's frame.
-            more: further keys of the link's table in the file, with their values.
         """
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
         self.made.insert(0, f"links.{name}")  # before pins, because the first made part is the one of which callers ask
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and only points are given in this frame.
-
-        Only then can the link's frame be turned with the bar (`align`): no centre of mass, point mass, weld or force is given in
-        this frame.
-        """
+        """Tell whether a link's frame lies along its first bar, and only points are given in this frame."""
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -362,11 +304,7 @@ class Drawing:
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def align(self, link: str) -> None:
-        """Put a link's frame at the first point of its first bar, along this bar, and rewrite the link's points in this frame.
-
-        It is called after a point of the link has moved. The places of all points in the world stay the same. The axes of slides on
-        the link turn with its first bar.
-        """
+        """Put a link's frame at the first point of its first bar, along this bar, and rewrite the link's points in this frame."""
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
@@ -375,11 +313,9 @@ class Drawing:
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 
     def sketch(self) -> None:
-        """Write the places of this drawing into the table `assembly`, from which the loader places the links.
+        """Write the places of pins and links into the table `assembly`, from which the loader places the links.
 
-        `assembly.sketch` gets the places of pins and of points that place the other links. Its new entries (`drawn`) replace old
-        ones (`kept`), and pins that join nothing come last. `assembly.angles` or `angles_deg` gets the angles of links whose
-        points do not determine them.
+        `assembly.sketch` gets places, and `assembly.angles` or `angles_deg` the angles of links whose points do not determine them.
         """
         assembly = self.group("assembly")
         old, joints = table(assembly, "sketch"), [*items(self.document, "joints")]
@@ -394,15 +330,14 @@ class Drawing:
             elif joint.get("type") == "prismatic" and name in old and owner(str(joint.get("block"))) in self.poses:
                 drawn[name] = pair(self.place(str(joint["block"])), PLACED)
         # links: points that place them; and an angle if neither the points nor a slide determine it
-        angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}  # links with a given angle
-        slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}  # links with a slide
+        angles = {name for key in ("angles", "angles_deg") for name in table(assembly, key)}
+        slid = {owner(str(x.get(end))) for _, x in joints for end in ("guide", "block")}
         for link in [x for x in self.group("links") if x in self.poses]:
             known, shows_angle = self._choose_points(link, pinned | old.keys())
             drawn |= {x: pair(self.place(x), PLACED) for x in known if x not in pinned}
             if not shows_angle and link not in angles and link not in slid:
                 angles.add(link)
                 assembly.setdefault("angles_deg", {})[link] = 0.0  # an entry, whose value is written below
-        # joints without a point of the ground in their `at`
         moving = {k for k, x in joints if not any(owner(str(y)) == "ground" for y in sequence(x, "at"))}
         # keep the old entries of joints and links that could not be read
         kept = {k: x for k, x in old.items() if k in moving or ("." in k and owner(k) not in self.poses)}
@@ -414,11 +349,7 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return the references of points that place a link, and whether these points determine the link's angle.
-
-        The points are those of the link in `known`, or else the first point of the link. If all these points lie at one place, one
-        more point of the link, at another place, is added.
-        """
+        """Return the references of points that place a link, and whether these points determine the link's angle."""
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
         apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]

@@ -16,8 +16,7 @@ from gauss_bench.mechanism.coordinates import gradient
 from gauss_bench.mechanism.model import GROUND, Angle
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.studio.edits.drawing import BLOCK, DIGITS, KG_PER_M, SAME, Drawing, Pin, owner, pair, round_digits, tail
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, number, place
+from gauss_bench.studio.messages import Message, Refused, number, place
 from gauss_bench.terms import Array
 
 SHORTEST = 1e-6  # [m] shortest bar
@@ -48,13 +47,7 @@ def describe_owner(link: str) -> str:
 
 
 def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
-    """Add a rigid link that joins the given pins; its name is `word` followed by a number.
-
-    Bars are drawn from pin to pin around the link, or one bar between two pins.
-
-    Raises:
-        Refused: two of the pins lie at one place or on the same link.
-    """
+    """Add a rigid link that joins the given pins; its name is `word` followed by a number."""
     for a, b in combinations(pins, 2):
         if a.id == b.id or abs(a.at - b.at) < SHORTEST:
             raise Refused("a bar between two pins at one place has no length", (f"pins.{b.id}",))
@@ -91,16 +84,7 @@ def observe(d: Drawing, message: Message) -> None:
 
 
 def add_slide(d: Drawing, message: Message) -> None:
-    """Add a slide along a guide, and a block that slides along it and is pinned at a pin.
-
-    Keys of the message:
-        guide: link that carries the axis of the slide, by default the ground.
-        pin, or at: id of the pin at the block, or the place of a new pin.
-        angle_deg: direction of the axis in the world [deg]. The default is the direction from `through` to the pin if `through` is
-            given, else that of the guide's first bar, or of the guide's frame if the guide has no bar.
-        through: place through which the axis goes. The default is the pin if the guide is the ground, else the first point of the
-            guide's first bar.
-    """
+    """Add a slide along a guide, and a block that slides along it and is pinned at a pin."""
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
     bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
@@ -127,7 +111,7 @@ def add_slide(d: Drawing, message: Message) -> None:
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
     block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
-    at = d.attach(pin, block).members[-1]  # reference of the new point, which `attach` appends
+    at = d.attach(pin, block).members[-1]
     degrees = round_digits(math.degrees(math.remainder(angle - d.poses[guide][1], 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:
@@ -148,10 +132,7 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 
 
 def join(d: Drawing, message: Message) -> None:
-    """Move a pin onto another pin, and join all points of both pins in one joint.
-
-    The pin `pin` of the message moves onto the pin `to`. If `pin` is fixed to the ground, `to` moves onto `pin` instead.
-    """
+    """Move a pin onto another pin, and join all points of both pins in one joint."""
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
         raise Refused("a pin cannot be joined to itself", (f"pins.{a.id}",))
@@ -159,7 +140,7 @@ def join(d: Drawing, message: Message) -> None:
     if shared:
         words = describe_owner("ground" if "ground" in shared else min(shared))
         raise Refused(f"pins {a.id} and {b.id} are both {words}: they cannot be joined", (f"pins.{a.id}", f"pins.{b.id}"))
-    if a.is_grounded:  # the other pin moves instead
+    if a.is_grounded:
         a, b = b, a
     _shift(d, a, b.at)
     joints, joint = d.group("joints"), d.joint_of(a)
@@ -174,7 +155,7 @@ def join(d: Drawing, message: Message) -> None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
-        if d.is_written(owner(reference)):  # the parts of a cylinder have no table in the file, and no joint can name their points
+        if d.is_written(owner(reference)):
             b = d.join_at_pin(b, reference)
     kept = d.joint_of(b)
     if joint is not None and kept is not None:
@@ -206,11 +187,7 @@ def _fix(d: Drawing, pin: Pin) -> None:
 
 
 def _release(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
-
-    A pin without a joint then joins nothing, and the file keeps the pin's place in `assembly.sketch`. A joint that has only one
-    point left is removed.
-    """
+    """Release a pin from the ground: remove its points of the ground, except points that a slide uses."""
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)
@@ -260,11 +237,7 @@ def _shift(d: Drawing, pin: Pin, at: complex) -> None:
 
 
 def _put(d: Drawing, reference: str, at: complex) -> None:
-    """Move a point of a link to a place in the world; if the link's frame lay along its first bar, it still does afterwards.
-
-    Raises:
-        Refused: a bar would have no length.
-    """
+    """Move a point of a link to a place in the world; if the link's frame lay along its first bar, it still does afterwards."""
     link = owner(reference)
     is_aligned = d.is_aligned(link)
     d.set_point(reference, at)

@@ -11,8 +11,7 @@ from gauss_bench.studio import scene
 from gauss_bench.studio.document import Document, is_driven, split_path
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message
+from gauss_bench.studio.messages import Message, Refused
 from gauss_bench.studio.reading import leave_out, lone_pins, new_faults
 
 # pairs of keys that exclude each other
@@ -58,12 +57,8 @@ def set_key(d: Drawing, message: Message) -> None:
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
     """Return a copy of a value of a parsed file, in which `change` has replaced every text and every key of a table.
 
-    Free texts, the values of the keys in TEXTS, are not replaced.
-
     Args:
-        x: the value: a table, a list, a text or a number.
         change: function (text, key) -> new text, where `key` is the key of the table or value in which the text was found.
-        key: key of x in its table; empty for the file itself and for an entry of a group, whose key is only its name.
     """
     if isinstance(x, dict):
         has_entries = key in GROUPS  # x is a table of named entries, such as `links`
@@ -74,10 +69,7 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it.
-
-    The ids of parts are those of the page: a slide is a joint of the file, and a cylinder has the id of a force.
-    """
+    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it."""
     id, to = str(message.get("what")), str(message.get("to"))
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
@@ -121,14 +113,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
-    """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
-
-    A point is not renamed if its link already has a point with the new name. A pin that belongs to no joint has either a single
-    point, which is renamed, or no point; in the second case its entry in the sketch is renamed.
-
-    Raises:
-        Refused: the new name is taken; the caller then discards all changes.
-    """
+    """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name."""
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
@@ -140,7 +125,7 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
     old = joint or tail(pin.members[0])
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
-        if d.is_written(link) and point == old:  # a part of a cylinder is not written: it has no table in the file
+        if d.is_written(link) and point == old:
             if to not in d.points(link):
                 _rename_point(d, link, point, to)
             elif joint is None:
@@ -153,7 +138,6 @@ def _rename_point(d: Drawing, link: str, old: str, new: str) -> None:
     """Rename a point of a link or of the ground, in the table of its owner and in all references."""
     given = d.group("ground") if link == "ground" else d.link(link)
     keys = ("points", "bars", "point", "from")  # keys of that table whose value is a point's name without the name of its owner
-    # `rewrite` passes every text and every key x of a table, together with the key of the table or value in which x was found
     given.update(rewrite(given, lambda x, key: new if x == old and key in keys else x))
     d.document.update(rewrite(d.document, lambda x, key: f"{link}.{new}" if x == f"{link}.{old}" else x))
 
@@ -164,7 +148,7 @@ def delete(d: Drawing, message: Message) -> None:
     if not isinstance(ids, list) or not all(isinstance(x, str) for x in ids):
         raise Refused("ids is a list of the ids of parts", field="ids")
     for id in ids[:1000]:
-        group, name = owner(id), tail(id)  # of an id such as "links.crank"
+        group, name = owner(id), tail(id)
         if group in ("slides", "forces") and name in d.group("cylinders"):  # the page shows a cylinder as a slide and as a force
             group = "cylinders"
         if group == "pins" and name in d.pins:
@@ -181,10 +165,7 @@ def delete(d: Drawing, message: Message) -> None:
 
 
 def _delete_pin(d: Drawing, name: str) -> None:
-    """Delete a pin's points from all its links, and delete links that would have a single point left.
-
-    A pin that joins nothing is deleted from the sketch.
-    """
+    """Delete a pin's points from all its links, and delete links that would have a single point left."""
     pin = d.pins[name]
     if not pin.members:
         d.remove_from_sketch(pin)
@@ -213,10 +194,7 @@ def _delete_pin(d: Drawing, name: str) -> None:
 
 
 def prune(d: Drawing) -> None:
-    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts.
-
-    A pin joint with fewer than two points is incomplete, and so is a scenario that has lost the only driver (`driver`) that it had.
-    """
+    """Delete all entries that refer to deleted parts, and joints and scenarios that are incomplete without these parts."""
     before = d.reading.document  # the file as it was read; d.document already lacks the deleted parts
     # each pass removes one entry with a fault that the file did not have before, which may leave other entries with a missing
     # reference; 1000 only bounds the loop
@@ -231,6 +209,8 @@ def prune(d: Drawing) -> None:
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
         sketched.pop(joint, None)  # otherwise its place would be read as a pin that joins nothing
     for name, scenario in [*items(d.document, "scenarios")]:
+        if scenario.get("drivers") == []:
+            del scenario["drivers"]
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
 
@@ -238,7 +218,7 @@ def prune(d: Drawing) -> None:
 def add_force(d: Drawing, message: Message) -> None:
     """Add a force with its default numbers, and let it act in the scenario "released", or else in the first one without drivers."""
     word = str(message.get("type"))
-    given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}  # keys of the force
+    given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
     if "a" in message or "b" in message:
         a, b = (d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b")))
         given["between"] = d.ends(a, b)
@@ -258,7 +238,7 @@ def add_force(d: Drawing, message: Message) -> None:
         usual["rest"] = _apart(d, given)
     if word == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
         usual["radius"] = 0.01
-    name = d.fresh(word.partition("_")[0], "forces")  # such as axis1 for an axis_spring_damper
+    name = d.fresh(word.partition("_")[0], "forces")
     d.group("forces")[name] = usual | given
     d.check()
     d.made.append(f"forces.{name}")
@@ -275,12 +255,7 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
-    """Add a cylinder between two points; the file gets the second edition of the file format, because the first has no cylinders.
-
-    Raises:
-        Refused: the message does not name two points; or the file is of the first edition, and has a damper that would act
-            differently in the second edition of the file format.
-    """
+    """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders."""
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
     # barrel and rod overlap by a fifth of the distance of the points
@@ -296,15 +271,11 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     d.document["format"] = SECOND
     d.group("cylinders")[name] = {"between": given["between"], "barrel": dict(part), "rod": dict(part)}
     d.check()
-    d.made.append(f"forces.{name}")  # the page lists cylinders among the forces
+    d.made.append(f"forces.{name}")
 
 
 def lock_of(d: Drawing, message: Message) -> str:
-    """Return the id of the lock that a message names: the id of a pin, a slide, a length or an angle that is to be kept fixed.
-
-    Raises:
-        Refused: there is no such part.
-    """
+    """Return the id of the lock that a message names: the id of a pin, a slide, a length or an angle that is to be kept fixed."""
     if "pin" in message:
         return f"pins.{d.pin(message.get('pin')).id}"
     if "joint" in message:

@@ -4,35 +4,19 @@ import math
 from cmath import phase, rect
 from typing import Any
 
-from gauss_bench.kinematics.synthesis import Connection, FourBar, NoFourBar, Pose, four_bar_of_pins, four_bar_of_pivots
+from gauss_bench.kinematics.synthesis import FourBar, NoFourBar, Pose, four_bar_of_pins, four_bar_of_pivots
 from gauss_bench.studio.edits.drawing import SAME, Drawing, owner, pair
 from gauss_bench.studio.edits.geometry import add_bar, add_point, add_slide
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, number, place
-
-
-def read_poses(message: Message) -> tuple[Pose, Pose, Pose]:
-    """Return the three poses of a message, which gives each as [x, y, degrees].
-
-    Raises:
-        Refused: the message does not give three poses of finite numbers.
-    """
-    given = message.get("poses")
-    if not isinstance(given, list) or len(given) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in given):
-        raise Refused("three poses [x, y, degrees] are needed", field="poses")
-    first, second, third = ((place(x[:2], "poses"), math.radians(number({"poses": x[2]}, "poses"))) for x in given)
-    return first, second, third
+from gauss_bench.studio.messages import Message, Refused, number, place
 
 
 def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
-    """Return the four-bar whose coupler passes through the three poses in a message, and the first pose.
-
-    The message gives two places: those of the two moving `pins` at the first pose, or those of the two fixed `pivots`.
-
-    Raises:
-        Refused: the message is not valid, or no four-bar with these pins or pivots takes the poses; the text gives the reason.
-    """
-    poses = read_poses(message)
+    """Return the four-bar whose coupler passes through the three poses in a message, and the first pose."""
+    listed = message.get("poses")
+    if not isinstance(listed, list) or len(listed) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in listed):
+        raise Refused("three poses [x, y, degrees] are needed", field="poses")
+    first, second, third = ((place(x[:2], "poses"), math.radians(number({"poses": x[2]}, "poses"))) for x in listed)
+    poses = (first, second, third)
     key = "pivots" if "pivots" in message else "pins"
     given = message.get(key)
     if not isinstance(given, list) or len(given) != 2:
@@ -50,30 +34,23 @@ def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
 def describe_four_bar(message: Message) -> dict[str, Any]:
     """Return the reply with the four-bar that `synthesize` would draw, and its motion if either connection is driven."""
     found, _ = find_four_bar(message)
-    return {
-        "connections": [describe_connection(x) for x in found.connections],
-        "drives": [{"fault": x.fault, "text": x.text, "travel": x.travel} for x in found.drives],
-    }
-
-
-def describe_connection(connection: Connection) -> dict[str, Any]:
-    """Return the places of a moving pin at the three poses, its fixed pivot, and the direction of its slide.
-
-    The direction is in degrees; it is None if the pin is guided by a bar and not by a slide.
-    """
-    degrees = None if connection.direction is None else math.degrees(phase(connection.direction))
-    return {"places": [pair(x) for x in connection.places], "pivot": pair(connection.pivot), "slide_deg": degrees}
+    connections = [
+        {
+            "places": [pair(x) for x in connection.places],
+            "pivot": pair(connection.pivot),
+            "slide_deg": None if connection.direction is None else math.degrees(phase(connection.direction)),
+        }
+        for connection in found.connections
+    ]
+    return {"connections": connections, "drives": [{"fault": x.fault, "text": x.text, "travel": x.travel} for x in found.drives]}
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar that `find_four_bar` finds, at the first of the three poses: the coupler, and two bars or slides.
-
-    The origin of the pose becomes an observed point of the coupler (in the file's table `observe`), unless it is a pin.
-    """
+    """Draw the four-bar that `find_four_bar` finds, at the first of the three poses: the coupler, and two bars or slides."""
     found, (origin, _) = find_four_bar(message)
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})
-    coupler = d.made[0].removeprefix("links.")  # the link that `add_bar` has just made
+    coupler = d.made[0].removeprefix("links.")
     # the two pins of the coupler, in the order of the connections, in which `add_bar` has just made them
     pins = [x.id for x in d.pins.values() if coupler in map(owner, x.members)]
     for pin, connection in zip(pins, found.connections, strict=True):

@@ -18,8 +18,7 @@ from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.model import GROUND, Angle, Coordinate, Distance, Mechanism
 from gauss_bench.studio.document import Document
 from gauss_bench.studio.edits.drawing import Drawing, round_digits
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, number
+from gauss_bench.studio.messages import Message, Refused, number
 from gauss_bench.studio.reading import Reading
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
@@ -30,14 +29,10 @@ UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> 
 
 
 def drive(d: Drawing, message: Message) -> None:
-    """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing.
-
-    The message may give values of keys of the motion law; all other keys have default values. If the message has `off: true`, the
-    driver of the coordinate is removed instead of set, and the scenario is removed too if it has no other driver.
-    """
+    """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing."""
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
-    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]  # without the driver of this coordinate
+    drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
     if not message.get("off"):
         law = {k: x for k, x in message.items() if k not in ("id", "do", "coordinate", "off", "duration", "scenario")}
         if "link" in coordinate:
@@ -46,7 +41,7 @@ def drive(d: Drawing, message: Message) -> None:
         else:
             size = d.reading.mechanism.size if d.reading.mechanism else 1.0
             usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
-        drivers.append(coordinate | (({"law": usual["law"]} | law) if law else usual))  # a given law, of the usual kind by default
+        drivers.append(coordinate | (({"law": usual["law"]} | law) if law else usual))
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
@@ -64,12 +59,9 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
 
     Args:
         given: a value of a message: the name of a link or slide, `{"name": name}`, or `{"between": [a, b]}` for a distance.
-
-    Raises:
-        Refused: there is no such coordinate.
     """
     if isinstance(given, dict) and "between" in given:
-        a, b, *_ = [*sequence(given, "between"), None, None]  # `ends` refuses None
+        a, b, *_ = [*sequence(given, "between"), None, None]
         return {"between": d.ends(a, b)}
     name = given.get("name") if isinstance(given, dict) else given
     if isinstance(name, str) and name in d.group("links"):
@@ -86,7 +78,7 @@ def _duration(driver: Mapping[str, Any]) -> float:
         if isinstance(speed, (int, float)) and speed != 0 and "link" in driver:
             return round_digits(2 * math.pi / abs(speed))
         return 1.0
-    rows = sequence(driver, "rows")  # of a table of times and values
+    rows = sequence(driver, "rows")
     last = rows[-1][0] if rows and isinstance(rows[-1], list) and rows[-1] else driver.get("time", 1.0)
     return float(last) if isinstance(last, (int, float)) else 1.0
 
@@ -114,18 +106,7 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
-    """Complete the scenario "driven" of a document, so that it starts in the drawn position.
-
-    A driver without a start value gets as its start value the value of its coordinate in the drawing. The scenario's table `start`
-    gets the values in the drawing of coordinates that the drivers leave free. A single driver is written under the key `driver` if
-    there is no table `start`; otherwise the list of drivers is written under `drivers`.
-
-    Args:
-        document: the document, whose scenario is changed.
-        reading: the mechanism and the positions of the drawing.
-        only: keys and values, such as {"link": "crank"}, that a driver must have to get a start value; by default all drivers
-            without a start value get one.
-    """
+    """Complete the scenario "driven" of a document, so that it starts in the drawn position."""
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
     for driver in drivers:
@@ -146,14 +127,7 @@ def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] |
 
 
 def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
-    """Return the table `start` of a scenario that starts at rest in the drawn position.
-
-    The table prescribes as many coordinates as joints and drivers leave free: those that best determine the free motions.
-
-    Args:
-        reading: the mechanism and the positions of the drawing.
-        drivers: tables of the scenario's drivers; empty for the scenario "released".
-    """
+    """Return the table `start` of a scenario that starts at rest in the drawn position."""
     mechanism, joints, q = reading.mechanism, reading.joints, reading.q
     if mechanism is None or joints is None:
         return {}
@@ -169,11 +143,7 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position.
-
-    The scenario "released" is added if the file has no scenario except "driven". If the file has other scenarios but not
-    "released", nothing is done. If the drawn joints do not close, the present start is kept.
-    """
+    """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position."""
     is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not is_wanted:
         return
@@ -184,11 +154,7 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Adapt the start values of scenarios and drivers to a changed drawing.
-
-    A start value that was equal to the value of its coordinate in the old drawing becomes the value in the new drawing. An angle
-    counts as equal if it differs from the drawing by whole turns; it still differs by these turns afterwards.
-    """
+    """Adapt the start values of scenarios and drivers to a changed drawing."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)

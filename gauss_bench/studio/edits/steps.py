@@ -10,8 +10,7 @@ from gauss_bench.studio.edits.geometry import GEOMETRY, move
 from gauss_bench.studio.edits.keys import KEYS, lock_of
 from gauss_bench.studio.edits.poses import synthesize
 from gauss_bench.studio.edits.scenarios import drive, follow, release
-from gauss_bench.studio.errors import Refused
-from gauss_bench.studio.messages import Message, number, place
+from gauss_bench.studio.messages import Message, Refused, number, place
 from gauss_bench.studio.reading import Reading, read
 from gauss_bench.studio.session import Session
 from gauss_bench.terms import Array
@@ -26,15 +25,8 @@ PICTURES = tuple(f"data:image/{x};base64," for x in ("png", "jpeg", "webp", "gif
 def edit_document(session: Session, change: Callable[[Drawing], object], moves: bool = True) -> list[str]:
     """Make a change as one step of the history, and return the ids of the parts that it made.
 
-    1. `change` changes the tables of the document and the poses of links.
-    2. If links may have moved, locked lengths are checked, and the changed places are written into the sketch of the file.
-    3. The changed document is read, which closes the joints.
-    4. If links may have moved, their places with closed joints are written into the sketch, and the start values of scenarios are
-       adapted.
-    5. The scenario "released" is updated, and the text of the file becomes the new state of the session.
-
-    Args:
-        moves: whether the change may move links; if not, the places in the file's table `assembly.sketch` stay as they are.
+    `change` edits tables and poses. If links may have moved (`moves`), the changed places are written into the sketch, the joints
+    are closed again, and the start values of scenarios follow.
 
     Raises:
         Refused: the change cannot be made; the session is then unchanged.
@@ -44,24 +36,20 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     change(d)
     if moves:
         _check_locks(session.locks, d)
-        d.sketch()  # writes the changed places into the document, from which `read` closes the joints
+        d.sketch()
     else:
-        d.tidy()  # removes empty tables, which `sketch` does too
+        d.tidy()
     after = read(d.document, starts=False)
-    if moves and after.closed:  # write the places that the links have with closed joints
+    if moves and after.closed:
         Drawing(d.document, after).sketch()
-        follow(d.document, before, after)  # changes starts of scenarios that were equal to the drawing
-    release(d.document, after)  # writes the scenario "released"
+        follow(d.document, before, after)
+    release(d.document, after)
     session.put(write_document(session.text, d.document), session.locks)
     return d.made
 
 
 def edit(session: Session, message: Message) -> list[str]:
-    """Make the edit that a message requests, and return the ids of the parts that it made.
-
-    Raises:
-        Refused: the edit cannot be made.
-    """
+    """Make the edit that a message requests, and return the ids of the parts that it made."""
     verb = str(message.get("do"))
     moves_no_link = verb in STAYING or (verb == "set" and not SHAPES.match(str(message.get("path"))))
     if verb == "move":
@@ -70,25 +58,17 @@ def edit(session: Session, message: Message) -> list[str]:
 
 
 def try_move(session: Session, message: Message) -> Reading:
-    """Return the drawing as it would be read after the move of a pin; the session does not change.
-
-    Raises:
-        Refused: the pin cannot be there.
-    """
+    """Return the drawing as it would be read after the move of a pin; the session does not change."""
     _check_pin(session.locks, message)
     d = Drawing(session.document, session.reading)
     move(d, message)
     _check_locks(session.locks, d)
-    d.sketch()  # writes the moved places into the document, from which `read` closes the joints
+    d.sketch()
     return read(d.document, starts=False)
 
 
 def _check_pin(locks: frozenset[str], message: Message) -> None:
-    """Check that the pin that a message of the page names is not locked.
-
-    Raises:
-        Refused: the pin is locked.
-    """
+    """Check that the pin that a message of the page names is not locked."""
     given = message.get("pin")  # the id of a pin, {"pin": id}, or the place of a new pin
     pin = given.get("pin") if isinstance(given, dict) else given
     if f"pins.{pin}" in locks:
@@ -96,12 +76,8 @@ def _check_pin(locks: frozenset[str], message: Message) -> None:
 
 
 def _check_locks(locks: frozenset[str], d: Drawing) -> None:
-    """Check that locked lengths have not changed.
-
-    Raises:
-        Refused: a locked length has changed.
-    """
-    before = Drawing(d.reading.document, d.reading)  # the drawing as it was read before the edit
+    """Check that locked lengths have not changed."""
+    before = Drawing(d.reading.document, d.reading)
     for lock in sorted(x for x in locks if x.startswith("links.") and ":" in x):  # a locked length: "links.LINK:A-B"
         link, _, ends = lock.removeprefix("links.").partition(":")
         a, b = ends.split("-")
@@ -118,22 +94,14 @@ def redraw(session: Session, q: Array) -> None:
 
 
 def lock(session: Session, message: Message) -> None:
-    """Lock a pin, a slide, a length or an angle; with `on` false, free it.
-
-    Raises:
-        Refused: there is no such part.
-    """
+    """Lock a pin, a slide, a length or an angle; with `on` false, free it."""
     id = lock_of(Drawing(session.document, session.reading), message)
     locks = session.locks | {id} if message.get("on", True) else session.locks - {id}
     session.put(session.text, locks)
 
 
 def picture(session: Session, message: Message) -> None:
-    """Set, move or remove the picture behind the grid.
-
-    Raises:
-        Refused: the message has no valid picture, place or size.
-    """
+    """Set, move or remove the picture behind the grid."""
     given = message.get("picture")
     if given is None:
         session.lay(None)
