@@ -1,19 +1,19 @@
 """Validation and benchmarking of closed-loop planar linkage dynamics.
 
     load(name_or_path, scenario=None) -> Mechanism
-    simulate(name_or_path, engine, ...) -> Simulation: one run with the judge's verdict, as `gauss-bench simulate --json` prints it
-    history(simulation) -> History: all samples of a run as curves: observed points, energies, joint forces, motors, transmission
+    simulate(name_or_path, engine, ...) -> Simulation: one run with the judge's verdict
+    history(simulation) -> History: all samples of a run as curves
     compare(name_or_path, engines=None, ...) -> DataFrame, one row per engine, setting and step
-    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes, and the cause that dominates
+    diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes
     tune(model, out, position=...) -> Tuned: an MJCF file with settings that hold an accuracy
     selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks detect them
-    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and with forces=True the loads that it takes
+    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and the loads that it takes
     recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file
     certify(name_or_path, ...) -> Certificate: a reference motion with its error bar
     doctor() -> Checkup: the libraries on this machine, and whether each engine runs on it
-    compile_kernel(mechanism, formulation="auto", stabilization="none", ...) -> Kernel: native code of a linkage
+    compile_kernel(mechanism, formulation="auto", ...) -> Kernel: native code of a linkage
 
 Each function is imported when it is first used, so that importing the package takes no time.
 """
@@ -56,7 +56,6 @@ class _Package(ModuleType):
     """The class of this package's module: it keeps subpackages from replacing public functions of the same name (`kinematics`)."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Set an attribute, unless a submodule would replace a public function of the same name."""
         # after importing a submodule Python sets it as an attribute of the package, which would hide the function
         if not (name in _HOMES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)

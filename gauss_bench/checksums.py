@@ -1,8 +1,8 @@
 """Checksums of the tables of a run: they show if a row was changed after the run.
 
-The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes; equal rows give equal bytes. It
-is written with the tables. A folder of an older version has no such file, and its tables are read without this check. The SHA-256
-of the list of the checksums of all tables is the checksum of the run, by which the run is cited.
+The file `checksums.json` in the folder of a run maps each table's file to the SHA-256 of its bytes. A folder of an older version
+has no such file, and its tables are read without this check. The checksum of the run, by which it is cited, is the SHA-256 of the
+list of all checksums.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ class ChangedRows(BadInput, ValueError):
 
 
 def read_checksums(folder: Path) -> dict[str, str]:
-    """Return a dict from the file of each table, relative to the folder, to its checksum; empty for a folder without checksums.
+    """Return the file of each table, relative to the folder -> its checksum; empty for a folder without checksums.
 
     Raises:
         ChangedRows: the list of checksums is damaged.

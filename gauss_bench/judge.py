@@ -1,15 +1,14 @@
 """The judge decides for all commands whether a finished run is valid, from numbers that this package computes from the trajectory.
 
-A run is valid if the judge has no objection:
-- it has all samples, and begins at the start of the scenario;
-- its loops stay closed and its energy balances;
-- its accelerations are those of the linkage, and its velocities and accelerations are the rates of its positions and velocities;
-- it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter tolerance.
+A run is valid if the judge has no objection: - it has all samples, and begins at the start of the scenario; - its loops stay closed
+and its energy balances; - its accelerations are those of the linkage, and its velocities and accelerations are the rates of its
+positions and velocities; - it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter
+tolerance.
 
 Each limit asks whether the run is still a motion of this linkage. The judge does not decide how exact a valid run is.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 from gauss_bench import metrics
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.terms import Array, largest
-from gauss_bench.trajectory import Reference, Trajectory, in_a_sentence
+from gauss_bench.trajectory import Reference, Trajectory, finite, in_a_sentence
 
 # A limit is a share of the size of the linkage for lengths, a number of radians for angles, and a share of the largest for speeds.
 OFF_TIME = 1e-9  # [s] distance of a sample from its time: a million times rounding, a thousandth of any step
@@ -78,12 +77,12 @@ class Judgement:
 
     @property
     def valid(self) -> bool:
-        """True if no check of the run led to an objection, so that the results of the run may be used."""
+        """True if there is no objection, so that the results of the run may be used."""
         return not self.objections
 
     @property
     def sentence(self) -> str:
-        """Return all objections as one sentence, or an empty text."""
+        """All objections as one sentence, or an empty text."""
         return "; ".join(x.sentence for x in self.objections)
 
 
@@ -93,25 +92,19 @@ class Evidence:
 
     Attributes:
         size: size of the linkage [m].
-        drift: residuals of the constraints at every sample.
-        energy: (k,) energy gained beyond the work done [J].
-        energy_bar: error bar of the work in `energy` [J].
+        energy: (k,) energy gained beyond the work done [J]; energy_bar: error bar of this work [J].
         energy_scale: largest kinetic energy of the run, or the range of the potential energy if larger [J].
         energy_floor: change of the energy that rounding can cause [J].
-        seen: (k,) `energy` without losses between samples that are too far apart to resolve damping; None if the samples resolve
-            damping.
-        errors: errors against the reference; None without a reference.
+        seen: (k,) `energy` without losses between samples too far apart to resolve damping; None if the samples resolve it.
         acceleration_error: median relative error of the engine's accelerations at the same states.
-        rates: gaps between the motion and the integrals of its rates.
-        rates_again: the same gaps of the repetition of the run with finer steps, at the samples that both have.
+        rates, rates_again: gaps between the motion and the integrals of its rates, of the run and of its repetition.
         start: gap between the first sample and the start of the scenario.
         duration: time from the first sample to the last [s].
         halving: difference of the run and its repetition with finer steps; None if there is a reference.
         finer: how the repetition was made: "half the step" or "a tighter tolerance".
         unrepeated: why there is neither a reference nor a repetition; empty if there is one of them.
-        steps_a_period: steps in a period of the fastest mode, for a fixed step without a reference.
-        steps_a_forcing: steps in a period of the fastest force that oscillates with time, for a fixed step.
-        disagreement: relative difference between the accelerations by two of this package's formulations, at the states of the run.
+        steps_a_period, steps_a_forcing: steps in a period of the fastest mode and of the fastest force that oscillates with time.
+        disagreement: relative difference between the accelerations by two formulations, at the states of the run.
     """
 
     size: float
@@ -139,7 +132,6 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     """Judge whether the object that an engine returned is a finite trajectory of n coordinates at the wanted times (k,) [s]."""
 
     def refused(subject: Subject, value: float, limit: float, sentence: str) -> Judgement:
-        """Return a judgement with one objection."""
         return Judgement((Objection(subject, value, limit, sentence),))
 
     if not isinstance(trajectory, Trajectory):
@@ -157,7 +149,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     if wrong is not None:
         text = f"samples of shape {wrong} where ({len(times)}, {n}) was asked for"
         return refused(Subject.COMPLETENESS, wrong[-1] if wrong else 0, n, text)
-    count = _count_sound(levels)
+    count = finite(*levels, below=HUGE)
     if count < len(times):
         first = float(times[count])
         return refused(Subject.NUMBERS, first, float(times[-1]), f"not finite at t = {first:.6g} s; a smaller step may help")
@@ -167,12 +159,8 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object. The result is None too if the object is not a trajectory, or if its arrays have entries that
-    are not numbers, or do not have n columns.
-
-    Args:
-        times: (k,) the requested times of samples [s].
-        n: number of coordinates.
+    An engine may return any object: the result is None if it is not a trajectory, or its arrays are not numbers in n columns.
+    `times` (k,) [s] are the requested times.
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -185,14 +173,8 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
         return None
     k = min(len(x) for x in (times, t, q, v, a))
     is_off_time = np.abs(t[:k] - times[:k]) > OFF_TIME
-    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, _count_sound([t[:k, None], q[:k], v[:k], a[:k]]))
+    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
-
-
-def _count_sound(levels: Sequence[Array]) -> int:
-    """Return how many samples stand before the first one with a number that is not finite or is huge; the arrays are (k, n)."""
-    is_sound = np.all([(np.abs(x) < HUGE).all(axis=1) for x in levels], axis=0)
-    return len(is_sound) if is_sound.all() else int(is_sound.argmin())  # argmin: the first False
 
 
 def copy_numbers(x: object) -> Array:
@@ -208,7 +190,7 @@ def copy_numbers(x: object) -> Array:
 
 
 def _count(x: Any) -> int | None:
-    """Return the number of steps or evaluations that an engine reports as an integer, or None if the engine does not count them.
+    """Return the number of steps or evaluations that an engine reports as an integer, or None if it does not count them.
 
     Raises:
         TypeError, ValueError, OverflowError: x is no count.
@@ -260,23 +242,21 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     for off, sentence in ((x.acceleration_error, of_engine), (x.disagreement, between_two)):
         if off is not None:
             yield Objection(Subject.MODEL, off, OFF_ACCELERATION, sentence.format(off))
-    # `seen` is `energy` without the losses that damping between distant samples may explain
     # a linkage smaller than 1 m has a limit in proportion to its size [m]
     opened, gained = largest(x.drift.position), largest(x.energy if x.seen is None else x.seen)
     yield Objection(Subject.LOOPS, opened, OFF_DRIFT * min(1.0, x.size), f"the loops open by {opened:.2g} (m or rad)")
     limit = OFF_ENERGY * x.energy_scale
-    # the uncertainty of the work widens the limit, but not by more than MOST_SHARED times the limit (and rounding)
     allowed = limit + min(x.energy_bar, MOST_SHARED * limit + x.energy_floor)
     yield Objection(Subject.ENERGY, gained, allowed, f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move")
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
         if steps is not None:
             sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, which {FEWEST:g} do not resolve yet"
-            # here a number below FEWEST is the fault: value and limit change places, so that value > limit means too few steps
+            # a number below FEWEST is the fault: value and limit change places
             yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)
 
 
 def _check_motion(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to positions and angles of links, by comparison with the reference or with a repeated run."""
+    """Yield the possible objections to positions and angles of links, against the reference or a repeated run."""
     if x.errors is not None:
         length, turn = largest(x.errors.length), largest(x.errors.angle)
         yield Objection(Subject.MOTION, length, OFF_MOTION * x.size, f"a link ends up {length:.2g} m from where it should be")
@@ -289,11 +269,7 @@ def _check_motion(x: Evidence) -> Iterator[Objection]:
 
 
 def _check_start(x: Evidence) -> Iterator[Objection]:
-    """Yield the possible objections to the first sample, which should be the start of the scenario.
-
-    There is one objection for each of positions, angles, velocities and angular velocities; `judge` keeps those whose gap exceeds
-    its limit.
-    """
+    """Yield the possible objections to the first sample, which should be the start of the scenario."""
     if x.start is not None and x.rates is not None:
         # a linkage at rest has no speed to compare with: take the speed that crosses its size within the run
         slow = x.size / x.duration if x.duration else x.size
@@ -306,10 +282,8 @@ def _check_start(x: Evidence) -> Iterator[Objection]:
 def _check_rates(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections: positions differ from integrated velocities, or velocities from integrated accelerations.
 
-    Two contributions are added to a limit, each at most MOST_SHARED times the limit:
-    - the error of the numerical integral (`RateGaps.bars`), estimated by leaving out every second sample;
-    - the part of the gap that disappears when the run is repeated with finer steps. This part is due to the integration method,
-      which may store rates half a step away from the positions. A gap that stays means that the run is another motion.
+    Two contributions widen a limit, each by at most MOST_SHARED times: the error of the numerical integral, and the part of the gap
+    that disappears when the run is repeated with finer steps, because a method may store rates half a step away from the positions.
     """
     if x.rates is None:
         return
@@ -337,7 +311,6 @@ def _check_rates(x: Evidence) -> Iterator[Objection]:
 def remark(evidence: Evidence) -> str:
     """Return the remarks on a valid run, joined by "; ", or an empty text."""
     remarks = []
-    # `seen` is the curve `energy` without losses between distant samples: damping may explain these losses, but no sample shows it
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
         remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
@@ -353,11 +326,7 @@ def trusted_until(
 ) -> float:
     """Return the time of the last sample [s] up to which the judge has no objection, found by bisection.
 
-    Bisection assumes that an invalid run stays invalid if it is continued.
-
-    Args:
-        reference: the true motion, with which the run is compared if it is known.
-        finer: the same run with half the step or a tighter tolerance, with which the run is compared if it was made.
+    The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are known.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:
@@ -373,13 +342,7 @@ def trusted_until(
 
 
 def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, adaptive: bool = False) -> str:
-    """Return a sentence that tells how to make an invalid run valid, or an empty text.
-
-    Args:
-        step: step size of the run [s].
-        stabilized: whether a stabilisation was on.
-        adaptive: whether the integrator chose its own steps.
-    """
+    """Return how to make an invalid run valid, or an empty text; `step` [s] is that of a run whose steps are not `adaptive`."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         smaller = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"

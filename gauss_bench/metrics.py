@@ -1,7 +1,7 @@
 """Every figure of a run except times, computed from its trajectory by our own code: no engine judges itself.
 
 Drift and energy are evaluated in absolute coordinates. An engine that describes the linkage as a tree of joints with one pin cut
-open therefore shows no drift in the joints of the tree, and all of its drift in that pin.
+open therefore has all of its drift in that pin.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -26,12 +26,9 @@ SAME_TIME = 1e-9  # [s] two times less than this apart are the same sample time
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """The distance of each sample from the constraints.
+    """The distance of each sample from the constraints: (k,) largest |phi|, |J v + phi_t| and |J a - gamma|.
 
-    Attributes:
-        position: (k,) max |phi| [m, rad] of the rows that have a position level.
-        velocity: (k,) max |J v + phi_t| [m/s, rad/s].
-        acceleration: (k,) max |J a - gamma| [m/s^2, rad/s^2].
+    Rows without a position level do not count in `position`.
     """
 
     position: Array
@@ -40,7 +37,7 @@ class Drift:
 
 
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
-    """Return at every sample the largest absolute residual of the constraints, at position, velocity and acceleration level."""
+    """Return the largest absolute residual of the constraints at every sample, on the three levels."""
     blocks = []
     h = evaluator.constraints.holonomic  # number of rows that have a position level; they stand first
     for start in range(0, len(trajectory.t), CHUNK):
@@ -53,14 +50,7 @@ def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
 
 
 class MotionGap(NamedTuple):
-    """The largest difference between two motions over all links, in each of four quantities.
-
-    Attributes:
-        place: difference of positions of centres of mass [m].
-        turn: difference of angles [rad].
-        speed: difference of velocities of centres of mass [m/s].
-        spin: difference of angular velocities [rad/s].
-    """
+    """The largest difference between two motions over all links: of places [m], angles [rad] and their rates."""
 
     place: float
     turn: float
@@ -73,8 +63,7 @@ class RateGaps:
     """The gaps between a motion and the integrals of its own rates; at each sample, the gap of the link with the largest gap.
 
     Attributes:
-        place, turn: (k,) |q - q(0) - int v dt| [m], [rad].
-        speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
+        place, turn: (k,) |q - q(0) - int v dt| [m], [rad]; speed, spin: (k,) |v - v(0) - int a dt| [m/s], [rad/s].
         bars: error bars of the four gaps: the largest change of the integrals if every second sample is left out.
         fastest: largest |v| of the motion [m/s] and [rad/s].
     """
@@ -133,10 +122,9 @@ def integral(t: Array, x: Array) -> Array:
 
 
 def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
-    """Return the multipliers (k, m) of M a + J^T lambda = Q at the accelerations of the trajectory.
+    """Return the multipliers (k, m) of M a + J^T lambda = Q for the accelerations of a trajectory, the shortest if not unique.
 
-    If rows are redundant, only J^T lambda is determined, and the shortest lambda is returned. Dry friction is part of the
-    generalised forces Q, and itself depends on the multipliers, so that they are found by iteration.
+    Dry friction is part of the generalised forces Q, and itself depends on the multipliers, so that they are found by iteration.
 
     Raises:
         UndeterminedLoads: friction with redundant rows.
@@ -146,15 +134,13 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
     applied = evaluator.applied.generalised(trajectory.q, trajectory.v, trajectory.t)  # Q without dry friction
     remainder = applied - trajectory.a * evaluator.mass  # Q - M a, which the constraint forces J^T lambda balance
     has_friction = bool(evaluator.friction) and len(trajectory.t) > 0
-    # weight the equations by M^(-1/2), as the integration of a motion does: the iteration for friction then converges at each state
-    # at which it converged during the integration
+    # weighted by M^(-1/2) as in the integration of a motion, the iteration for friction converges where it converged there
     root = np.sqrt(evaluator.mass) if has_friction else np.ones_like(evaluator.mass)
     inverse = np.linalg.pinv(np.swapaxes(J / root, -1, -2), rcond=1e-10)  # (k, m, n)
     multipliers = (inverse @ (remainder / root)[..., None])[..., 0]
     if not has_friction:
         return np.asarray(multipliers)
     evaluator.check_loads()
-    # `consistent` repeats: friction from the multipliers, then the multipliers with this friction, until they agree
     directions = evaluator.friction.directions(trajectory.q, trajectory.v) / root[:, None]
     return evaluator.friction.consistent(multipliers, inverse @ directions)
 
@@ -162,8 +148,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link of a pin is that of the second point in the list `at` of the pin; the second link of a slide is its block.
-    Forces of springs, damping and friction in the joint count as applied forces, and are not part of the joint's force.
+    The second link of a slide is its block. Springs, damping and friction in the joint count as applied forces.
     """
     forces: dict[str, dict[str, Array]] = {}
     columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
@@ -187,8 +172,7 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
 def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
     """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
 
-    The true forces follow from the accelerations of the states by Newton's laws. Both numbers are NaN if the engine returns no
-    joint forces, or if redundant rows leave them undetermined.
+    The true forces follow from the accelerations of the states. Both are NaN if there is nothing to compare.
 
     Args:
         told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
@@ -205,9 +189,8 @@ def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the weld, the force on the welded link: fx, fy (k,) [N], and moment (k,) [N m] about the weld's point.
 
-    The weld's point is the first point in the weld's definition, or the origin of the link's frame if the definition has no point.
-    The weld's force is the part of M a that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links
-    that the weld carries. `mechanism.whole` is the linkage with each welded link as a body of its own.
+    It is the part of M a that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld
+    carries.
     """
     mechanism = evaluator.mechanism
     if not mechanism.welds:
@@ -241,8 +224,7 @@ def driving_forces(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]:
     """Yield the loads of a motion: components and magnitudes of joint and weld forces, then what each driver exerts.
 
-    The joint force of a slide is normal to its guide. The key of the magnitude of this force is `normal`, because `force` is the
-    key of the force of a slide's driver.
+    The magnitude of a slide's force has the key `normal`, because `force` is that of its driver.
     """
     mechanism = evaluator.mechanism
     slides = {joint.name for joint in mechanism.slides}
@@ -304,9 +286,7 @@ class Loads:
 def summarise_loads(mechanism: Mechanism, trajectory: Trajectory, curves: Iterable[Curve]) -> Loads:
     """Return the largest and mean value of each load over a trajectory.
 
-    Args:
-        curves: the loads at the samples of the trajectory, as `load_curves` yields them. The components fx and fy are skipped,
-            since the magnitude of the force has a curve of its own.
+    The curves are those of `load_curves`; the components fx and fy are skipped.
     """
     t = trajectory.t
     peaks: dict[str, Peak] = {}
@@ -350,8 +330,7 @@ def friction_power(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, float]:
     """Return the energy gained beyond the work done since the start (k,) [J], and the error bar of the work [J].
 
-    Springs, gravity, constant torques and world-fixed forces have potentials. The work of dampers, friction, drivers and forces
-    that turn with a link is the integral of their power, interpolated between the samples.
+    Springs, gravity, constant torques and world-fixed forces have potentials. All other work is the integral of its power.
     """
     t = trajectory.t
     energy = evaluator.energy(trajectory.q, trajectory.v)
@@ -369,10 +348,7 @@ def energy_error(evaluator: Evaluator, trajectory: Trajectory) -> tuple[Array, f
 
 
 def energy_rounding(energy: Array) -> float:
-    """Return the largest change of energies (k,) that rounding can cause [J].
-
-    The change is eight units in the last place of the largest energy plus 1 J, which is enough for a sum of few terms.
-    """
+    """Return the change of energies (k,) that rounding can cause [J]: eight units in the last place of the largest plus 1 J."""
     return 8 * float(np.finfo(float).eps) * (1.0 + largest(energy))
 
 
@@ -384,9 +360,9 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 
 
 def without_loss(t: Array, energy_error: Array, spacing: float) -> Array:
-    """Return `energy_error` (k,) [J] without its drops between neighbouring samples that are more than `spacing` [s] apart.
+    """Return `energy_error` (k,) [J] without its drops between samples that are more than `spacing` [s] apart.
 
-    Between samples so far apart a damper may dissipate energy that no sample shows, so that a drop is no evidence of an error.
+    There a damper may dissipate energy that no sample shows.
     """
     change = np.diff(energy_error)
     is_hidden = (np.diff(t) > spacing) & (change < 0)
@@ -396,9 +372,8 @@ def without_loss(t: Array, energy_error: Array, spacing: float) -> Array:
 def work(t: Array, power: Array) -> tuple[Array, Array]:
     """Return the work (k, ...) [J] done since t[0] by powers (k, ...) [W] at times t (k,), and its error bar (...).
 
-    The power is integrated by a quintic spline through the samples. The error bar is the largest difference from the integral of
-    the spline through every second sample. If the samples are dense enough for the motion, it is far larger than the true error,
-    which is then tiny; if they are not, it is large, and so shows the fault.
+    The power is integrated by a quintic spline. The error bar is the largest difference from the spline through every second
+    sample: far larger than the true error if the samples are dense enough for the motion, and large if they are not.
     """
     from scipy.interpolate import make_interp_spline  # imported here: it takes as long as all other imports together
 
@@ -416,16 +391,14 @@ def work(t: Array, power: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors of a trajectory against a reference, at the times that both have.
+    """The errors of a trajectory against a reference, at the k times that both have.
 
     Attributes:
-        t: (k,) times at which both the trajectory and the reference have a sample [s].
         measured: (k,) |error| of the linkage's measured coordinate [rad or m].
         length: (k, links) |error| of a link's centre of mass, the larger of x and y [m].
         angle: (k, links) |error| of a link's angle [rad].
         velocity: (k, links) largest |error| of a link's velocities [m/s, rad/s].
-        position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference, or, if larger, its floor, which
-            is the change of the motion when the numbers of the file are rounded to doubles.
+        position_bar, velocity_bar: (k,) smallest significant error: the error bar of the reference or, if larger, its floor.
     """
 
     t: Array
@@ -438,7 +411,7 @@ class Errors:
 
     @property
     def position(self) -> Array:
-        """(k, links) for each link the larger of its position error [m] and its angle error [rad]."""
+        """(k, links) the larger of position error [m] and angle error [rad]."""
         return np.maximum(self.length, self.angle)
 
     @property
@@ -448,11 +421,7 @@ class Errors:
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Find the times that two increasing arrays t (k,) and `true` (j,) have in common, up to SAME_TIME.
-
-    Returns:
-        The indices of the common times in t, and a mask (j,) that is True at the common times in `true`.
-    """
+    """Return the indices in t (k,) of the times in `true` (j,) up to SAME_TIME, and the mask (j,) of `true` with these times."""
     near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)  # (j,) index of the first time in t that is not earlier
     both = np.abs(t[near] - true) < SAME_TIME
     return near[both], both
@@ -478,8 +447,7 @@ def state_errors(mechanism: Mechanism, trajectory: Trajectory, reference: Refere
 def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: Reference) -> Array:
     """Return the largest error (k,) [N] over all joints and force components, at the k times that trajectory and reference share.
 
-    The error is NaN if redundant rows leave the joint forces undetermined. The joint forces of the trajectory follow from the
-    accelerations of the trajectory by Newton's laws, those of the reference from the accelerations of the reference.
+    It is NaN if redundant rows leave the joint forces undetermined. Joint forces follow from accelerations by Newton's laws.
     """
     own_rows, reference_rows = common_times(trajectory.t, reference.t)
     if evaluator.mechanism.redundant:
@@ -498,11 +466,7 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence (k,) that each run shows against the run before it.
 
-    The order is NaN for the first run, and where the error of one of the two runs is less than ten times its floor.
-
-    Args:
-        steps: (k,) step sizes, decreasing.
-        errors, floors: (k,) error of each run, and the error of the reference from which it was computed.
+    It is NaN where the error of one of the two runs is less than ten times the reference's error, its floor.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

@@ -1,8 +1,7 @@
 """The answer to the question whether an engine meets a requirement on a linkage; if not, how far the search came and why it ended.
 
-The search, the recommendation and the report all print the answer, a `Reach`, in the same words. The answer follows from the trials
-(runs with one step or tolerance) of the engine's variants (settings that the search tries). So the answer can be computed from
-stored rows of the table `search_ladder` as well as from a search that has just ended.
+The search, the recommendation and the report print this answer, a `Reach`, in the same words. It follows from the trials of the
+engine's variants, from stored rows of the table `search_ladder` as well as from a search that has just ended.
 """
 
 import math
@@ -35,7 +34,6 @@ class Requirement:
 
     @property
     def unit(self) -> str:
-        """The unit of the limit."""
         return UNITS[self.kind]
 
 
@@ -47,7 +45,6 @@ class Trial:
         size: step [s] or tolerance.
         errors: kind of error -> largest error of the run, NaN if it is not determined; empty for a failed run.
         steps: number of steps; None if the integrator chooses its steps and the engine does not count them.
-        status, message: OK and an empty message, or the kind of failure and its reason.
         evaluations: number of evaluations of the accelerations; None if the engine does not count its evaluations.
     """
 
@@ -64,7 +61,7 @@ class Trial:
 
 
 def trial_of(row: Mapping[str, Any]) -> Trial:
-    """Return the trial, which is one run of a search, that a row of the table `search_ladder` describes."""
+    """Return the trial that a row of the table `search_ladder` describes."""
 
     def read(column: str) -> float:
         """Return the number in a column; NaN if it is missing or not finite."""
@@ -97,11 +94,9 @@ class Reach:
         reason: why the engine is not timed, not tried or has no model; for NOT_REACHED, how its runs failed.
         steps: largest number of steps of a trial.
         seconds: time of the search [s] if time ended it, else NaN.
-        order: order of convergence of the variant that would meet the requirement with the fewest steps; NaN if no variant's errors
-            fall at a constant order.
-        needed: number of steps with which this variant would meet the requirement if its error kept falling at this order; NaN if
-            `order` is NaN.
-        within: words such as "within the budget" that are printed in place of `seconds`; empty if `seconds` is printed.
+        order: order of convergence of the variant that would meet the requirement with the fewest steps; NaN if there is none.
+        needed: number of steps with which this variant would meet the requirement if its error kept falling at this order.
+        within: words such as "within the budget" that are printed in place of `seconds`.
     """
 
     kind: Kind
@@ -114,16 +109,11 @@ class Reach:
 
     @property
     def holds(self) -> bool:
-        """True if a run of the engine met the requirement."""
         return self.kind in (Kind.TIMED, Kind.UNTIMED)
 
     @property
     def words(self) -> str:
-        """The answer in words, such as "not reached within 60 s; order 4.0 extrapolates to 21,000 steps".
-
-        The parts in their order are the kind, what ended the search (its budget or its largest number of steps), `needed` and the
-        reason.
-        """
+        """The answer in words, such as "not reached within 60 s; order 4.0 extrapolates to 21,000 steps"."""
         answer, is_timed = str(self.kind), math.isfinite(self.seconds)
         if self.within:
             answer += f" {self.within}"
@@ -141,12 +131,8 @@ class Reach:
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
     """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
 
-    The kind of the answer is the first of these that applies: TIMED or UNTIMED, if a trial meets all requirements; NOT_TRIED or
-    NO_MODEL, if the engine skipped all trials; UNDETERMINED, if no error of the trials that ended is known; else NOT_REACHED.
-
     Args:
-        ladders: for each variant of the engine its trials, which are runs at several steps or tolerances.
-        wanted: the requirements.
+        ladders: for each variant of the engine its trials.
         untimed: the reason why no timed comparison has a variant that meets the requirements; None if one has.
     """
     ladders = [ladder for ladder in ladders if ladder]
@@ -177,12 +163,8 @@ def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
 def convergence(trials: Sequence[Trial], wanted: Sequence[Requirement]) -> tuple[float, float]:
     """Return the order of convergence in the finest trials, and the number of steps that would meet the requirements at this order.
 
-    The order is computed from the RUNGS trials with the most steps, of which any two differ in their numbers of steps by the factor
-    APART or more. The error of a trial is its largest ratio of an error to its limit (`share`). Order and number are NaN if there
-    are fewer such trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
-
-    Args:
-        trials: the trials of one variant.
+    The order is that of the RUNGS trials with the most steps, any two of them by the factor APART or more apart. Both are NaN if
+    there are fewer such trials, or if the orders between neighbouring trials are not positive or differ by STEADY or more.
     """
     rungs: list[tuple[int, Trial]] = []  # number of steps and trial, finest first, far enough apart
     counted = [(x.steps, x) for x in trials if x.steps]

@@ -61,19 +61,18 @@ def constraint_force(terms: Terms, a: Array) -> Array:
 
 
 def recover_multipliers(terms: Terms, a: Array) -> Array:
-    """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a, by least squares.
+    """Return the multipliers (m,) that belong to accelerations: the shortest solution of J^T lambda = Q - M a.
 
-    If J has full row rank, this is the only solution. With redundant rows only J^T lambda is determined.
+    With redundant rows only J^T lambda is determined.
     """
     multipliers: Array = np.linalg.lstsq(terms.J.T, -constraint_force(terms, a), rcond=1e-10)[0]
     return multipliers
 
 
 def baumgarte(terms: Terms, alpha: float, beta: float) -> Terms:
-    """Return the terms of the equations of motion with Baumgarte's stabilisation: 2 alpha phi' + beta^2 phi subtracted from gamma.
+    """Return the terms with Baumgarte's stabilisation: 2 alpha phi' + beta^2 phi subtracted from gamma.
 
-    The equation phi'' = 0 of the constraints then becomes phi'' + 2 alpha phi' + beta^2 phi = 0; with alpha = beta the constraint
-    error is critically damped. Source: Baumgarte, Stabilization of constraints and integrals of motion in dynamical systems,
-    Comput. Methods Appl. Mech. Eng. 1 (1972), eq. (12).
+    The equation phi'' = 0 then becomes phi'' + 2 alpha phi' + beta^2 phi = 0. Source: Baumgarte, Stabilization of constraints and
+    integrals of motion in dynamical systems, Comput. Methods Appl. Mech. Eng. 1 (1972), eq. (12).
     """
     return replace(terms, gamma=terms.gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi)

@@ -12,10 +12,7 @@ Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
-    """The ways in which a run ends. A run has all its samples only if its status is OK or INVALID.
-
-    A run with any other status than OK has a message with the reason.
-    """
+    """The ways in which a run ends. Only OK and INVALID runs have all samples; all but OK have a message with the reason."""
 
     OK = "ok"
     INVALID = "invalid"  # it ended, but the judge found an error
@@ -57,12 +54,7 @@ class States:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """States with their accelerations, in the absolute coordinates of a mechanism.
-
-    Attributes:
-        t: (k,) times [s].
-        q, v, a: (k, n) positions, velocities, accelerations; angles unwrapped.
-    """
+    """States with their accelerations, in absolute coordinates: times t (k,) [s], and q, v, a (k, n); angles unwrapped."""
 
     t: Array
     q: Array
@@ -75,8 +67,7 @@ class Trajectory(Samples):
     """The samples of a run.
 
     Attributes:
-        steps: number of integration steps, or None if the engine does not count them.
-        evaluations: number of evaluations of the accelerations, or None if the engine does not count them.
+        steps, evaluations: number of integration steps and of evaluations of the accelerations; None if not counted.
         note: a remark on a run that is sound nevertheless, such as that the integrator chose its own steps.
     """
 
@@ -98,7 +89,7 @@ class Failure(RuntimeError):
 
     @property
     def columns(self) -> dict[str, str]:
-        """The values of the columns `status` and `message` of a row."""
+        """The columns `status` and `message` of a row."""
         return {"status": str(self.status), "message": str(self)}
 
 
@@ -116,8 +107,7 @@ class Reference(Samples):
 
     Attributes:
         error_q, error_v, error_a: (k,) error bars: the largest disagreement of two integrations at each time.
-        floor_q, floor_v, floor_a: (k,) largest change up to each time if the numbers of the linkage change by a relative 1e-16, as
-            by rounding to doubles; zero if it was not computed.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time if the numbers of the linkage are rounded to doubles.
         method: one line that names both integrations.
         certified: whether two independent derivations of the equations of motion agree on it.
     """
@@ -139,7 +129,6 @@ class Reference(Samples):
 
     @property
     def samples(self) -> Trajectory:
-        """The samples without their error bars."""
         return Trajectory(self.t, self.q, self.v, self.a, None)
 
 
@@ -156,13 +145,12 @@ class Group(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One quantity over time.
+    """One quantity over time, with its values (k,).
 
     Attributes:
         of: name of the link, point, joint, driver or pair of links.
         key: name of the quantity, such as "fx".
         unit: such as "m/s^2" or "N m".
-        values: (k,), one for each sample.
     """
 
     group: Group
@@ -178,18 +166,12 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """The curves of a run.
-
-    Attributes:
-        t: (k,) times of the samples [s].
-        curves: sorted by group, then by the order of the linkage file, then by key.
-    """
+    """The curves of a run at the times t (k,) [s], sorted by group, then by the order of the linkage file, then by key."""
 
     t: Array
     curves: tuple[Curve, ...]
 
     def of(self, group: Group) -> tuple[Curve, ...]:
-        """The curves of one group."""
         return tuple(x for x in self.curves if x.group is group)
 
 
@@ -198,8 +180,7 @@ class Caption:
     """The sentences that stand beside the curves of a run.
 
     Attributes:
-        title: names linkage and scenario.
-        how: names engine, integrator and step.
+        title, how: name linkage and scenario, and engine, integrator and step.
         verdict: the judge's objections, or the failure of the run; empty for a valid run.
         until: end of the run that the user asked for [s].
         trusted: the last time up to which the judge has no objection [s]; None if there is no objection up to `until`.
@@ -217,9 +198,9 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(np.intp))
 
 
-def finite(*samples: Array) -> int:
-    """Return how many samples come before the first sample with a number that is not finite, in any of the arrays (k, n)."""
-    is_finite = np.asarray(np.isfinite(np.hstack(samples)).all(axis=1))
+def finite(*samples: Array, below: float = np.inf) -> int:
+    """Return how many samples (k, n) come before the first with a number in any array that is NaN, or not smaller than `below`."""
+    is_finite = np.asarray((np.abs(np.hstack(samples)) < below).all(axis=1))
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
 
@@ -235,8 +216,7 @@ def with_accelerations(
     """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
 
     Raises:
-        RunFailure: the function `acceleration` raised it. The attribute `reached` of the exception is set to the trajectory, whose
-            accelerations are NaN from the failed sample on.
+        RunFailure: `acceleration` raised it; its `reached` becomes the trajectory, with NaN from the failed sample on.
     """
     a = np.full_like(q, np.nan)
     trajectory = Trajectory(times, q, v, a, steps, evaluations, note)

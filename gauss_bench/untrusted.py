@@ -1,8 +1,4 @@
-"""Safe handling of untrusted files and texts.
-
-Files are opened without blocking, the size of files and the depth of texts are limited before parsing, and texts are printed
-without control characters.
-"""
+"""Safe handling of untrusted files and texts: bounded reading without blocking, bounded depth, no control characters."""
 
 import os
 import re
@@ -56,7 +52,6 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_start(path: Path, most: int) -> bytes:
-    """Return the first `most` bytes of a file, or all its bytes if it has fewer."""
     with path.open("rb") as file:
         return file.read(most)
 

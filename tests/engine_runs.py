@@ -11,9 +11,8 @@ from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import TrueStates
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import Samples, Trajectory
 from tests.conftest import DATA
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
@@ -52,7 +51,7 @@ def relative_error(found: Array, expected: Array) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
-def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: TrueStates) -> Array:
+def acceleration_errors(engine: Engine, mechanism: Mechanism, settings: str, states: Samples) -> Array:
     """Return for each state the largest error of accelerations, relative to the largest true acceleration."""
     model = engine.build(mechanism, Choice(settings, engine.integrators[0]))
     pairs = zip(states.t, states.q, states.v, states.a, strict=True)

@@ -11,11 +11,10 @@ import pytest
 
 import gauss_bench
 from gauss_bench.bench.measure import acceleration_errors
-from gauss_bench.reference.build import TrueStates
 from gauss_bench.runs.apart import outcome_of
 from gauss_bench.runs.one_run import receive, sampling
 from gauss_bench.runs.worker import NoAnswer, pack_answer, unpack_answer
-from gauss_bench.trajectory import Status
+from gauss_bench.trajectory import Samples, Status
 from tests.conftest import needs
 
 PLUGIN = '''
@@ -203,7 +202,7 @@ def test_an_answer_is_taken_for_no_more_than_it_is() -> None:
 
 
 def test_accelerations_of_other_states_are_no_numbers() -> None:
-    states = TrueStates(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
+    states = Samples(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
     assert acceleration_errors(states.a, states)["acceleration_error_median"] == 0.0
     for wrong in (None, np.ones((2, 9)), np.ones(27), "none", np.array(1.0)):
         assert np.isnan(acceleration_errors(wrong, states)["acceleration_error_median"])

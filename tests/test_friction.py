@@ -18,10 +18,10 @@ from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.absolute import AbsoluteCoordinates
-from gauss_bench.reference.build import TrueStates, build_reference, random_states
+from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, RunFailure, Status, Trajectory
+from gauss_bench.trajectory import Reference, RunFailure, Samples, Status, Trajectory
 from tests.conftest import DATA
 from tests.engine_runs import document, ran
 
@@ -71,7 +71,7 @@ def run(
     return ran(get(name), mechanism, samples, integrator="rk4", stabilization="projection", step=h)
 
 
-def as_trajectory(states: Reference | TrueStates) -> Trajectory:
+def as_trajectory(states: Reference | Samples) -> Trajectory:
     return Trajectory(states.t, states.q, states.v, states.a, 0)
 
 

@@ -135,3 +135,28 @@ def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(
     later = duration + 0.5
     assert end_of(capsys, "--at", f"0.1,{later}", "--out", str(out), "--replace") == ([0.1, later], later)
     assert columns(out)["t [s]"][-1] == later
+
+
+def test_a_mean_over_time_does_not_count_crowded_samples_twice() -> None:
+    even = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, forces=True).loads
+    crowded = [*np.linspace(0.1, 0.102, 40)]
+    uneven = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, at=crowded, forces=True).loads
+    assert even is not None
+    assert uneven is not None
+    for name, peak in even.peaks.items():
+        assert uneven.peaks[name].mean == pytest.approx(peak.mean, rel=1e-4), name
+
+
+def test_a_driver_in_place_of_the_scenarios_own_leaves_its_forces_and_changes(tmp_path: Path) -> None:
+    path = tmp_path / "crank_slider.toml"
+    text = (Path(gauss_bench.load("crank_slider").source)).read_text(encoding="utf-8")
+    changed = text.replace('forces   = ["spring"]\n', 'forces   = ["spring"]\noverride.forces.spring.k = 50.0\n', 1)
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+    own = gauss_bench.kinematics(str(path), intervals=4, forces=True).loads
+    replaced = gauss_bench.kinematics(str(path), driver=f"constant:speed={2 * np.pi}", intervals=4, forces=True).loads
+    assert own is not None
+    assert replaced is not None
+    assert replaced.acting == own.acting == ("gravity", "spring")
+    assert replaced.peaks["B.force"].largest == pytest.approx(own.peaks["B.force"].largest, rel=1e-9)
+    assert own.peaks["B.force"].largest > 10.0  # 3.9 N with the weak spring

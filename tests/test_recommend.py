@@ -1,10 +1,9 @@
 """Recommendations hold what they promise, in the time that they are given, and are the same again."""
 
 import json
-import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,23 +17,14 @@ from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import (
-    SHARE,
-    WRITTEN,
-    Recommender,
-    _Engine,
-    answer_of,
-    by_loop,
-    choices,
-    work,
-)
+from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, _Engine, answer_of, by_loop, choices
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.snippets import snippet
-from gauss_bench.linkage.load import built_in, load
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import run_apart
@@ -49,8 +39,15 @@ from tests.plugin import installed
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
 
 
-def quiet(sentence: str) -> None:
-    """Nobody listens."""
+def recommending(spaces: Any = None, budget: Budget | None = None, **wanted: float) -> Recommender:
+    """A recommendation for SHORT, of which nobody hears."""
+    return Recommender(SHORT, wanted or {"position": 1e-6}, spaces or {}, budget or Budget(60.0), len)
+
+
+@pytest.fixture
+def recommender() -> Iterator[Recommender]:
+    with recommending() as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +103,7 @@ def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(monkeypatch
     for share, serves in ((0.09, True), (0.11, False)):
         bars = {"position": share * 1e-6}
         monkeypatch.setattr(Recommender, "_truth", lambda recommender, bars=bars: known(bars=bars))
-        with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
+        with recommending() as recommender:
             if serves:
                 assert recommender.search().truth.bars == bars
             else:
@@ -165,9 +162,9 @@ def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
     monkeypatch.setattr(truths, "_certify", lambda run, truth: truth)
     if best is None:
         with pytest.raises(NoTruth, match="no reference within 0 s, its share of the budget; a larger --budget helps"):
-            truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), quiet)
+            truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), len)
     else:
-        assert truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), quiet).bars["position"] == best
+        assert truth(SHORT, {"position": wanted}, lambda: seconds, Worker(), len).bars["position"] == best
     assert seen == taken
 
 
@@ -188,7 +185,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
         "gauss_bench.advice.recommending.run_apart",
         lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted),
     )
-    with Recommender(SHORT, {"loops": 1e-6}, {"gauss": variants(offer("gauss"))}, Budget(60.0), quiet) as recommender:
+    with recommending({"gauss": variants(offer("gauss"))}, loops=1e-6) as recommender:
         recommender.truth = known()
         engine = recommender.engines["gauss"]
         trial = recommender._evaluate(engine, Way("gauss", "default", "rk4", "none", SHORT.until / 40), adaptive=False)
@@ -254,28 +251,6 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(case: tuple[Any, ...], 
     np.testing.assert_allclose(rows[:, 1:], np.hstack([run.q, run.v]), rtol=0, atol=1e-10 * (1 + np.abs(run.v).max()))
 
 
-@pytest.mark.long
-def test_the_programs_of_a_recommendation_start_from_any_folder(tmp_path: Path) -> None:
-    """As processes: the folder is made, and no file in it shadows a library that a program imports."""
-    needs("mujoco")
-    (tmp_path / "crank_slider.toml").write_bytes(built_in()["crank_slider"].read_bytes())
-    environment = os.environ | {"PYTHONPATH": str(Path(gauss_bench.__file__).parents[1])}
-
-    def start(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, *map(str, arguments)]
-        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False)
-
-    asked = ["crank_slider.toml", "--position", "1e-2", "--until", "0.02", "--engine", "mujoco", "--budget", "100"]
-    made = start("-m", "gauss_bench", "recommend", *asked, "--out", "rec")
-    assert made.returncode == 0, made.stderr
-    (program,) = (tmp_path / "rec").iterdir()
-    assert program.name == "run-mujoco.py"
-    for folder in (tmp_path / "rec", tmp_path):
-        ended = start(program.relative_to(folder), folder=folder)
-        assert ended.returncode == 0, ended.stderr
-        assert ended.stdout
-
-
 ADAPTIVE = """
 from dataclasses import replace
 from gauss_bench.engines.interpreted import Interpreted
@@ -307,21 +282,16 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.long("gauss-native-default-dop853_fixed", "minimal-fixed/rk4-rk4", "pinocchio-one/rk4/least depth-rk4")
 @pytest.mark.parametrize(
     ("engine", "settings", "integrator"),
     [
         ("gauss", "default", "rk4"),
         ("exudyn", "every_step/generalized_alpha/EXUdense", "generalized_alpha"),
         ("casadi", "sundials/cvodes_adams", "cvodes_adams"),
-        *(
-            pytest.param(*x, marks=pytest.mark.long)
-            for x in (
-                ("gauss-native", "default", "dop853_fixed"),
-                ("minimal", "fixed/rk4", "rk4"),
-                ("pinocchio", "one/rk4/least depth", "rk4"),
-                ("casadi", "interpreted/rk4", "rk4"),
-            )
-        ),
+        ("gauss-native", "default", "dop853_fixed"),
+        ("minimal", "fixed/rk4", "rk4"),
+        ("pinocchio", "one/rk4/least depth", "rk4"),
     ],
 )
 def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
@@ -420,15 +390,6 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
     assert "raise --budget" in advice([Answer("exudyn", "not tried", no_end)], {"position": 1e-6})
 
 
-def told_as(answers: Sequence[Answer]) -> str:
-    """Return the text of a recommendation of these answers."""
-    wanted = {"position": 1e-6}
-    sentence = advice(answers, wanted)
-    return Recommendation(
-        "rig", "free", 0.2, wanted, "step-halved", False, {"position": 1e-9}, (*answers,), sentence, (), False
-    ).text
-
-
 def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
     """Of two engines that hold, one was raced, and the program of the other could be written."""
     timed = dict.fromkeys(("seconds", "seconds_low", "seconds_high"), 5e-3) | dict.fromkeys(
@@ -437,6 +398,12 @@ def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
     held = Answer("", "ok", "", "default", "rk4", "none", 0.01, errors={"position": 1e-7})
     raced = replace(held, engine="mujoco", snippet="run_mujoco()", **timed)
     unraced = replace(held, engine="gauss-native", message="holds, not raced: the time ended first", snippet="run_native()")
+
+    def told_as(answers: list[Answer]) -> str:
+        sentence = advice(answers, {"position": 1e-6})
+        made = ("step-halved", False, {"position": 1e-9}, (*answers,), sentence, (), False)
+        return Recommendation("rig", "free", 0.2, {"position": 1e-6}, *made).text
+
     text = told_as([raced, unraced])
     assert "Take mujoco with " in text
     assert "run_mujoco()" in text
@@ -460,7 +427,7 @@ def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypat
         return {"text": "run()"}
 
     monkeypatch.setattr(Worker, "call", call)
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(1e-9), quiet) as recommender:
+    with recommending(budget=Budget(1e-9)) as recommender:
         recommender.engines = {"exudyn": engine_with()}
         answer = Answer("exudyn", "ok", "", "default", "rk4", "none", 0.01, errors={"position": 1e-7, "angle": 1e-7})
         for least in (WRITTEN, 1.0):
@@ -482,7 +449,7 @@ def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow: list[fl
             return Trial(way.size, {SHARE: 0.1, "position": 1e-7}, round(SHORT.until / way.size))
 
         monkeypatch.setattr(Recommender, "_evaluate", evaluate)
-        with Recommender(SHORT, {"position": 1e-6}, spaces, Budget(seconds, lanes=1), quiet) as recommender:
+        with recommending(spaces, Budget(seconds, lanes=1)) as recommender:
             recommender.search()
             return {x.engine: x for x in recommender.answers({})}
 
@@ -493,12 +460,6 @@ def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow: list[fl
     for name, answer in crowded.items():
         assert answer.status == idle[name].status == "ok"
         assert answer.complete == (answer.tried == answer.variants), "what was not tried is told"
-
-
-def test_the_cheapest_is_told_by_evaluations_where_they_are_counted() -> None:
-    assert work("rk4", Trial(1e-3, {}, 100)) == 400
-    assert work("rk4", Trial(1e-3, {}, 100, evaluations=350)) == 350
-    assert work("implicit of some kind", Trial(1e-3, {}, 100)) == 100
 
 
 def way(settings: str, integrator: str = "rk4") -> Way:
@@ -520,55 +481,40 @@ def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_
     assert [x.settings for x, _ in choices(many)] == ["0", "1", "2", "3"]
 
 
-def test_a_variant_may_take_eight_times_the_work_of_the_best() -> None:
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
-        for steps, most in ((50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)):
-            assert recommender._step_limit(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
-        assert recommender._step_limit(way("b"), None) == 200_000
+def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender: Recommender) -> None:
+    for steps, most in ((50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)):
+        assert recommender._step_limit(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
+    assert recommender._step_limit(way("b"), None) == 200_000
 
 
-def test_a_search_is_complete_where_nothing_was_left_or_cut() -> None:
-    refused, left = (Status.SKIP, "no such joint"), variants(offer("gauss"))[:1]
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
-        for engine, complete in (
-            (engine_with(), True),
-            (replace(engine_with(), cut=True), False),
-            (replace(engine_with(), left=left), False),
-            (replace(engine_with(refused=refused), left=left), True),
-        ):
-            assert recommender._counts(engine)["complete"] is complete
-
-
-def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none() -> None:
+def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none(recommender: Recommender) -> None:
     left = variants(offer("gauss"))[:1]
     once = replace(engine_of({way("a"): (100, 0.1)}), left=[*left])
     twice = replace(engine_of({way("a"): (100, 0.1), way("b"): (100, 0.1)}), left=[*left])
     never, busy = replace(engine_of({}), left=[*left]), replace(engine_of({}), left=[*left], busy=True)
     done, refused = engine_of({}), replace(engine_of({}), left=[*left], refused=(Status.SKIP, "no such joint"))
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
-        recommender.engines = {"busy": busy, "done": done, "refused": refused, "twice": twice, "once": once, "never": never}
-        assert [recommender._next_engine() for _ in range(3)] == [never, once, twice]
-        for engine in (once, twice, never):
-            engine.busy = False
-        recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
-        assert recommender._next_engine() is never
-        recommender.engines = {"once": once, "twice": twice}
-        assert recommender._next_engine() is None
-        refuses = replace(engine_with(Trial(1e-3, {}, 0, Status.SKIP, "the compiled loop has no drivers")), left=[*left])
-        recommender.engines = {"once": once, "refuses": refuses}
-        assert recommender._next_engine() is refuses, "it was asked and not run"
+    recommender.engines = {"busy": busy, "done": done, "refused": refused, "twice": twice, "once": once, "never": never}
+    assert [recommender._next_engine() for _ in range(3)] == [never, once, twice]
+    for engine in (once, twice, never):
+        engine.busy = False
+    recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
+    assert recommender._next_engine() is never
+    recommender.engines = {"once": once, "twice": twice}
+    assert recommender._next_engine() is None
+    refuses = replace(engine_with(Trial(1e-3, {}, 0, Status.SKIP, "the compiled loop has no drivers")), left=[*left])
+    recommender.engines = {"once": once, "refuses": refuses}
+    assert recommender._next_engine() is refuses, "it was asked and not run"
 
 
-def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_another_integrator() -> None:
+def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_another_integrator(recommender: Recommender) -> None:
     trial, first = Trial(1e-3, {}, 100, Status.SKIP, "no such joint"), {way("a"): (100, 1.0)}
     same, other, third = (Variant(x, y, "none", {}) for x, y in (("b", "rk4"), ("c", "euler"), ("d", "rkf45")))
     compiled, *called = (Variant(x, "rk4", "none", {"loop": loop}) for x, loop in (("b", "own"), ("c", "called"), ("d", "called")))
     loops = {x.name: x.options for x in (compiled, *called)} | {"a": compiled.options}
-    with Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender:
-        for left, options, kept in (([same, other, third], {}, [other]), ([same], {}, []), ([compiled, *called], loops, called)):
-            engine = replace(engine_of(first), left=left, options=options)
-            recommender._choose_after_refusal(engine, trial)
-            assert (engine.left, engine.refused) == (kept, None if kept else (Status.SKIP, "no such joint"))
+    for left, options, kept in (([same, other, third], {}, [other]), ([same], {}, []), ([compiled, *called], loops, called)):
+        engine = replace(engine_of(first), left=left, options=options)
+        recommender._choose_after_refusal(engine, trial)
+        assert (engine.left, engine.refused) == (kept, None if kept else (Status.SKIP, "no such joint"))
 
 
 def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why() -> None:
@@ -592,7 +538,7 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why
     lost = {"crashed": WorkerFailure(Status.CRASHED, "SIGSEGV")}
     with (
         pytest.MonkeyPatch.context() as patch,
-        Recommender(SHORT, {"position": 1e-6}, {}, Budget(60.0), quiet) as recommender,
+        recommending() as recommender,
     ):
         patch.setattr("gauss_bench.advice.recommending.list_survivors", lambda *_: (tables, lost))
         recommender.engines = {x.name: x for x in engines}

@@ -84,7 +84,7 @@ def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytes
     assert "small errors grow" in found["message"]
     assert read_certificate(out).until == found["until"]
     assert main(["verify", str(out)]) == 0
-    assert "holds" in capsys.readouterr().out
+    assert "confirmed" in capsys.readouterr().out
     longer = round(found["until"] + 0.3, 1)
     fewer = run(capsys, str(file), "--digits", "12", "--until", str(longer))
     assert fewer["until"] == longer > found["until"]

@@ -10,18 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import gauss_bench.reference.extended_linkage as extended_linkage
 from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.numbers import PI
+from gauss_bench.reference import extended
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.extended import extend_motion
-from gauss_bench.reference.extended_linkage import start
+from gauss_bench.reference.extended import extend_motion, start
 from gauss_bench.reference.motion import Motion
 from tests.conftest import DATA, exhaustive
-from tests.four_bars import four_bar
 
 LONG = np.longdouble
 EPS = float(np.finfo(LONG).eps)
@@ -136,17 +134,6 @@ def test_a_singular_position_ends_the_motion_with_its_time() -> None:
     assert len(motion.q) == len(motion.a) == len(motion.times)
 
 
-def test_a_driver_beyond_a_limit_of_motion_stops_there() -> None:
-    document = four_bar(*map(Decimal, ("0.3", "0.2", "0.25", "0.4")))  # coupler and rocker stand in line at about 68 degrees
-    driver = {"link": "a", "law": "constant", "start_deg": 60, "speed": 1}
-    document["scenarios"] = {"push": {"duration": 1.0, "driver": driver}}
-    motion = extend_motion(document, "push", samples("1"), STEP)
-    limit = np.arccos((0.3**2 + 0.4**2 - 0.45**2) / (2 * 0.3 * 0.4)) - np.pi / 3
-    assert float(motion.times[-1]) == pytest.approx(limit, abs=2 * STEP)
-    assert motion.stopped
-    assert motion.drift[0] < 8 * EPS
-
-
 def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
     """The jerk of a cycloid jumps at its end: a step across it would be good to a few digits only."""
     document = decimals("five_bar", "spring")
@@ -166,6 +153,6 @@ def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyP
     friction = load(DATA / "friction.toml").scenario
     with pytest.raises(ArithmeticError, match="friction"):
         run(DATA / "friction.toml", friction, "0.02")
-    monkeypatch.setattr(extended_linkage, "MANTISSA", 1000)
+    monkeypatch.setattr(extended, "MANTISSA", 1000)
     with pytest.raises(ArithmeticError, match="mantissa"):
         run("four_bar", "torque", "0.02")

@@ -16,15 +16,12 @@ from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.motion import Motion, to_doubles
-from gauss_bench.reference.taylor.arithmetic import NUMBERS
+from gauss_bench.reference.taylor.arithmetic import NUMBERS, stack_arrays
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
-from gauss_bench.reference.taylor.moving_vectors import at_states
-from gauss_bench.reference.taylor.rows import loop_rows
+from gauss_bench.reference.taylor.rows import loop_rows, start_state
 from gauss_bench.reference.taylor.samples import LoopStates, sample
-from gauss_bench.reference.taylor.solve import split_columns, stack_arrays
-from gauss_bench.reference.taylor.start import start_state
-from gauss_bench.reference.taylor.vector_sums import LoopCoordinates
+from gauss_bench.reference.taylor.vector_sums import LoopCoordinates, at_states
 from tests.conftest import exhaustive, needs
 from tests.test_reference_extended import decimals as document_of
 
@@ -78,7 +75,7 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
     x, v = start_state(rows, document["scenarios"][scenario], rows.coordinates.start(mechanism.q0), float)
     chart, _ = choose_chart(rows, at_states(x))
     laws = [driver.law(np.zeros(1)) for driver in mechanism.drivers]
-    found = rates(rows, chart, at_states(x), split_columns(v[:, list(chart.free)]), laws)
+    found = rates(rows, chart, at_states(x), list(v[:, list(chart.free)].T), laws)
     a = stack_arrays([found.acceleration.get(j, 0) for j in range(rows.coordinates.n)], np.zeros(1))
     redundant = rows.m - len(chart.order) + len(rows.coordinates.turn_gaps)
     here = sample(rows, LoopStates(np.zeros(1), x, v, a), ["0"], redundant, "", "", float)
@@ -158,15 +155,6 @@ def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: st
         assert np.abs(left).max() < 1e-12 * scale
 
 
-def test_starts_are_held_at_the_decimals_of_the_file() -> None:
-    hy = needs("heyoka")
-    found = motion("five_bar", "spring", ["0"])
-    degree = hy.real128("3.14159265358979323846264338327950288419716939937510") / 180
-    assert off(found.q[0, [2, 11]], np.array([100 * degree, 80 * degree])) < 1e-33
-    assert off(found.v[0, [2, 11]], np.array([hy.real128("2"), hy.real128("-1")])) < 1e-32
-    assert max(found.drift) < 1e-32
-
-
 @pytest.mark.long
 def test_a_singular_position_is_never_passed() -> None:
     found = motion("n_four_bar_2", "fall", decimals("10", 100))
@@ -183,12 +171,3 @@ def test_an_override_that_is_merged_is_not_merged_again() -> None:
     document["forces"]["motor"]["value"] = -0.3
     changed = taylor_motion(document, "settles", times, True)
     assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
-
-
-def test_progress_is_told_and_times_are_kept() -> None:
-    reached: list[float] = []
-    found = taylor_motion(document_of("sleigh", "glide"), "glide", ["0", "0.1", "0.25"], True, reached.append)
-    assert found.times == ("0", "0.1", "0.25")
-    assert reached == sorted(reached)
-    assert reached[-1] == 0.25
-    assert "53 bits" in found.method

@@ -8,7 +8,7 @@ import gauss_bench
 from gauss_bench.bench import gate
 from gauss_bench.cli import main
 from gauss_bench.diagnosis import checks, selftest
-from gauss_bench.diagnosis.planted import PLANTED, SIZES, Planted, plant, smallest
+from gauss_bench.diagnosis.selftest import PLANTED, SIZES, Planted, plant, smallest
 from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.one_run import measure_seconds
 

@@ -23,8 +23,8 @@ class Answer:
         settings, integrator, stabilization: names as the engine offers them; empty if no setting is recommended.
         step, tolerance: integration step [s], or relative tolerance of an integrator that chooses its own steps.
         steps: number of steps of the run.
-        errors: kind of error -> largest error in the whole run [m], [rad], [N]. If no setting meets the requirement, they
-            are the errors of the run that came nearest.
+        errors: kind of error -> largest error in the whole run [m], [rad], [N]. If no setting meets the requirement, they are the
+            errors of the run that came nearest.
         seconds, seconds_low, seconds_high: processor time of a run [s], its 5 % and 95 % quantile; None if no run was timed.
         ratio, ratio_low, ratio_high: time of a run divided by the time of the fastest engine, its 5 % and 95 % quantile.
         tried, variants: number of variants that were tried, and number of all variants of the engine.
@@ -83,13 +83,10 @@ def format_setting(
 
 
 def format_limits(wanted: Mapping[str, float]) -> str:
-    """Return requirements (kind of error -> largest allowed error) as a text such as "0.0001 m and 0.001 rad"."""
+    """Return requirements (kind of error -> limit) as a text such as "0.0001 m and 0.001 rad"."""
     return " and ".join(f"{x:g} {UNITS[kind]}" for kind, x in wanted.items())
 
 
 def format_errors(errors: Mapping[str, float], kinds: Iterable[str], joint: str = " and ") -> str:
-    """Return a text with the errors of the given kinds and their units.
-
-    `errors` maps the kind of an error to its value, and `joint` is the text between two errors.
-    """
+    """Return the errors of the given kinds with their units; `joint` is the text between two errors."""
     return joint.join(f"{errors[kind]:.1e} {UNITS[kind]}" for kind in kinds if kind in errors)

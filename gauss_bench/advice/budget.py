@@ -1,11 +1,9 @@
 """A time budget that does not count seconds in which other programs had the processor, up to a limit.
 
 If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
-tried. The budget counts the seconds that the search would have taken on a machine without other work: the elapsed time minus the
-mean waiting time. The mean waiting time is the time that the processes of the search waited for a processor, summed over the
-processes and divided by the number of processes that run in parallel. If the operating system does not report waiting times, the
-elapsed time counts. Each part of the search has a share of the budget, and ends in any case when the elapsed time reaches WALL
-times this share.
+tried. The budget counts the elapsed time minus the mean waiting time: the time that the processes of the search waited for a
+processor, divided by the number of processes that run in parallel. Each part of the search has a share of the budget, and ends in
+any case when the elapsed time reaches WALL times this share.
 """
 
 import contextlib
@@ -22,21 +20,15 @@ END = 1.45  # elapsed time of the whole recommendation is at most END times the 
 
 
 class Budget:
-    """A budget of seconds that starts when the object is made.
-
-    Time in which the search waited for a processor does not count. The waiting time is the time that all threads together waited,
-    divided by `lanes`, the number of processes that run in parallel.
-    """
+    """A budget of seconds that starts when the object is made, for a search with `lanes` processes in parallel."""
 
     def __init__(self, seconds: float, lanes: int = LANES):
-        """Start a budget of some seconds for a search with `lanes` processes in parallel."""
         self.seconds, self.lanes, self.started = seconds, lanes, time.monotonic()
         self._last_waits = waiting_times()  # thread -> time [s] that it had waited for a processor at the last reading
         # [s] waiting time of all threads since the start; several threads update it, hence the lock
         self._waited, self._lock = 0.0, threading.Lock()
 
     def wall_time(self) -> float:
-        """Return the elapsed seconds."""
         return time.monotonic() - self.started
 
     def seconds_used(self) -> float:

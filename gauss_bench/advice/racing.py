@@ -26,19 +26,14 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Measure the run times of several settings in alternation, in this process (a worker).
+    """Measure the run times of several settings in alternation, in this process (a worker), until `deadline` by time.monotonic.
 
-    An engine whose first run takes longer than SLOW is timed by that run alone. Return two tables. "race" has a row for each timed
-    setting with the fields of its `Way` (engine, settings, integrator, stabilization, step or tolerance) and its run times [s].
-    "failed" has a row for each setting that could not be timed, with engine and message.
+    Return two tables: "race" with the fields of the `Way` and the run times [s] of each timed setting, and "failed" with engine and
+    message of each that could not be timed.
 
     Args:
-        until: end of the runs [s].
         samples: number of samples of a run whose integrator chooses its own steps.
-        rows: one row for each setting: the fields of its `Way`, and its number of steps. The most important settings come first,
-            because the time may end before all are measured.
-        deadline: time at which the measurement ends, by time.monotonic, which is the same clock in all processes and does not jump
-            if the time of day is set.
+        rows: for each setting the fields of its `Way`, and its number of steps; the most important settings come first.
         engines: the engines whose settings are timed.
         path: the file into which the name of the running engine is written.
     """

@@ -1,16 +1,12 @@
 """For each engine, search for the cheapest setting that meets a user's accuracy requirement within a time budget.
 
-The search over steps and tolerances is that of suites (`bench/search.py`). A variant is a setting of an engine without its step or
-tolerance. The variants are tried in an order that gives every engine a first result early: first one variant of each engine, then
-the others in turn. Runs take place in worker processes, two at a time, and are not timed. A run of a variant may take at most SPARE
-times as many evaluations of accelerations as the engine's best setting so far. Each error is the largest in the whole run, measured
-against the reference that `truth.py` computes. The errors of an accepted setting are at most half of the allowed errors, because
-the error of the reference and the time between samples may account for the other half. Candidates are chosen without measured
-times, so that the candidates, their order and their errors are the same in every recommendation. If the budget ends the search,
-only the candidates that come last in this order are untested, and the answer states this.
+The search over steps and tolerances is that of suites (`bench/search.py`). First one variant (a setting without step or tolerance)
+of each engine is tried, then the others in turn. Runs take place in worker processes and are not timed. The largest errors of an
+accepted setting are at most half of the allowed errors, because the error of the reference and the time between samples may account
+for the other half. Candidates are chosen without measured times, so that their order and errors are the same in every
+recommendation; a budget that ends the search leaves the last of them untested.
 
-Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a run of a
-suite.
+Then, for each engine, the accurate settings with the fewest evaluations are timed side by side in one process, as in a suite.
 """
 
 import math
@@ -79,14 +75,10 @@ class _Engine:
     """The state of the search for one engine, or for the settings that the engine's authors have contributed.
 
     Attributes:
-        name: name of the engine.
-        left: variants that were not tried yet.
-        worker: the process in which the engine runs.
+        left: variants that were not tried yet; variants: number of all its variants.
         adaptive: its integrators that choose their own steps.
-        variants: number of all its variants.
         options: name of the settings -> options of the engine.
         trials: variant (a `Way` of size 0) -> its trial runs, one for each step or tolerance that was tried.
-        ended: variant -> why its search ended.
         cut: whether the search of a variant ended because its time was over.
         busy: whether a thread runs a variant now.
         longest: the largest time limit of a run so far [s].
@@ -101,7 +93,6 @@ class _Engine:
     variants: int = 0
     options: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     trials: dict[Way, list[Trial]] = field(default_factory=dict)
-    ended: dict[Way, str] = field(default_factory=dict)
     cut: bool = False
     busy: bool = False
     longest: float = 0.0
@@ -110,7 +101,7 @@ class _Engine:
 
     @property
     def title(self) -> str:
-        """The key in `Recommender.engines`: the engine's name, and its authors if they contributed the variants."""
+        """The engine's name, and its authors if they contributed the variants."""
         return f"{self.name} {BY_AUTHORS}, {self.owner}" if self.owner else self.name
 
     @property
@@ -128,10 +119,9 @@ class _Engine:
         return [trial for trials in self.trials.values() for trial in trials]
 
     def passing(self) -> dict[Way, Trial]:
-        """Return setting -> trial run for accurate settings, whose errors are at most half of the allowed ones (HALF).
+        """Return setting -> trial run for the accurate settings (HALF), from the least work to the most.
 
-        Each variant gives one setting: the one with its largest step or tolerance that is accurate. Settings are ordered from the
-        least work to the most; settings with equal work are in the order in which they were tried.
+        Each variant gives one setting: the one with its largest step or tolerance that is accurate.
         """
         found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
         by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
@@ -142,11 +132,7 @@ class _Engine:
         return next(iter(self.passing().items()), None)
 
     def nearest(self) -> tuple[Way, Trial] | None:
-        """Return the setting whose errors come nearest to the requirement, and its trial run; None if no run ended.
-
-        `bench.search.nearest` first picks the best trial of each variant. The error SHARE is the largest ratio of an error to its
-        allowed value, so that the smallest SHARE is the nearest.
-        """
+        """Return the setting with the smallest SHARE, and its trial run; None if no run ended."""
         ended = [(way, trial) for way, x in self.trials.items() if (trial := nearest(x, SHARE)) is not None]
         way, trial = min(ended, key=lambda pair: pair[1].errors[SHARE], default=(None, None))
         return None if way is None or trial is None else (way._replace(size=trial.size), trial)
@@ -156,15 +142,13 @@ class _Engine:
         return str(self.options.get(way.settings, {}).get("loop", ""))
 
     def size_of(self, way: Way) -> dict[str, float]:
-        """Return the size of a setting as {"step": ...} or {"tolerance": ...}."""
         return {"tolerance" if way.integrator in self.adaptive else "step": way.size}
 
 
 def work(integrator: str, trial: Trial) -> float:
     """Return the number of acceleration evaluations of a run.
 
-    If the engine does not count its evaluations, return the number of steps times the evaluations in one step. If the steps are not
-    counted either, return infinity.
+    If the engine does not count them, return the steps times the evaluations in one step; infinity if it counts no steps either.
     """
     if trial.evaluations:
         return float(trial.evaluations)
@@ -173,12 +157,12 @@ def work(integrator: str, trial: Trial) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """The result of the search, before the settings are timed. The budget decides only how many candidates were tried.
+    """The result of the search, before the settings are timed.
 
     Attributes:
         truth: the reference from which all errors are computed.
-        engines: name of an engine -> variant -> its trial runs, for the suite's variants in the order in which they were tried. A
-            variant is a `Way` of size 0; the size (step or tolerance) of each run is in its trial.
+        engines: name of an engine -> variant (a `Way` of size 0) -> its trial runs, for the suite's variants in the order of the
+            search.
     """
 
     truth: Truth
@@ -208,12 +192,9 @@ class Recommender:
         """Prepare the search.
 
         Args:
-            run: linkage, scenario and duration.
-            wanted: kind of error -> largest allowed error [m], [rad], [N].
             spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
             budget: the time for reference, search, timing and programs together.
-            told: function that is called with each sentence of progress.
-            better: function that is called with each answer that improves on the engine's previous one.
+            told, better: called with each sentence of progress, and with each answer that improves on the engine's previous one.
             owned: engine -> variants that its authors have contributed; they are searched and timed separately from the suite's.
         """
         self.run, self.wanted, self.budget = run, dict(wanted), budget
@@ -224,29 +205,21 @@ class Recommender:
         self.engines: dict[str, _Engine] = {}
         self.lost: dict[str, str] = {}
         self.truth: Truth | None = None
-        for name, space in spaces.items():
-            self._add_search(name, "", space)
+        searches = [(name, "", space) for name, space in spaces.items()]  # engine, its authors if the variants are theirs, variants
         for name, variants in (owned or {}).items():
-            for owner in dict.fromkeys(x.owner for x in variants):
-                self._add_search(name, owner, [x for x in variants if x.owner == owner])
-
-    def _add_search(self, name: str, owner: str, space: Sequence[Variant] | str) -> None:
-        """Add a search for an engine's variants.
-
-        Args:
-            owner: the engine's authors if they have contributed the variants, else empty.
-            space: the variants, or the reason why the engine is not searched.
-        """
-        offered = offer(name)
-        engine = _Engine(name, [], self._workers.enter_context(Worker()), offered.adaptive, owner=owner)
-        if not offered.usable:
-            engine.refused = offered.status, offered.reason
-        elif isinstance(space, str):
-            engine.refused = Status.SKIP, space
-        else:
-            engine.left, engine.variants = list(space), len(space)
-            engine.options = {x.name: x.options for x in space}
-        self.engines[engine.title] = engine
+            owners = dict.fromkeys(x.owner for x in variants)
+            searches += [(name, owner, [x for x in variants if x.owner == owner]) for owner in owners]
+        for name, owner, space in searches:
+            offered = offer(name)
+            engine = _Engine(name, [], self._workers.enter_context(Worker()), offered.adaptive, owner=owner)
+            if not offered.usable:
+                engine.refused = offered.status, offered.reason
+            elif isinstance(space, str):
+                engine.refused = Status.SKIP, space
+            else:
+                engine.left, engine.variants = list(space), len(space)
+                engine.options = {x.name: x.options for x in space}
+            self.engines[engine.title] = engine
 
     def __enter__(self) -> "Recommender":
         return self
@@ -275,8 +248,8 @@ class Recommender:
         self.truth = truth
         # [s] the longest step, in which the fastest link turns by TURNED
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
-        # The reference's method has errors of the size of `halving` at `truth.steps` steps, and they fall with steps^-ORDER. With
-        # the first step that is tried, that method would have an error of half the requirement.
+        # With the first step that is tried, the reference's method would have an error of half the requirement: its errors are of
+        # the size of `halving` at `truth.steps` steps, and fall with steps^-ORDER.
         error_share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         self.first = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
         threads = [threading.Thread(target=self._search_in_turn, daemon=True) for _ in range(LANES)]
@@ -292,9 +265,8 @@ class Recommender:
     def _truth(self) -> Truth:
         """Return the reference motion, computed in the worker process of the engine REFERENCE_ENGINE.
 
-        If this engine also takes part in the search, the search uses the same worker, so that the model is compiled only once.
+        If this engine takes part in the search, its model is compiled only once.
         """
-        # the error bars of the reference shall be at most the share KNOWN of the allowed errors
         wanted = {k: KNOWN * x for k, x in self.wanted.items()}
         own = self.engines.get(REFERENCE_ENGINE)
         worker = own.worker if own is not None and own.refused is None else self._workers.enter_context(Worker())
@@ -314,8 +286,7 @@ class Recommender:
     def _next_engine(self) -> _Engine | None:
         """Wait until an engine is idle; return the one with the fewest variants tried, or None at the end of the search.
 
-        The search ends when no engine is left, or when a thread has failed. After the time for the search, only engines without a
-        run are left. Variants that refuse the linkage take no time, so that an engine whose variants all refused has had no run.
+        After the time for the search, only engines without a run are left.
         """
         with self._changed:
             while self._failures.empty():
@@ -332,7 +303,7 @@ class Recommender:
         return None
 
     def _search_variant(self, engine: _Engine, variant: Variant) -> None:
-        """Search one variant over its sizes, which are steps or tolerances, and store its trial runs in `engine.trials`."""
+        """Search one variant over its steps or tolerances, and store its trial runs in `engine.trials`."""
         way = Way(engine.name, variant.name, variant.integrator, variant.stabilization, 0.0)
         adaptive, before, is_first = variant.integrator in engine.adaptive, engine.best(), not engine.has_run
         trials: list[Trial] = []
@@ -342,7 +313,9 @@ class Recommender:
             most = self._step_limit(way, before)
             scale = no_coarser(equal_steps(self.run.until, BEATS, most), self.longest)
         known: dict[float, Trial] = {}  # size -> trial: the search asks for some sizes twice
-        until = self.budget.seconds_used() + self._time_for(is_first)
+        left = self.budget.remaining(SEARCHED)
+        # the first variant of an engine has twice an equal share of the time
+        until = self.budget.seconds_used() + (min(left, 2 * LANES * left / (1 + self._untried())) if is_first else left)
 
         def evaluate(size: float) -> Trial:
             """Return the trial at a step [s] or tolerance; if there is none yet, run it.
@@ -362,12 +335,12 @@ class Recommender:
             # if the time is over, the engine gets one run only; half the usual step makes it likely to be accurate
             is_late = is_first and self.budget.remaining(SEARCHED) <= 0
             start = scale if adaptive else no_coarser(scale, self.first / 2 if is_late else self.first)
-            # begin with coarser sizes as long as these are accurate enough: the cheapest may need fewer steps than the reference
+            # begin with coarser sizes as long as these are accurate enough
             while len(start.sizes) < len(scale.sizes) and evaluate(start.sizes[0]).meets(HALF):
                 start = no_coarser(scale, 2 * start.sizes[0])
-            _, engine.ended[way] = explore(evaluate, start, [HALF], EVALUATED, most)
+            explore(evaluate, start, [HALF], EVALUATED, most)
         except _Over:
-            engine.cut, engine.ended[way] = True, "its time for searching ended"
+            engine.cut = True
         if trials and not engine.has_run:  # the engine refused the linkage in every trial so far
             self._choose_after_refusal(engine, trials[-1])
         self._report_change(engine, before)
@@ -376,17 +349,10 @@ class Recommender:
         """Return the number of engines of which no variant was tried yet."""
         return sum(not x.trials and x.refused is None for x in self.engines.values())
 
-    def _time_for(self, is_first: bool) -> float:
-        """Return the seconds that a variant may take; the first variant of an engine has twice an equal share of the time."""
-        left = self.budget.remaining(SEARCHED)
-        return min(left, 2 * LANES * left / (1 + self._untried())) if is_first else left
-
     def _choose_after_refusal(self, engine: _Engine, trial: Trial) -> None:
-        """After an engine refused the linkage in its trial `trial`, choose which of its remaining variants are still tried.
+        """After an engine refused the linkage, keep the variants whose time loop has not been tried.
 
-        These are the variants whose time loop (a loop in Python, or a compiled one) has not been tried. If every time loop was
-        tried, but only one variant, a variant with another integrator is chosen. If no variant is chosen, the refusal is final and
-        is stored in `engine.refused`.
+        If there are none and only one variant was tried, one with another integrator is kept. Otherwise the refusal is final.
         """
         loops = {engine.loop_of(way) for way in engine.trials}
         others = [x for x in engine.left if str(x.options.get("loop", "")) not in loops]
@@ -396,10 +362,9 @@ class Recommender:
         engine.refused = None if others else (trial.status, trial.message)
 
     def _step_limit(self, way: Way, before: tuple[Way, Trial] | None) -> int:
-        """Return the largest number of steps that a run of a variant may take.
+        """Return the largest number of steps of a variant: its work is at most SPARE times that of the engine's best setting.
 
-        The limit is MOST. If the engine has a best setting so far, the work is also limited to SPARE times that of this setting, or
-        to 2 DENSE steps if these are more. `before` is the best setting and its trial run, or None.
+        At least 2 DENSE steps are allowed. `before` is the best setting so far and its trial run, or None.
         """
         if before is None:
             return MOST
@@ -435,8 +400,7 @@ class Recommender:
     def _limit(self, engine: _Engine) -> float:
         """Return the time limit of a run [s]; it is longer for the first run of an engine, which loads or compiles its library.
 
-        The time until the share TRIED of the budget is divided equally among the engines that wait for their first run. LANES
-        processes run in parallel, so that this time is counted LANES times.
+        The time until the share TRIED of the budget is divided equally among the engines that wait for their first run.
         """
         # the time until the end of the search, which a run may exceed by the share AFTER of the budget
         left = self.budget.remaining(SEARCHED + AFTER)
@@ -446,11 +410,7 @@ class Recommender:
         return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
     def _report_change(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
-        """Report what the search of a variant has changed.
-
-        The change is a refusal, the nearest miss of the first variant, a first accurate setting, or a cheaper one. `before` is the
-        engine's best setting before this variant was searched, with its trial run; None if there was none.
-        """
+        """Report a refusal, a first nearest miss, or a cheaper setting than `before`, the best before this variant was searched."""
         after = engine.best()
         if after is None:
             near = nearest(engine.all_trials(), SHARE)
@@ -465,7 +425,6 @@ class Recommender:
                 self._better(replace(self._accepted_answer(engine, *after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
-        """Return a text with those errors of a trial that the requirement limits."""
         return format_errors(trial.errors, self.wanted, ", ")
 
     # The timing of the accurate settings
@@ -521,7 +480,7 @@ class Recommender:
     def call_worker(self, engine: str, function: Callable[..., Any], arguments: tuple[Any, ...], least: float = 1.0) -> Any:
         """Call function(*arguments) in the worker process of an engine, and return the result.
 
-        The call must end before LAST times the budget has passed since the start of the search, but has at least `least` seconds.
+        The call must end at LAST times the budget, but has at least `least` seconds.
 
         Raises:
             WorkerFailure: the call failed or took too long.
@@ -532,7 +491,7 @@ class Recommender:
         return worker.call(function, arguments, limit, longest=longest)
 
     def _counts(self, engine: _Engine) -> dict[str, Any]:
-        """Return the fields of an answer that do not depend on the recommended setting, such as the number of variants tried."""
+        """Return the fields of an answer that do not depend on the recommended setting."""
         complete = not engine.cut and not engine.is_open
         counts = {"tried": len(engine.trials), "variants": engine.variants, "evaluations": len(engine.all_trials())}
         return counts | {"complete": complete, "owner": engine.owner}
@@ -562,7 +521,7 @@ class Recommender:
         )
 
     def _answer_without_setting(self, engine: _Engine) -> Answer:
-        """Return the answer for an engine without a setting that meets the requirement, with the setting that came nearest."""
+        """Return the answer for an engine without a setting that meets the requirement."""
         found = answer_of(engine)
         # an engine that cannot model the linkage is skipped, which is no failure
         status = str(Status.SKIP if found.kind in (Kind.NO_MODEL, Kind.UNDETERMINED) else found.kind)
@@ -575,16 +534,15 @@ class Recommender:
 
 
 def known_errors(trial: Trial) -> dict[str, float]:
-    """Return kind of error -> error of a trial run, for the kinds in UNITS; errors that are undetermined (NaN) are left out."""
+    """Return kind -> error of a trial run for the kinds in UNITS, without undetermined ones (NaN)."""
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
 def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
-    """Return at most CHOICES settings of an engine to be timed.
+    """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
-    These are the settings whose work is at most NEAR times the least work. For each time loop (a loop in Python, or a compiled one)
-    that none of these settings uses, the setting with the least work in this loop is added. Settings with adaptive integrators
-    count as near regardless of their work, because the run time does not follow from the number of evaluations.
+    For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
+    near, because their run time does not follow from the number of evaluations.
     """
     ways = list(engine.passing().items())  # by increasing work
     least = min((work(w.integrator, t) for w, t in ways), default=0.0)
@@ -598,8 +556,7 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
     """Return name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine.
 
-    A time loop is the loop over the steps, in Python or compiled. The result is empty if nothing was timed, and for an engine whose
-    timed settings all have the same time loop. `times` and `fastest` are run times in each round (rounds,) [s].
+    The result is empty unless settings of several time loops were timed.
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():
@@ -611,10 +568,7 @@ def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) 
 
 
 def answer_of(engine: _Engine) -> Reach:
-    """Return why an engine has no setting that meets the requirement: the kind of reason, and a sentence.
-
-    The engine refused the linkage, or had no time left for a run, or all its trial runs had errors above half of the allowed ones.
-    """
+    """Return why an engine has no setting that meets the requirement."""
 
     def not_tried(reason: str) -> Reach:
         return Reach(Kind.NOT_TRIED, f"{reason}; {MORE}", within="within the budget")
@@ -637,5 +591,4 @@ def answer_of(engine: _Engine) -> Reach:
 
 
 def describe_setting(way: Way, engine: _Engine) -> str:
-    """Return a setting of an engine as text."""
     return format_setting(way.settings, way.integrator, way.stabilization, **engine.size_of(way))

@@ -1,13 +1,9 @@
 """A reference for any motion within seconds: runs with equal steps, which are halved until the motion changes little.
 
-The integrator has order eight. The equations of motion are those of the suite's own formulation, first in numpy, and compiled if
-more steps are needed. Runs come in pairs, one with a step and one with half of it. The run with half the step is the reference. The
-difference between both runs is the error bar of the reference; at order eight this error bar is about 200 times larger than the
-error. The accelerations at every sample are compared with those of the suite's equations in numpy, which reveals an error in the
-compiled equations. If the motion has a certificate (a reference with guaranteed digits), the reference is compared with it too, and
-the error bar includes the difference. The reference keeps the samples at times that both runs share. Between samples, positions are
-polynomials of degree five that match position, velocity and acceleration at both ends (quintic Hermite interpolation). The error
-bar includes the interpolation error.
+The integrator has order eight, with the equations of the suite's own formulation, first in numpy, and compiled if more steps are
+needed. Of a pair of runs with a step and with half of it, the finer run is the reference, and the difference between both is its
+error bar. Accelerations are compared with those in numpy, which reveals an error in the compiled equations, and the motion with its
+certificate, if there is one. Between samples, positions are polynomials of degree five.
 """
 
 import math
@@ -39,14 +35,12 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled d
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-# Interpolation through every second sample has 2^6 = 64 times the error of interpolation through all samples. The divisor is a
-# quarter of 64, so that the error is overestimated.
-ERROR_GROWTH = 16.0
+ERROR_GROWTH = 16.0  # a quarter of 2^6, by which the error of an interpolation through every second sample is larger
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 
 class NoTruth(ArithmeticError):
-    """Raised if no reference is accurate enough to judge by."""
+    """No reference is accurate enough to judge by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +49,8 @@ class Truth:
 
     Attributes:
         reference: the motion in equally spaced samples.
-        bars: kind of error -> error bar of the reference [m], [rad], [N]; there is no entry for forces if redundant constraints
-            leave them undetermined.
+        bars: kind of error -> error bar of the reference [m], [rad], [N]; without forces if redundant constraints leave them
+            undetermined.
         halving: kind of error -> change of the result when the steps are halved [m], [rad], [N].
         steps: number of steps of the coarser run of the pair; the reference took twice as many.
         certified: whether a certificate confirms the motion.
@@ -91,12 +85,9 @@ def shorten(until: float) -> Iterator[float]:
 def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
 
-    In the interval that contains a time, s runs from 0 to 1, and q is the polynomial
-
-        q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5.
-
-    p, u and b are q and its first and second derivative by s at s = 0. P, U and B are q and its first and second derivative by s
-    at s = 1, minus the values that p + u s + b s^2 / 2 and its derivatives have there. P, U and B determine c3, c4 and c5.
+    In an interval, in which s runs from 0 to 1, q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5. p, u and b are q and its
+    derivatives by s at s = 0. P, U and B, q and its derivatives at s = 1 minus what p + u s + b s^2 / 2 has there, determine c3, c4
+    and c5.
     """
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)  # interval of each time
@@ -111,35 +102,30 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    There are three attempts. The first is one pair of short runs in numpy; if it is accurate enough, nothing is compiled. In the
-    second, the compiled formulation runs with smaller and smaller steps, for at most the share COMPILED of the budget. If the
-    compiled runs are not accurate enough either, the third attempt runs numpy with smaller steps until the time budget ends.
+    The attempts are: one pair of short runs in numpy; compiled runs, for at most the share COMPILED of the budget; longer runs in
+    numpy.
 
     Args:
-        run: linkage, scenario and duration.
         wanted: kind of error -> largest error bar [m], [rad], [N].
         left: function that returns the seconds that are left of the budget.
         worker: process that runs the compiled formulation and keeps its compiled model.
         told: function that is called with each sentence of progress.
 
     Raises:
-        NoTruth: no pair of runs was completed, or the accelerations of a run do not satisfy the linkage's equations, or the motion
-            contradicts the certificate.
+        NoTruth: no pair of runs was completed, or a run contradicts the linkage's equations or the certificate.
     """
     budget = left()
     reasons: dict[str, str] = {}
     references: list[Truth] = []
 
     def try_steps(engine: str, where: Worker, share: float, first: int, most: float = math.inf) -> bool:
-        """Run an engine in pairs of n and 2 n steps, and return whether the finer run of a pair is accurate enough.
+        """Run an engine in pairs of n and 2 n steps, n from `first` to `most`; return whether a finer run is accurate enough.
 
-        n is `first` in the first pair, and doubles from pair to pair up to `most`. The finer runs are added to `references`, and
-        the reason of a failure to `reasons`. `share` is the fraction of the budget that is reserved for later attempts. `where` is
-        the worker process.
+        The finer runs are added to `references`, and the reason of a failure to `reasons`. `share` is the fraction of the budget
+        that is reserved for later attempts.
         """
         try:
             for found in follow(run, engine, where, lambda: left() - share * budget, first, most):
-                # the finer run of a pair has 2 * found.steps steps and is the reference
                 told(f"truth: {2 * found.steps} steps by {engine}, known to {format_errors(found.bars, wanted, ', ')}")
                 references.append(found)
                 if all(found.bars.get(k, 0.0) <= x for k, x in wanted.items()):
@@ -169,15 +155,8 @@ def follow(
 ) -> Iterator[Truth]:
     """Yield references that one engine computes, each with half the step of the one before.
 
-    A reference comes from a pair of runs with n and 2 n steps: it is the run with 2 n steps, and its error bar is the difference
-    between the two. The generator ends when the time is up, or when rounding stops the improvement. If no time is left at the
-    start, nothing is yielded.
-
-    Args:
-        run: linkage, scenario and duration.
-        left: function that returns the seconds that are left.
-        steps: number n of steps of the coarser run of the first pair.
-        most: largest number of steps of the coarser run of a pair.
+    A reference is the finer run of a pair with n and 2 n steps; n doubles from `steps` to `most`. The generator ends when the time
+    is up, or when rounding stops the improvement.
 
     Raises:
         NoTruth: the run with the smallest steps failed, or accelerations of a run do not satisfy the linkage's equations.
@@ -204,11 +183,10 @@ def follow(
 
 
 def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Trajectory | str:
-    """Run an engine with `steps` equal steps; return the trajectory, or the reason why there is none.
+    """Run an engine with `steps` equal steps for at most `limit` seconds; return the trajectory, or the reason why there is none.
 
-    The computation may take `limit` seconds. The trajectory has at most about SAMPLES samples, which are equally spaced.
+    It has at most about SAMPLES equally spaced samples.
     """
-    # if `every` does not divide `steps`, samples lie a little more than `every` steps apart
     every = max(1, math.ceil(steps / SAMPLES))
     kept = steps // every
     times = run.until / kept * np.arange(kept + 1)
@@ -221,8 +199,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
 def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, steps: int, engine: str) -> Truth:
     """Return the run `fine` as a reference, whose error bar is its difference from the run `coarse` with `steps` steps.
 
-    The error bars of positions and angles also include the interpolation error and the largest gap of a joint. The error bar of
-    forces is the difference between both runs alone.
+    The error bars of positions and angles also include the interpolation error and the largest gap of a joint.
 
     Raises:
         NoTruth: the accelerations that the engine reported do not satisfy the linkage's equations of motion.
@@ -238,31 +215,21 @@ def _compare(run: Run, judge: Evaluator, coarse: Trajectory, fine: Trajectory, s
     bars = state_errors(run.mechanism, coarse, reference).largest
     force = float(joint_force_errors(judge, coarse, reference).max())
     halving = bars | ({} if math.isnan(force) else {"force": force})
-    between_samples = _between_bars(reference)
+    # the odd samples, interpolated from the even ones, are off by 64 times the interpolation error between all samples
+    half, between_samples = reference.samples[::2], {"position": math.inf, "angle": math.inf}
+    if len(half.t) > 1:
+        missed = np.abs(between(half, reference.t[1:-1:2])[0] - reference.q[1:-1:2]) / ERROR_GROWTH
+        between_samples = {kind: float(of(missed).max(initial=0.0)) for kind, of in (("position", places), ("angle", angles))}
     gaps = float(drift(judge, fine).position.max())  # largest gap of a joint [m]
     bars = {kind: x + between_samples[kind] + gaps for kind, x in bars.items()}
     # for positions and angles `bars` replaces the smaller error bar in `halving`
     return Truth(reference, bars=halving | bars, halving=halving, steps=steps, certified=False, told=how)
 
 
-def _between_bars(known: Reference) -> dict[str, float]:
-    """Return kind of error -> error bar of the interpolation between the samples of a reference [m], [rad].
-
-    The odd samples are interpolated from the even ones, which are twice as far apart. The interpolation error grows with the sixth
-    power of the distance between samples, so that interpolated minus stored odd samples, divided by ERROR_GROWTH, overestimates it.
-    """
-    half = known.samples[::2]
-    if len(half.t) < 2:
-        return {"position": math.inf, "angle": math.inf}
-    # the odd samples as interpolated from the even ones, minus their stored values
-    missed = np.abs(between(half, known.t[1:-1:2])[0] - known.q[1:-1:2]) / ERROR_GROWTH
-    return {"position": float(places(missed).max(initial=0.0)), "angle": float(angles(missed).max(initial=0.0))}
-
-
 def _certify(run: Run, truth: Truth) -> Truth:
-    """Return a reference after comparing it with the certificate of the motion (a reference with guaranteed digits).
+    """Return a reference after comparing it with the certificate of the motion, if there is one.
 
-    The new error bars include the difference from the certificate. A motion without a certificate leaves the reference unchanged.
+    The new error bars include the difference from the certificate.
 
     Raises:
         NoTruth: the reference differs from the certificate by more than a thousand error bars.
@@ -272,17 +239,10 @@ def _certify(run: Run, truth: Truth) -> Truth:
         return truth
     q, v = between(truth.reference, certificate.t)
     off = state_errors(run.mechanism, replace(certificate.samples, q=q, v=v), certificate).largest
-    # floor_q: change of the motion if the linkage's numbers change by rounding, a relative 1e-16
     certified_error = float(np.fmax(certificate.error_q, certificate.floor_q).max())
     if max(off.values()) > 1e3 * max(truth.bar, certified_error):
         raise NoTruth(f"the motion found and the certified one differ by {max(off.values()):.1e}")
-    # The error bar so far is the difference between runs with steps h and h/2. At order eight, the error of the finer run is
-    # 1/2^8 = 1/256 of it. The new error bar is the difference from the certificate, but at least this error, plus the error of the
-    # certificate.
+    # at order eight, the error of the finer run is 1/2^8 = 1/256 of the difference from the coarser one
     bars = {**truth.bars, **{kind: max(x, truth.bars[kind] / 256) + certified_error for kind, x in off.items()}}
-    return replace(
-        truth,
-        bars=bars,
-        certified=True,
-        told=f"certified to {certified_error:.0e}, which the motion found here confirms: {truth.told}",
-    )
+    told = f"certified to {certified_error:.0e}, which the motion found here confirms: {truth.told}"
+    return replace(truth, bars=bars, certified=True, told=told)

@@ -17,7 +17,7 @@ from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import TrueStates, random_states
+from gauss_bench.reference.build import random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import load_stored
 from gauss_bench.runs.apart import Alteration, Request, is_unaltered, run_of
@@ -26,7 +26,7 @@ from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.questions import accelerations
 from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, Status, Trajectory
+from gauss_bench.trajectory import Reference, Samples, Status, Trajectory
 
 SERIES = 100  # points of a curve in the report, or fewer than twice as many
 NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
@@ -39,7 +39,7 @@ def mechanism_of(linkage: str, scenario: str) -> Mechanism:
 
 
 @lru_cache(maxsize=4)
-def states_of(linkage: str, scenario: str) -> TrueStates | None:
+def states_of(linkage: str, scenario: str) -> Samples | None:
     """Return random states with their reference accelerations, or None if the accelerations are not unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
@@ -143,7 +143,7 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
     return at_samples(again, times), ""
 
 
-def acceleration_errors(given: object, states: TrueStates) -> dict[str, float]:
+def acceleration_errors(given: object, states: Samples) -> dict[str, float]:
     """Return the columns of median and largest relative error of an engine's accelerations at given states.
 
     Both are NaN if `given` is not an array of accelerations of the expected shape.

@@ -1,17 +1,8 @@
 """Diagnose an engine on a linkage: split its error against the reference into parts, and give a verdict in words.
 
-The diagnosis asks questions in such an order that no fault falsifies the answer to a later question. Are the links in the right
-order in the samples, and do the samples move? Did the state jump? Are the samples correct states at wrong times? How much of the
-error remains with smaller steps, how much of it violates the constraints, and which possible fault predicts the wrong
-accelerations? A cause is named only if it accounts for most of the error.
-
-Checkpoints are the times at which errors are analysed. The samples of a run one step before, at, and one step after each checkpoint
-are called its burst. Two kinds of accelerations are compared with correct ones at the engine's own states: the accelerations that
-the engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
-
-The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
-reference, and if the reported accelerations are wrong by at most OFF_REPORTED at the engine's own states. The parts of such a small
-error are computed all the same.
+The questions are asked in such an order that no fault falsifies the answer to a later question. A cause is named only if it
+accounts for most of the error. Two kinds of accelerations are compared with correct ones at the engine's own states: those that the
+engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,14 +13,14 @@ import numpy as np
 
 from gauss_bench.diagnosis import samples, split
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.dimensions import find_displaced_pin
 from gauss_bench.diagnosis.explanations import Explained, candidates, constraint_explanations, every_explanation, explain, tell
 from gauss_bench.diagnosis.motion import OwnMotion, TrueMotion
 from gauss_bench.diagnosis.observations import FEWEST, Burst, Runner, burst, observe, sample
 from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.runs.one_run import sampling_at
-from gauss_bench.terms import Array
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Reference, States, Status
 
 BARS = 3.0  # errors below BARS times the error bar of the reference are not explained
@@ -42,6 +33,8 @@ MOST = 0.5  # share of an error from which a part is dominant
 SEEN = 1e-7  # relative error of accelerations that is certainly not round-off
 OPEN = 0.3  # largest gap of a loop, relative to the size: with larger ones the accelerations are of another linkage
 NOISE = 1e-9  # relative difference of accelerations at equal states above which the equations differ
+STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
+BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
 SHORTER = 4.0  # factor by which a run is shortened that fails before its first checkpoint
 NAMED = 8  # most causes in a sentence; `candidates` has all of them
 OLD = 0.1  # [steps] least age of constraint data that is reported
@@ -115,13 +108,10 @@ class Verdict:
     """The result of a diagnosis.
 
     Attributes:
-        cause: the dominant cause; sentence: the verdict in words.
         parts: name of a part of the error -> its size [m, rad].
         numbers: the measured figures, or None if no run reached its first checkpoint.
         explanations: possible faults that would cause wrong accelerations, the one that fits best first.
-        runs: how each run ended.
-        candidates: those explanations that reproduce the wrong accelerations to within the numerical noise, so that they cannot be
-            distinguished.
+        candidates: those explanations that reproduce the wrong accelerations to within the numerical noise.
     """
 
     cause: Cause
@@ -161,16 +151,11 @@ def diagnose_runs(
     """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
-        run: function that runs the engine: (choice, sampling) -> Run. A choice is a setting of the engine (integrator, step and
-            options), and a sampling has the sample times.
-        mechanism: the linkage of the file.
         reference: true motion of the linkage from 0 to `until`.
         choices: the requested setting, followed by the same setting with smaller steps or tolerances.
         until: end of the runs [s].
         adaptive: whether the integrator chooses its own steps, so that the settings differ by tolerance.
-        projected: the first setting with the state projected on the constraints after each step, or None if the engine does not
-            offer projection.
-        told: called with each sentence of progress.
+        projected: the first setting with projected steps, or None if the engine does not offer projection.
 
     Raises:
         ChoiceError: a run up to the time `until` has fewer steps than a diagnosis needs.
@@ -178,7 +163,7 @@ def diagnose_runs(
     own = OwnMotion(mechanism)
     bursts, runs = observe(run, choices, until, told)
     ended = tuple(Ended(r.status, r.message) for r in runs)
-    # a motion that diverges before its first checkpoint is diagnosed by a shorter run
+    # a motion that diverges before its first checkpoint
     while not bursts and ended[0].status is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
         until /= SHORTER
         bursts, _ = observe(run, choices, until, told)
@@ -197,32 +182,16 @@ class Case:
     """The measurements of one engine on one linkage, and the questions that lead to the verdict.
 
     Attributes:
-        run: function that runs the engine: (choice, sampling) -> Run.
-        own: the equations of motion of the linkage, solved by the suite.
-        truth: the reference motion, at any time.
-        choices: the setting of every run, the requested one first.
-        adaptive: whether the settings differ by tolerance instead of step.
-        projected: the first setting with projected steps, or None.
-        first: the run with the requested setting: its samples one step before, at, and one step after each checkpoint.
-        true: reference states at the checkpoints of this run.
+        first: the burst of the run with the requested setting; true: reference states at its checkpoints.
         off: position errors (k, n) of this run at its checkpoints [m, rad].
-        bursts: such samples of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
+        bursts: those of every run, at the checkpoints that all runs reached; the run with the smallest step comes last.
         errors: largest position error of every run [m, rad].
-        error: largest position error of the first run [m, rad].
-        bar: largest error bar of the reference [m, rad].
-        steps: the first run's error, split into the error that its step causes and the error that would remain at step zero. The
-            `horizon` of `steps` is the number of checkpoints whose errors are small enough for this split.
-        limit: root mean square of the error extrapolated to step zero [m, rad].
-        by_step: root mean square of the error that the step causes [m, rad].
-        whole: root mean square of the first run's error [m, rad].
-        closure: gaps of the loops.
-        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open (gap above OPEN times the linkage's
-            size).
-        local: errors of the accelerations of every run at the checkpoints in `sound`; None for a run without such checkpoints.
-        start: the start state, repeated once for each checkpoint of `sound[-1]`.
-        noise: relative error below which accelerations count as correct (numerical noise).
-        map: the fit true time = shift + rate * reported time of the samples; NaN until it is found.
-        jump_time: time of a jump of the state [s]; NaN until it is found.
+        limit, by_step, whole: root mean squares of both parts of `steps`, and of the whole error [m, rad].
+        sound: the samples in `bursts`, without the checkpoints at which a loop is wide open.
+        local: errors of accelerations in the samples `sound` of every run, or None if there are none.
+        start: the start state, repeated for each state of the last run in `sound`.
+        noise: relative error that correct accelerations may have.
+        map, jump_time: the fitted map of time, and the time of a jump [s]; NaN until they are found.
     """
 
     def __init__(
@@ -235,46 +204,31 @@ class Case:
         adaptive: bool,
         projected: Choice | None,
     ):
-        """Measure errors, gaps and single steps of all runs; the attributes of `Case` explain the arguments and figures."""
         self.run, self.own, self.truth, self.choices, self.adaptive, self.projected = run, own, truth, choices, adaptive, projected
-        # errors of positions at the checkpoints
         self.first: Burst = bursts[0]
         self.true = truth.at(self.first.at.t)
         self.off = self.first.at.q - self.true.q
-        self.errors = tuple(_largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
+        self.errors = tuple(largest(b.at.q - truth.at(b.at.t).q) for b in bursts)
         self.error, self.bar = self.errors[0], float(truth.bar(self.first.at.t).max())
-        # the argument has the samples of each run at all checkpoints that this run reached, the attribute only at common ones
         shortest = min(len(b.at) for b in bursts)
         self.bursts = tuple(b[np.arange(len(b.at)) < shortest] for b in bursts)
-        # the part of the error that the step causes, the part that remains at step zero, and the gaps of the loops
         self.steps = split.by_steps(self.bursts, self.true[slice(0, shortest)], adaptive)
         self.limit, self.by_step = split.size(self.steps.limit), split.size(self.steps.by_step)
         self.whole = split.size(self.off[: self.steps.horizon])
         self.closure = split.closure_of(own, self.bursts, self.off[: self.steps.horizon])
-        # errors of accelerations, only at checkpoints at which no loop is wide open
         self.sound = tuple(b[split.usable(own, b, OPEN * own.mechanism.size)] for b in self.bursts)
         self.local = tuple(split.local(own, b) if len(b.at) else None for b in self.sound)
         count = len(self.sound[-1].at)
         self.start = States(np.zeros(count), *(np.tile(x, (count, 1)) for x in (own.mechanism.q0, own.mechanism.v0)))
         self.noise = self._acceleration_noise()
-        # found by later questions
         self.map = samples.TimeMap(np.nan, np.nan, left=0.0)
         self.jump_time = np.nan
 
     def verdict(self) -> Answer:
         """Return the answer to the first question whose answer accounts for the error.
 
-        The questions are asked in this order:
-
-        1. Is the error small?
-        2. Are the samples or the velocities wrong (whole turns, order of links, standstill, a jump, velocities)?
-        3. Does one fault reproduce the reported accelerations to within the numerical noise (`_reproduce`)?
-        4. Is a pin displaced?
-        5. Are the samples correct states at wrong times?
-        6. How does the error depend on the step?
-
-        If the error mainly decreases with the step, a fault found by question 3 is not named as the cause, and questions 4 to 6 are
-        asked. If the answer to these lists no explanations, the explanations found by question 3 are added to it.
+        If the error mainly decreases with the step, a fault that reproduces the reported accelerations is not named as the cause,
+        but its explanations are listed.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
@@ -304,14 +258,10 @@ class Case:
         finest = self.sound[-1]
         tried = every_explanation(self.own, finest.at, finest.before, self.start)
         found = explain(y, self.own.evaluator.mass, tried, self.own.accelerations(finest.at), self.noise)
-        # `found` begins with the faults that fit to within the noise
         return found[: max(NAMED, len(candidates(found, self.noise)))]
 
     def _reproduce(self) -> Answer | None:
-        """Find possible faults, each of a fitted size, that reproduce the accelerations that the engine reports.
-
-        Return None if the reported accelerations are correct, or if no fault reproduces them to within the numerical noise.
-        """
+        """Name the faults that each reproduce the reported accelerations to within the numerical noise; None if there are none."""
         last = self.local[-1]  # of the run with the smallest step
         if last is None or not last.relative_reported > SEEN:  # also if the error is NaN
             return None
@@ -326,11 +276,7 @@ class Case:
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
     def _explain_small_error(self) -> Answer:
-        """Explain a run whose positions are correct: name a cause of wrong velocities or accelerations, or no dominant cause.
-
-        If the reported accelerations are wrong and no explanation fits them, the verdict is soft constraints if the gaps of the
-        loops are proportional to the constraint forces.
-        """
+        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause."""
         if answer := self._find_velocities() or self._reproduce():
             return answer
         last = self.local[-1]
@@ -352,8 +298,9 @@ class Case:
 
     def _find_turns(self) -> Answer | None:
         """Detect angles that an engine has wrapped into one turn."""
-        turns = samples.whole_turns(self.off)
-        if not turns.any():
+        rest, turns = self.off.copy(), np.round(angles(self.off) / (2 * np.pi))  # turns (k, links)
+        angles(rest)[...] -= 2 * np.pi * turns
+        if not turns.any() or not largest(rest) <= BESIDE_TURNS:
             return None
         k = int(turns.any(axis=1).argmax())  # the first wrong checkpoint
         link = int(np.abs(turns[k]).argmax())
@@ -366,28 +313,27 @@ class Case:
         # the start and the first third of the checkpoints (at least three), before integration errors have grown
         reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
         found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
-        return Answer(Cause.ORDER, f"{found.sentence}; in order, {found.left:.1%} of the error is left") if found else None
+        return Answer(Cause.ORDER, f"{found[0]}; in order, {found[1]:.1%} of the error is left") if found else None
 
     def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
         finest = self.bursts[-1]
         implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
-        # error: relative difference of the velocities; left: share of it that remains if `implied` is multiplied by `factor`
-        error, factor, left = samples.other_velocities(implied, finest.at.v)
+        told = finest.at.v
+        square, true = float(np.sum((told - implied) ** 2)), float(np.sum(implied**2))
+        error, factor = float(np.sqrt(square / max(true, 1e-300))), float(np.sum(told * implied)) / max(true, 1e-300)
+        left = float(np.sqrt(float(np.sum((told - factor * implied) ** 2)) / max(square, 1e-300)))  # share, if scaled by `factor`
         # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
-        if not (error > OFF_VELOCITIES and _largest(finest.at.v - implied) * finest.at.t[-1] > SMALL):
+        if not (error > OFF_VELOCITIES and largest(told - implied) * finest.at.t[-1] > SMALL):
             return None
         what = f"they are {factor:.4g} times as large" if left <= samples.LEFT else "no factor explains the difference"
         sentence = f"reported velocities differ by {error:.1e} from the rate at which reported positions change: {what}"
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
-        """Detect samples that stand still while the true motion moves; the cause is a driver or a frozen output.
-
-        If the engine leaves out the second time derivative of a driver's motion law, a linkage that starts at rest may stand still.
-        This omission is named if it explains the wrong accelerations.
-        """
-        if not samples.stands_still(self.true, self.first.at):
+        """Detect samples that stand still while the true motion moves."""
+        moved, true = (float(np.abs(x.q - x.q[0]).max()) for x in (self.first.at, self.true))
+        if not moved <= STILL * true:
             return None
         last = self.local[-1]
         if self.own.mechanism.drivers and last is not None:
@@ -399,8 +345,7 @@ class Case:
     def _find_jump(self) -> Answer | None:
         """Detect a jump of the state between two checkpoints.
 
-        A second run is sampled at every step between those two checkpoints whose displacement the velocities and accelerations do
-        not explain. Return None if there are none, or if the integrator chooses its own steps.
+        A second run is sampled at every step where velocities and accelerations do not explain the displacement.
         """
         # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
@@ -413,9 +358,9 @@ class Case:
         jumped = samples.jump(self.own, States(x.t, x.q, x.v)) if x else None
         if jumped is None:
             return None
-        self.jump_time = jumped.t
-        where = "back to its start" if jumped.to_start else "elsewhere"
-        sentence = f"the state jumps {where} at t = {jumped.t:.6g} s, by {jumped.size:.2g} (m, rad) in one step"
+        self.jump_time, size, to_start = jumped
+        where = "back to its start" if to_start else "elsewhere"
+        sentence = f"the state jumps {where} at t = {self.jump_time:.6g} s, by {size:.2g} (m, rad) in one step"
         return Answer(Cause.RESET, f"{sentence}, as an engine does that resets itself after an error")
 
     def _find_length(self) -> Answer | None:
@@ -426,11 +371,9 @@ class Case:
         opened = self.closure.closure[-1]
         if len(self.bursts) < 2 or not opened > TINY_GAP:
             return None
-        pin = find_displaced_pin(self.own, self.bursts[0].at, self.bursts[-1].at)
-        # The squared correlation of gap and force is the share of the squared gap that a compliant constraint would explain.
-        # The pin is named only if it explains more.
-        by_softness = self.closure.held**2
-        if pin is None or by_softness >= pin.share:
+        pin = split.find_displaced_pin(self.own, self.bursts[0].at, self.bursts[-1].at)
+        # the squared correlation of gap and force is the share of the squared gap that a compliant constraint would explain
+        if pin is None or self.closure.held**2 >= pin.share:
             return None
         gap = f"with the file's dimensions loops stay open by {opened:.1e} (m, rad), whatever the step"
         return Answer(Cause.LENGTH, f"{pin.sentence}: {gap}; this explains {format_share(pin.share)} of the gaps")
@@ -456,20 +399,18 @@ class Case:
             return Answer(Cause.SHIFT, f"{sentence}: all other samples are those of {abs(by) / h:.3g} steps {when}")
         start, mechanism = self.first.start, self.own.mechanism
         # an error of velocities counts by the displacement that it causes until the last checkpoint
-        displaced = max(_largest(start.q - mechanism.q0), _largest((start.v - mechanism.v0) * self.first.at.t[-1]))
+        displaced = max(largest(start.q - mechanism.q0), largest((start.v - mechanism.v0) * self.first.at.t[-1]))
         # the error of a wrong start may grow during the run, so that a twentieth of the largest error suffices at the start
         if displaced > MOST * self.error / 10 and displaced > SMALL:
             return Answer(Cause.START, f"the run begins at another state, which displaces links by {displaced:.1e} (m, rad)")
         return None
 
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
-        """Tell whether a delay or stretch of time depends on the step like a fault of the sampling, not like an integration error.
+        """Tell whether a map of time depends on the step like a fault of the sampling, not like an integration error.
 
-        `time_map` is the fit true time = shift + rate * reported time of the first run. It is compared with the same fit of the run
-        with the smallest step. A sampling fault delays both runs by the same time, or by the same number of their own steps; a
-        delay caused by an integration error would decrease faster with the step. With `stretch`, the differences of the rates from
-        1 are compared instead: they must not be halved. The result is also True if no run has a smaller step, or if the integrator
-        chooses its own steps.
+        A sampling fault delays the run with the smallest step by the same time as the first run, or by the same number of its own
+        steps; with `stretch`, its rate differs from 1 by more than half as much. The result is also True if there is no smaller
+        step to compare.
         """
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -477,46 +418,39 @@ class Case:
         again = samples.time_map(self.truth, finest.at, stretch)
         if again is None:
             return False
-        if stretch:  # a wrong factor on time does not depend on the step, while one that integration errors cause falls with it
+        if stretch:
             return abs(again.rate - 1) > abs(time_map.rate - 1) / 2
-        # the same number of steps is a shift proportional to the step; 0.8 allows for errors of the fit
+        # 0.8 allows for errors of the fit
         return abs(again.shift) > 0.8 * abs(time_map.shift) * finest.step / self.first.step
 
     def _shift_of_first_step(self) -> float:
         """Return the time shift [s] of all samples but the start, found from the first step of every run; 0 if there is none.
 
-        If the state after the first step is the true state at a later or earlier time, all sample times are shifted by the same
-        amount. This can be seen even if the integration errors of the later steps are so large that a fit to all samples does not
-        find the shift.
+        It is seen even if the integration errors of later steps are so large that a fit to all samples does not find the shift.
         """
         shifts = []
         for b, x in zip(self.bursts, self.local, strict=True):
             if self.adaptive or x is None or not len(b.stepped):
                 return 0.0
             expected = self.own.flow(b.start, np.array([b.step]))
-            # slope: change of the state (positions, and velocities times the step) in one more step
-            # gap: error of the state after the first step
+            # change of the state (positions, and velocities times the step) in one more step, and its error after the first step
             slope = np.concatenate([expected.v[0] * b.step, self.own.accelerations(expected)[0] * b.step**2])
             gap = np.concatenate([b.stepped.q[0] - expected.q[0], (b.stepped.v[0] - expected.v[0]) * b.step])
             steps = float(gap @ slope) / max(float(slope @ slope), 1e-300)
             unexplained = float(np.linalg.norm(gap - steps * slope)) / max(float(np.linalg.norm(gap)), 1e-300)
-            # a plausible shift that explains most of the gap, and is larger than the error of the later steps
             if not (LEAST_LATE < abs(steps) < MOST_LATE and unexplained < MOST and x.relative_implied < abs(steps) / 5):
                 return 0.0
             shifts.append(steps * b.step)
-        # a shift by a fixed time or by a fixed number of steps decreases at most like the step, an integration error faster; 0.8
-        # allows for other errors
+        # a shift decreases at most like the step, an integration error faster; 0.8 allows for other errors
         same = abs(shifts[-1]) > 0.8 * abs(shifts[0]) * self.bursts[-1].step / self.bursts[0].step
         return shifts[0] if same else 0.0
 
     def _steps_are_sound(self, time_map: samples.TimeMap) -> bool:
-        """Tell whether the steps are correct: both the reported accelerations and those that the change of velocities implies.
+        """Tell whether the steps are correct: both the reported accelerations and the implied ones.
 
-        If the samples are the true states at the times shift + rate t, the implied accelerations of correct steps are wrong by the
-        factor `rate`. This is allowed.
+        Implied accelerations may be wrong by the factor `rate` of the map of time.
         """
-        # A map that explains nearly the whole error is accepted without a comparison of accelerations. If forces or drivers depend
-        # on time, correct states at wrong times have other accelerations, and the comparison would reject a correct map.
+        # if forces or drivers depend on time, correct states at wrong times have other accelerations
         if time_map.left < NEGLIGIBLE:  # share of the error that the map does not explain
             return True
         last, by_rate = self.local[-1], abs(time_map.rate - 1)  # by_rate: relative error of implied accelerations due to the rate
@@ -540,11 +474,10 @@ class Case:
     def step_exponent(self) -> float:
         """Return the exponent k if the velocity error of a single step h is proportional to h^k; NaN if it cannot be determined.
 
-        The exponent follows from the two runs with the smallest steps, whose single steps begin at states of the engine itself.
+        It follows from the two runs with the smallest steps, whose single steps begin at states of the engine itself.
         """
         runs = zip(self.local[-2:], self.sound[-2:], strict=True)
-        # the velocity error of one step is the error of the mean acceleration in it, times the step. An entry of `local` is None
-        # if no state of that run could be compared
+        # the velocity error of one step is the error of the mean acceleration in it, times the step
         errors_and_steps = [(split.size(x.implied) * b.step, b.step) for x, b in runs if x is not None]
         if self.adaptive or len(errors_and_steps) < 2 or not all(error for error, _ in errors_and_steps):
             return np.nan
@@ -556,11 +489,7 @@ class Case:
         return bool(self.errors[-1] > self.error / 2 ** (len(self.errors) - 1) and self.step_exponent() < 0.5)
 
     def _explain_remaining_error(self) -> Answer:
-        """Explain an error that remains with smaller steps by wrong accelerations, or by loops that stay open at any step.
-
-        Accelerations are those of the run with the smallest step: `last.reported` is the error of the accelerations that the engine
-        reports, `last.implied` that of the changes of velocities in a step, divided by the step.
-        """
+        """Explain an error that remains with smaller steps by wrong accelerations, or by loops that stay open at any step."""
         last, closure = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
@@ -584,17 +513,14 @@ class Case:
     def _explain_step_error(self) -> Answer:
         """Explain an error that decreases with the step: old constraint data, soft constraints, drift, or the integrator.
 
-        The causes are tested in this order; the integrator is named if none of the first three is found. The test of drift makes a
-        further run.
+        The causes are tested in this order. The test of drift makes a further run.
         """
         if old := self._find_stale_data():
             return Answer(Cause.STALE, old.sentence, [old])
         closure = self.closure
         falls = "falls with the tolerance" if self.adaptive else f"falls with the step by order {self.steps.order:.1f}"
-        # Constraints are soft if the gaps of the loops are proportional to the constraint forces, or if
-        # `_constraints_are_compliant`. Gaps of solvers that correct velocities are proportional to the forces too, but these gaps
-        # decrease with the square of the step, while the error of the steps decreases by order 1. `closure_share` is the share of
-        # the error that violates the constraints.
+        # gaps of solvers that correct velocities are proportional to the forces too, but they decrease with the square of the step,
+        # while the error of the steps decreases by order 1
         follows_force = closure.held > MIN_CORRELATION and closure.closure_share > NEGLIGIBLE
         gap_is_elastic = follows_force and not closure.grows and not closure.falls_faster(self.steps.order)
         if gap_is_elastic or self._constraints_are_compliant():
@@ -617,9 +543,8 @@ class Case:
     def _constraints_are_compliant(self) -> bool:
         """Tell whether the accelerations show that compliant constraints cause the error.
 
-        Three conditions must be met: the order of convergence is lower than that of the integrator, the error of the reported
-        accelerations is not halved by the smaller steps, and the gaps of the loops correlate with the constraint forces by more
-        than 0.5 (`closure.held`).
+        The order of convergence is then lower than that of the integrator, smaller steps do not halve the error of the reported
+        accelerations, and the gaps of the loops correlate with the constraint forces by more than 0.5.
         """
         first, last = self.local[0], self.local[-1]  # runs with the largest and the smallest step
         if first is None or last is None or not self._loses_order():
@@ -628,11 +553,7 @@ class Case:
         return stays_wrong and self.closure.held > 0.5
 
     def _name_hidden_fault(self) -> str:
-        """Return a clause on a second fault, smaller than the error that the step causes; an empty text if there is none.
-
-        The clause names the fault that explains wrong reported accelerations. Without such a fault, it gives the size of the error
-        that remains at step zero, unless this error is negligible.
-        """
+        """Return a clause on a second fault, smaller than the error that the step causes; an empty text if there is none."""
         last = self.local[-1]
         if last is not None and last.relative_reported > SOUND:
             best = next(iter(self._explain(last.reported)), None)
@@ -644,8 +565,7 @@ class Case:
     def _share_after_projection(self) -> float:
         """Return the size of the position error with projected steps, divided by that of the first run without projection.
 
-        After a projected step, the state satisfies the constraints. The size is the root mean square over the checkpoints. Return 1
-        if the engine does not offer projection, or if the run with projection fails.
+        Return 1 if the engine does not offer projection, or if the run with projection fails.
         """
         if self.projected is None:
             return 1.0
@@ -653,19 +573,15 @@ class Case:
         trajectory = self.run(self.projected, sample(self.first.step, at)).trajectory
         if trajectory is None:
             return 1.0
-        projected = burst(self.projected, at, trajectory).at
-        return split.size(projected.q - self.truth.at(projected.t).q) / self.whole
+        reached = burst(self.projected, at, trajectory).at
+        return split.size(reached.q - self.truth.at(reached.t).q) / self.whole
 
     def _find_stale_data(self) -> Explained | None:
         """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
-        The error of the accelerations is fitted by age * effect of data that are one step old: first the error of the reported
-        accelerations, then that of the implied ones. Old data are named as the cause of this error if three conditions are met. The
-        fitted age is between OLD and 5 steps. The squared error that remains after the fit is less than 1 - EXPLAINS of the whole
-        squared error. The remaining squared error is also less than 1 / BETTER of that of a fit without old data.
-
-        Implied accelerations are the changes of velocities in a step, divided by the step. With a first-order method they contain
-        the error of a correct Euler step, which is fitted too, both with and without old data.
+        The errors of the reported and then of the implied accelerations are fitted by age * effect of data that are one step old.
+        Implied accelerations of a first-order method contain the error of a correct Euler step, which is fitted too. The fit must
+        explain EXPLAINS of the squared error, and leave less than 1 / BETTER of what a fit without old data leaves.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:
@@ -689,7 +605,7 @@ class Case:
         return None
 
     def numbers(self) -> Numbers:
-        """Return the measured figures; `Numbers` explains each of them. Figures of a run without usable checkpoints are NaN."""
+        """Return the measured figures."""
         worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
         return Numbers(
             **vars(self.closure),
@@ -703,7 +619,6 @@ class Case:
             horizon=float(self.first.at.t[self.steps.horizon - 1]),
             limit_error=self.limit,
             step_error=self.by_step,
-            # errors of the accelerations that the engine reports, and of those that follow from its changes of velocities
             told=tuple(np.nan if x is None else x.relative_reported for x in self.local),
             moved=tuple(np.nan if x is None else x.relative_implied for x in self.local),
             step_exponent=self.step_exponent(),
@@ -715,30 +630,24 @@ class Case:
     def parts(self, cause: Cause) -> dict[Part, float]:
         """Return the size of each part of the error [m, rad], given the cause that was found.
 
-        Sizes are root mean squares over those checkpoints whose errors are small enough for Richardson's extrapolation to step
-        zero. `whole` is the size of the first run's error, `limit` that of the error extrapolated to step zero, and `by_step` that
-        of the error that the step causes.
-
-        The error that decreases with the step has two components. The component of this error that violates the constraints is
-        drift, and the integrator causes its other component. The error that remains at step zero is attributed to soft constraints
-        if they are the cause, and otherwise to the model. If the cause is the sampling of the output, round-off or one of
-        UNDIVIDED, the whole error is attributed to this cause.
+        The error that decreases with the step is drift as far as it violates the constraints, and otherwise the integrator's. The
+        error that remains at step zero belongs to soft constraints if they are the cause, and otherwise to the model. The sampling
+        of the output, round-off and the causes UNDIVIDED explain the whole error.
         """
         by_part = dict.fromkeys(Part, 0.0)
         if cause.part in (Part.SAMPLING, Part.ROUND_OFF) or cause in UNDIVIDED:
             left = self.map.left if cause.part is Part.SAMPLING else 0.0  # share of the error that the fitted map of time leaves
             return by_part | {cause.part or Part.MODEL: self.whole * (1 - left), Part.INTEGRATOR: self.whole * left}
-        owner, soft = Part.MODEL, cause is Cause.SOFTNESS  # owner: part to which the error at step zero is attributed
+        owner = Part.MODEL  # part to which the error at step zero is attributed
         # gaps that do not decrease with the step (`closure_stays`) are not drift
         drift = 0.0 if self.closure.closure_stays else min(self.closure.closure_share * self.whole, self.by_step)
         # drift leads off the constraints and the rest of the error along them: they are about perpendicular, and their squares add
         by_part |= {Part.DRIFT: drift, Part.INTEGRATOR: float(np.sqrt(max(0.0, self.by_step**2 - drift**2)))}
-        if soft:
+        if cause is Cause.SOFTNESS:
             owner = Part.SOFTNESS
             if self.by_step > self.limit:
                 by_part |= {Part.SOFTNESS: self.by_step, Part.INTEGRATOR: 0.0, Part.DRIFT: 0.0}
-        # a remaining error counts if it is larger than that of the reference, and than that of Richardson's extrapolation, for
-        # which by_step / 4 is taken
+        # by_step / 4 stands for the error of Richardson's extrapolation
         resolved = max(BARS * self.bar, self.by_step / 4)
         if cause not in (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT) or self.limit > resolved:
             by_part[owner] += self.limit
@@ -750,20 +659,11 @@ def _join_states(early: States, late: States) -> States:
     return States(*(np.concatenate([getattr(early, x), getattr(late, x)]) for x in "tqv"))
 
 
-def _largest(x: Array) -> float:
-    """Return the largest absolute value; 0 for an empty array."""
-    return float(np.abs(x).max(initial=0.0))
-
-
 def _fit(y: Array, columns: list[Array], root: Array) -> tuple[float, float]:
-    """Fit a linear combination of columns, each (k, n), to y (k, n) by weighted least squares.
+    """Fit a linear combination of columns, each (k, n), to y (k, n) by least squares with the square roots `root` (n,) of weights.
 
-    Return the fitted coefficient of the last column (0 without columns), and the squared weighted residual of the fit. The columns
-    before the last are fitted only to remove known errors.
-
-    Args:
-        y, columns: the errors, and what they may be composed of.
-        root: (n,) square roots of the weights of the squared residual.
+    Return the coefficient of the last column (0 without columns), and the squared weighted residual. The columns before the last
+    are known errors.
     """
     b = (y * root).ravel()
     if not columns:

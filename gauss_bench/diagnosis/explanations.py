@@ -1,15 +1,13 @@
 """Explanations of wrong accelerations: each predicts the error of the accelerations that a fault would cause.
 
 y (k, n) is the error of the engine's accelerations at k of its own states, and x (k, n) is the error that a fault of unit amount
-would cause. The faults are a wrong mass, inertia, gravity or parameter of a force, a torque on another link, exchanged masses of
-two links, missing velocity terms, a missing second derivative of a driver, a missing joint, constraint data of an earlier state,
-and a factor on all accelerations. The amount c of a fault, which is its size relative to the unit amount, is fitted by least
-squares in the metric of the mass matrix, as in Gauss's principle. The share of the squared error that the fault explains is
+would cause. The amount c of a fault, its size relative to the unit amount, is fitted by least squares in the metric of the mass
+matrix, as in Gauss's principle. The share of the squared error that the fault explains is
 
     share = 1 - |y - c x|^2 / |y|^2
 
-Some faults are either present or not, such as a missing joint. Such a fault is accepted only if its fitted c is near 1. A wrong
-mass or inertia changes the accelerations nonlinearly, so that the fitted amount of such a fault is refined by Gauss-Newton steps.
+A fault that is either present or not, such as a missing joint, is accepted only if its c is near 1. The amount of a wrong mass or
+inertia, which changes the accelerations nonlinearly, is refined by Gauss-Newton steps.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +22,7 @@ from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Force, Link, PointForce, Torque
+from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -50,13 +48,11 @@ class Explanation:
     """One possible fault.
 
     Attributes:
-        cause: cause of the error.
         what: the fault in words, such as "inertia of crank".
         effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
-        template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces by the amount in words.
+        template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces.
         once: whether the fault is either present or not, such as a missing joint, so that its fitted amount must be about 1.
-        exact: whether the fault is accepted only if it reproduces the error to within the numerical noise. This is so where very
-            many faults are tried, one of which would always fit a part of the error by chance.
+        exact: whether it must reproduce the error to within the noise, since one of so many would fit a part of it by chance.
     """
 
     cause: Cause
@@ -92,10 +88,9 @@ class Explained:
 
 
 def tell(template: str, amount: float) -> str:
-    """Return the sentence `template` with its placeholder filled in.
+    """Return the sentence `template` with {amount} as a number, and {is} or {are} as a relative change in words.
 
-    {amount} becomes the amount as a number. {is} or {are} becomes the amount as a relative change in words, such as "is 5 % too
-    large". A relative change of -1 is expressed as "left out", and one of -2 as "has the wrong sign".
+    A relative change of -1 is "left out", and one of -2 "has the wrong sign".
     """
     off = f"{abs(100 * amount):.3g} % too {'large' if amount > 0 else 'small'}"
     words = {"amount": f"{amount:.2g}"}
@@ -109,18 +104,14 @@ def tell(template: str, amount: float) -> str:
 
 
 def explain(y: Array, mass: Array, tried: Iterator[Explanation], a: Array | None = None, noise: float = 0.0) -> list[Explained]:
-    """Fit possible faults to errors y (k, n) of accelerations; return the fits, the best first.
+    """Fit possible faults to errors y (k, n) of accelerations; return the fits, those within the noise first, then the best.
 
-    Faults that do not change the accelerations are left out, and so are faults marked `exact` whose residual exceeds the numerical
-    noise. Faults whose residual does not exceed the noise cannot be distinguished: they come first, in the order in which they were
-    tried.
+    Faults without an effect are left out, and so are `exact` ones whose residual exceeds the noise.
 
     Args:
-        y: (k, n) error of the engine's accelerations at k states.
         mass: (n,) diagonal of the mass matrix, by which squared errors are weighted.
-        tried: the possible faults, whose amounts are fitted.
         a: (k, n) correct accelerations, by whose size residuals are divided; by default residuals are divided by the size of y.
-        noise: relative error that correct accelerations may have (numerical noise).
+        noise: relative error that correct accelerations may have.
     """
     root = np.sqrt(mass)
     target = (y * root).ravel()
@@ -142,20 +133,13 @@ def candidates(explanations: list[Explained], noise: float) -> list[Explained]:
 def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained | None:
     """Fit the amount of a possible fault to errors of accelerations; return None if the fault has no effect or does not fit.
 
-    The amount is fitted linearly first, and then refined if the effect is not proportional to it.
-
-    Args:
-        x: the possible fault.
-        target: (k n,) errors of the accelerations, times the square roots of the masses.
-        root: (n,) square roots of the masses.
-        norm: size of all accelerations, weighted like `target`, by which the residual is divided.
+    `target` (k n,) are the errors times the square roots `root` (n,) of the masses, and `norm` is the size of all accelerations.
     """
 
     def effect(amount: float) -> Array:
-        """Return the change (k n,) of the accelerations that a fault of a given amount causes, weighted like `target`."""
+        """Return the change (k n,) of the accelerations that a fault causes, weighted like `target`."""
         return np.asarray((x.effect_of(amount) * root).ravel())
 
-    # linear fit of the amount
     unit = SMALL if callable(x.effect) else 1.0
     column = effect(unit) / unit  # the effect of an amount of 1 if the effect is proportional; else its derivative at zero
     square, whole = float(column @ column), float(target @ target)
@@ -168,7 +152,6 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
     if callable(x.effect):  # not proportional to the amount; the refinement starts at a factor 1 + amount of 0.1 to 10
         amount, residual = _refine(effect, target, float(np.clip(amount, -0.9, 9.0)))
     share = 1.0 - float(residual @ residual) / whole
-    # a fault that is either present or not must have an amount near 1
     if not np.isfinite(share) or (x.once and abs(amount - 1.0) > ONCE):
         return None
     relative_residual = float(np.linalg.norm(target - effect(1.0 if x.once else amount))) / norm
@@ -176,15 +159,9 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine the size (amount) of a wrong mass or inertia by Gauss-Newton steps; return it and the residual (k n,).
+    """Refine the relative error of a mass or inertia by Gauss-Newton steps from a guess; return it and the residual (k n,).
 
-    The amount is the relative error of a mass or an inertia: the engine's value is the correct value times (1 + amount). The limits
-    LEAST_AMOUNT and MOST_AMOUNT keep the engine's value positive.
-
-    Args:
-        effect: amount -> predicted error (k n,) of the accelerations.
-        target: error (k n,) that is to be explained.
-        amount: first guess.
+    The limits LEAST_AMOUNT and MOST_AMOUNT keep the engine's value positive.
     """
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):
@@ -198,39 +175,30 @@ def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> t
 
 
 def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which a parameter of a link, of gravity or of a force is wrong.
-
-    Each fault has its effect, which is the change of the accelerations at the states x (k, n). The effect of a wrong mass or
-    inertia is a nonlinear function of the relative error of the parameter. The effect of a wrong force or of wrong gravity is
-    proportional to the relative error of the parameter; its effect for the amount 1 is the change of the accelerations if the
-    parameter is doubled. The sentences have placeholders, which `tell` fills in.
-    """
+    """Yield the possible faults with a wrong relative amount of a parameter of a link, gravity or a force, at states x."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def change_by(**changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if attributes of the mechanism are replaced by `changes`."""
+        """Return the change (k, n) of the accelerations if attributes of the mechanism are replaced."""
         changed = Evaluator(replace(mechanism, **changes))
         return parts.effect(mass=changed.mass, Q=changed.applied.generalised(x.q, x.v, x.t))
 
-    def scale_links(names: Sequence[str], keys: Sequence[str]) -> Callable[[float], Array]:
-        """Return the function c -> change (k, n) of the accelerations if attributes `keys` of the links are multiplied by 1 + c."""
-
-        def scale(link: Link, c: float) -> Link:
-            """Return a link with its attributes `keys` multiplied by 1 + c if its name is in `names`, otherwise unchanged."""
-            return replace(link, **{key: getattr(link, key) * (1 + c) for key in keys}) if link.name in names else link
-
-        return lambda c: change_by(links=tuple(scale(link, c) for link in mechanism.links))
+    def scale_links(names: Sequence[str], keys: Sequence[str], c: float) -> Array:
+        """Return the change (k, n) of the accelerations if attributes `keys` of the links are multiplied by 1 + c."""
+        links: list[Any] = list(mechanism.links)
+        scaled = [replace(x, **{key: getattr(x, key) * (1 + c) for key in keys}) if x.name in names else x for x in links]
+        return change_by(links=tuple(scaled))
 
     def with_force(at: int, **changes: Any) -> Array:
-        """Return the change (k, n) of the accelerations if attributes of force number `at` are replaced by `changes`."""
+        """Return the change (k, n) of the accelerations if attributes of force number `at` are replaced."""
         return change_by(forces=tuple(replace(f, **changes) if k == at else f for k, f in enumerate(mechanism.forces)))
 
     names = [link.name for link in mechanism.links]
     for name in names:
         for key, cause in (("inertia", Cause.INERTIA), ("mass", Cause.MASS)):
-            yield Explanation(cause, f"{key} of {name}", scale_links([name], [key]), f"the {key} of {name} {{is}}")
+            yield Explanation(cause, f"{key} of {name}", partial(scale_links, [name], [key]), f"the {key} of {name} {{is}}")
     for what, cause, keys in SCALED:
-        yield Explanation(cause, what, scale_links(names, keys), f"{what} {{are}}")
+        yield Explanation(cause, what, partial(scale_links, names, keys), f"{what} {{are}}")
     yield from force_explanations(own, x)
     # two links with exchanged masses and inertias
     for i, j in combinations(range(len(names)), 2):
@@ -243,7 +211,6 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     g = np.asarray(mechanism.gravity, dtype=float)
     if g.any():
         yield Explanation(Cause.GRAVITY, "gravity", change_by(gravity=2 * g), "gravity {is}")
-    if g.any():
         directions = {"across itself": np.array([-g[1], g[0]])}
     else:
         directions = {"along x": np.array([GIVEN, 0.0]), "along y": np.array([0.0, GIVEN])}
@@ -268,12 +235,7 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which one force, all forces of a kind, or all forces have a wrong factor or sign.
-
-    The amount is the relative change of the force: with 1 the force is counted twice, with -1 it is left out. The effects of the
-    faults on the accelerations are computed at states x (k, n). The faults are marked `exact`, because so many sums of forces are
-    tried that one of them would always fit a part of the error by chance.
-    """
+    """Yield the possible faults in which one force or a sum of forces has a wrong factor; an amount of -1 leaves it out."""
     mechanism, parts = own.mechanism, own.parts(x)
 
     def force_of(*forces: Force) -> Array:
@@ -292,12 +254,7 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which entries, rows or velocity terms of the constraints are multiplied by a wrong factor.
-
-    The amount is the relative change of the wrong entries: with -1 they are left out. The effects of the faults on the
-    accelerations are computed at states x (k, n). The faults are marked `exact`, because so many entries are tried that one of them
-    would always fit a part of the error by chance.
-    """
+    """Yield the possible faults with a wrong factor on entries, rows or velocity terms; an amount of -1 leaves them out."""
     mechanism, parts = own.mechanism, own.parts(x)
     # names of the rows of J, in the order of the evaluator
     names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
@@ -327,15 +284,11 @@ def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 
 
 def constraint_explanations(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield the possible faults in which an engine treats constraints wrongly.
+    """Yield the possible faults in which an engine leaves out constraints or terms of them, or uses those of another state.
 
-    The engine may leave out a joint, the closing joints of all loops or all constraints; the second time derivative of a driver's
-    motion law; or the velocity terms -J' v of a joint or of all constraints. The engine may also use the Jacobian, or the Jacobian
-    and gamma, of the start or of an earlier step. The amount of data of an earlier step is their age in steps. All other faults are
-    either present or not, and are therefore marked `once`.
+    The amount of data of an earlier step is their age in steps; all other faults are present or not.
 
     Args:
-        own: the equations of motion of the linkage.
         x: states at which the accelerations are compared; before: states one step earlier.
         start: the start state, repeated once for each state of `x`.
     """
@@ -381,13 +334,7 @@ def constraint_explanations(own: OwnMotion, x: States, before: States, start: St
 
 
 def every_explanation(own: OwnMotion, x: States, before: States, start: States) -> Iterator[Explanation]:
-    """Yield every fault whose effect is fitted to the errors of the accelerations.
-
-    Args:
-        own: the equations of motion of the linkage.
-        x: states (k, n) at which the accelerations are compared; before: states one step earlier.
-        start: the start state, repeated once for each state of `x`.
-    """
+    """Yield every fault whose effect is fitted to the errors; the arguments are those of `constraint_explanations`."""
     yield from parameter_explanations(own, x)
     yield from constraint_explanations(own, x, before, start)
     yield Explanation(Cause.ACCELERATIONS, "all accelerations", own.accelerations(x), "every acceleration {is}")

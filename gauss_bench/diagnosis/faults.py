@@ -1,49 +1,46 @@
 """Engines with one known fault each, which the self-test runs and the diagnosis must name.
 
-Each faulty engine is one of the suite's formulations with its integrators. The engine's fault lies in the modelled linkage, in the
-terms at a state, in the accelerations, in the state after a step, or in the samples. `planted.toml` lists the faults.
+Each faulty engine is one of the suite's formulations with its integrators. `planted.toml` lists the faults.
 """
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.checks import FOUR_BAR, alter
-from gauss_bench.diagnosis.planted import TABLES
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted, InterpretedModel
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
-from gauss_bench.terms import Array, Solution, Terms, recover_multipliers
+from gauss_bench.terms import Array, Solution, Terms, baumgarte, recover_multipliers
 from gauss_bench.trajectory import Trajectory
 
+TABLES: dict[str, list[dict[str, Any]]] = tomllib.loads(Path(__file__).with_name("planted.toml").read_text(encoding="utf-8"))
 State = tuple[Array, Array]
 FORMULATION = "lagrange"  # the fastest formulation that is not compiled
 RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
-    """Return the item unchanged."""
     return item
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One planted fault: an error that is put into an engine on purpose.
-
-    Each attribute that is a function replaces a correct value of the engine by a wrong one; by default it changes nothing.
+    """One planted fault: an error that is put into an engine on purpose, by functions that replace correct values.
 
     Attributes:
-        name, sentence: name of the fault, and its description.
         cause: the cause that the diagnosis must name.
         linkage: mechanism -> the mechanism that is modelled instead.
-        terms: (terms M, J, Q and gamma at a state; model, t, q, v) -> terms that are solved for accelerations instead.
-        solved: (solution, terms, model) -> solution that is used instead; a solution has accelerations and multipliers.
+        terms: (terms, model, t, q, v) -> terms that are solved for accelerations instead.
+        solved: (solution, terms, model) -> solution that is used instead.
         stepped: (state, model, t) -> state with which the engine goes on after the step that ended at t.
         times: (requested times, step) -> as many times, at which samples are taken instead.
         read: (trajectory, mechanism) -> the trajectory that the engine returns.
@@ -66,27 +63,23 @@ class FaultyModel(InterpretedModel):
     """The model of a linkage by an engine that has a planted fault.
 
     Attributes:
-        fault: the planted fault; true: the linkage without the fault.
+        true: the linkage without the fault.
         asked: requested times [s].
-        recent: constraint Jacobian and right-hand side (J, gamma) at the beginnings of the last two steps, used by `stale`.
-        first: Jacobian and right-hand side at the start, used by `keep_first_jacobian`.
+        recent: (J, gamma) at the beginnings of the last two steps; first: those at the start.
         running: whether the run is under way; at other times the model is asked only for the accelerations that it reports.
-        reset: whether the function `reset` has already reset the state.
     """
 
     def __init__(self, fault: Fault, mechanism: Mechanism, choice: Choice):
-        """Build the model of a linkage with the planted fault; `mechanism` is the linkage without the fault."""
         super().__init__(FORMULATION, fault.linkage(mechanism), choice)
         self.fault, self.true, self.running = fault, mechanism, False
         self.first = self.rows(0.0, self.mechanism.q0, self.mechanism.v0)
 
     def rows(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the constraint Jacobian J (m, n) and the right-hand side gamma (m,) of J a = gamma at a state."""
+        """Return J (m, n) and gamma (m,) of J a = gamma at a state."""
         found = self.evaluator.constraints(t, q, v)
         return found.J, found.gamma
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return the accelerations (n,) at a state, computed from terms that the planted fault may have changed."""
         return self._solve(t, self.fault.terms(self.evaluator.terms(t, q, v), self, t, q, v)).a
 
     def stabilized(self, t: float, q: Array, v: Array) -> Array:
@@ -95,7 +88,6 @@ class FaultyModel(InterpretedModel):
         return self.acceleration(t, q, v)
 
     def _solve(self, t: float, terms: Terms) -> Solution:
-        """Solve the terms for accelerations and multipliers; return the solution, which the planted fault may have changed."""
         return self.fault.solved(super()._solve(t, terms), terms, self)
 
     def prepare(self, times: Array, native: bool = True) -> None:
@@ -104,16 +96,12 @@ class FaultyModel(InterpretedModel):
         super().prepare(self.fault.times(times, self.choice.step), native)
 
     def run(self) -> None:
-        """Run, and let faults know that the run is under way."""
         self.running = True
         super().run()
         self.running = False
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> State:
-        """Advance `count` steps of length h [s] one by one, so that the planted fault can change the state after each step.
-
-        Forces after the time `last` [s] are evaluated at `last`, because a force may jump at the end of a step.
-        """
+        """Advance `count` steps of length h [s] one by one, so that the planted fault can change the state after each step."""
         for i in range(count):
             t = begin + i * h
             self.recent = [self.recent[1], self.rows(t, x, dx)]  # J and gamma at the beginnings of the last two steps
@@ -131,12 +119,10 @@ class Faulty(Interpreted):
     """An engine with one planted fault."""
 
     def __init__(self, fault: Fault):
-        """Make an engine that has a planted fault and the name of this fault."""
         super().__init__(FORMULATION)
         self.fault, self.name = fault, fault.name
 
     def build(self, mechanism: Mechanism, choice: Choice) -> FaultyModel:
-        """Build the faulty model of a linkage."""
         return FaultyModel(self.fault, mechanism, choice)
 
 
@@ -151,7 +137,7 @@ def last_pin(mechanism: Mechanism) -> list[int]:
 
 
 def without(terms: Terms, rows: list[int]) -> Terms:
-    """Return the terms of the equations of motion without the constraint rows that have these indices."""
+    """Return the terms without the constraint rows that have these indices."""
     kept = np.delete(np.arange(len(terms.J)), rows)
     return replace(terms, J=terms.J[kept], gamma=terms.gamma[kept], phi=terms.phi[kept], phi_dot=terms.phi_dot[kept])
 
@@ -164,20 +150,15 @@ def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
 
 
 def ignore_joint(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """Leave out the last pin."""
     return without(terms, last_pin(model.mechanism))
 
 
 def ignore_constraints(terms: Terms, *_: object) -> Terms:
-    """Leave out all constraints."""
     return without(terms, list(range(len(terms.J))))
 
 
 def stale(terms: Terms, model: FaultyModel, *_: object) -> Terms:
-    """During the run, use the constraint data J and gamma of the previous step.
-
-    After the run, when accelerations are computed for the report, the present data are used. Reported accelerations are correct.
-    """
+    """Use the constraint data J and gamma of the previous step during the run, but not for the accelerations that are reported."""
     J, gamma = model.recent[0] if model.running else (terms.J, terms.gamma)
     return replace(terms, J=J, gamma=gamma)
 
@@ -188,7 +169,6 @@ def keep_first_jacobian(terms: Terms, model: FaultyModel, *_: object) -> Terms:
 
 
 def without_velocity_terms(terms: Terms, *_: object) -> Terms:
-    """Set gamma, the right-hand side of J a = gamma, to zero."""
     return replace(terms, gamma=0 * terms.gamma)
 
 
@@ -200,12 +180,11 @@ def without_second_rate(terms: Terms, model: FaultyModel, t: float, *_: object) 
     return replace(terms, gamma=gamma)
 
 
-def compliant(solution: Solution, terms: Terms, model: FaultyModel, epsilon: float = 0.5, rate: float = 50.0) -> Solution:
-    """Solve with regularised constraints, J a = gamma + epsilon lambda; gamma has Baumgarte's terms with the rate `rate` [1/s]."""
+def compliant(solution: Solution, terms: Terms, model: FaultyModel) -> Solution:
+    """Solve with regularised constraints, J a = gamma + lambda / 2; gamma has Baumgarte's terms with a rate of 50 1/s."""
     n, m = len(terms.Q), len(terms.gamma)
-    gamma = terms.gamma - 2 * rate * terms.phi_dot - rate**2 * terms.phi
-    K = np.block([[terms.M, terms.J.T], [terms.J, -epsilon * np.eye(m)]])
-    x = np.linalg.solve(K, np.concatenate([terms.Q, gamma]))
+    K = np.block([[terms.M, terms.J.T], [terms.J, -0.5 * np.eye(m)]])
+    x = np.linalg.solve(K, np.concatenate([terms.Q, baumgarte(terms, 50.0, 50.0).gamma]))
     return Solution(x[:n], x[n:], m)
 
 
@@ -240,19 +219,16 @@ def resample(times: Array, step: float, late: float = 0.0, rate: float = 1.0) ->
 
 
 def standing_still(trajectory: Trajectory, *_: object) -> Trajectory:
-    """Report the initial position at all sample times, with zero velocities and accelerations."""
     return replace(trajectory, q=0 * trajectory.q + trajectory.q[0], v=0 * trajectory.v, a=0 * trajectory.a)
 
 
 def within_a_turn(trajectory: Trajectory, *_: object) -> Trajectory:
-    """Report angles without whole turns, within -pi..pi."""
     q = trajectory.q.copy()
     angles(q)[...] = (angles(q) + np.pi) % (2 * np.pi) - np.pi
     return replace(trajectory, q=q)
 
 
 def backwards(trajectory: Trajectory, *_: object) -> Trajectory:
-    """Report velocities with the wrong sign."""
     return replace(trajectory, v=-trajectory.v)
 
 
@@ -264,11 +240,9 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Report a motion whose joint coordinates are taken in a wrong order.
+    """Report a motion whose joint coordinates, listed by their depth in the tree, are read branch by branch (or reversed if equal).
 
-    Joint coordinates that are listed by their depth in the joint tree are read as if they were listed branch by branch. If the
-    order by depth is the order by branches, the joint coordinates are read in reversed order. Accelerations are computed from the
-    wrong coordinates with joint accelerations of zero.
+    Accelerations are computed from the wrong coordinates with joint accelerations of zero.
     """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}
@@ -285,13 +259,7 @@ def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajec
 def read_engine(name: str, sentence: str, cause: str, where: Any = FOUR_BAR, **spoils: Any) -> Fault:
     """Return the fault of an engine that one [[engine]] table of `planted.toml` describes.
 
-    Args:
-        name, sentence: name and description of the fault.
-        cause: the cause that the diagnosis must name, a value of `Cause`.
-        where: linkage and scenario in which the fault shows.
-        spoils: functions or arguments that plant the fault: either the name of an attribute of `Fault` -> the name of a function of
-            this file, or "alter" -> arguments of `alter`, which changes the linkage, or "resample" -> arguments of `resample`,
-            which changes the sample times.
+    `spoils` has attributes of `Fault` -> names of functions of this file, or arguments of `alter` or `resample`.
     """
     functions: Any = {key: globals()[x] for key, x in spoils.items() if key not in ("alter", "resample")}
     if "alter" in spoils:

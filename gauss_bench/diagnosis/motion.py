@@ -4,9 +4,8 @@ In weighted coordinates b = M^(1/2) a, with the singular values of K = J M^(-1/2
 
     b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
-Each term can be replaced, to predict the effect of a fault. If an engine leaves loops open by some micrometres, redundant
-constraint rows contradict each other slightly. The tolerance for singular values, RANK_TOLERANCE, is so large that such slightly
-contradictory rows still count as redundant.
+Each term can be replaced, to predict the effect of a fault. Redundant rows of loops that an engine leaves open by some micrometres
+contradict each other slightly, and RANK_TOLERANCE still counts them as redundant.
 """
 
 from dataclasses import dataclass, replace
@@ -59,11 +58,11 @@ class Parts:
 
     @cached_property
     def unaltered(self) -> Array:
-        """The accelerations (k, n) at the k states that follow from these terms of the equations of motion."""
+        """The accelerations (k, n) that follow from these terms."""
         return self.accelerations()
 
     def effect(self, **terms: Any) -> Array:
-        """Return the change (k, n) of the accelerations if some of the terms mass, J, gamma and Q are replaced by others."""
+        """Return the change (k, n) of the accelerations if some of the terms mass, J, gamma and Q are replaced."""
         return replace(self, **terms).accelerations() - self.unaltered
 
     def multipliers(self, a: Array) -> Array:
@@ -72,7 +71,7 @@ class Parts:
         return np.asarray((inverse @ (self.Q - self.mass * a)[..., None])[..., 0])
 
     def without(self, rows: list[int]) -> "Parts":
-        """Return the terms of the equations of motion without the constraint rows that have these indices."""
+        """Return the terms without the constraint rows that have these indices."""
         kept = [k for k in range(self.J.shape[1]) if k not in rows]
         return replace(self, J=self.J[:, kept], gamma=self.gamma[:, kept])
 
@@ -81,14 +80,11 @@ class OwnMotion:
     """The equations of motion of a linkage, solved by the suite itself.
 
     Attributes:
-        mechanism: the linkage.
-        evaluator: object that evaluates the terms of the equations of motion.
         absolute: a second solver of these equations, which also finds dry friction in joints.
         tolerance: singular values below this tolerance, relative to the largest, count as zero.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Prepare the equations of a mechanism."""
         self.mechanism, self.evaluator = mechanism, Evaluator(mechanism)
         self.absolute = AbsoluteCoordinates(mechanism)
         # the singular values of redundant rows are as large as the gaps of loops, and must count as zero; without redundant rows,
@@ -149,16 +145,9 @@ class OwnMotion:
 
 
 class TrueMotion:
-    """The reference motion at any time: the equations of motion are integrated from the nearest sample of the reference.
-
-    Attributes:
-        motion: the equations of motion.
-        reference: samples of the motion that is taken as true.
-        until: time of the last sample [s].
-    """
+    """The reference motion at any time up to `until` [s]: integrated from the nearest sample of the reference."""
 
     def __init__(self, motion: OwnMotion, reference: Reference):
-        """Store the samples of a reference, and the equations of motion by which states between them are computed."""
         self.motion, self.reference, self.until = motion, reference, float(reference.t[-1])
 
     def at(self, t: Array) -> States:
@@ -171,10 +160,7 @@ class TrueMotion:
         return self.motion.flow(x, remaining) if remaining.any() else x
 
     def bar(self, t: Array) -> Array:
-        """Return the error bar (k,) of the reference's positions [m, rad] at times t.
-
-        It is that of the sample at t, or of the next sample, and never below the floor that the rounding of parameters causes.
-        """
+        """Return the error bar (k,) of the reference's positions [m, rad] at times t, that of the sample at t or next to it."""
         r = self.reference
         k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)
         return np.fmax(r.error_q, r.floor_q)[k]  # fmax ignores NaN

@@ -1,11 +1,8 @@
 """The runs of a diagnosis: one motion with steps h, h/2 and h/4, each sampled three times around every checkpoint.
 
-Checkpoints are the times at which errors are analysed; all runs have the same ones. The three samples are the states at a
-checkpoint, one step before it and one step after it. A `Burst` has the three samples of every checkpoint of a run. The engine's
-step after a checkpoint is compared with the exact motion of the linkage over this step, which begins at the engine's own state,
-even if this state is far from the reference motion. The state one step before a checkpoint shows whether the engine used constraint
-data of the previous step. If an integrator chooses its own steps, the three runs have different tolerances instead of different
-steps.
+Checkpoints are the times at which errors are analysed, the same ones in all runs. The engine's step after a checkpoint is compared
+with the exact motion over this step, which begins at the engine's own state. The state one step before shows whether the engine
+used constraint data of the previous step. If an integrator chooses its own steps, the runs have different tolerances.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,12 +29,11 @@ Runner = Callable[[Choice, Sampling], Run]
 
 @dataclass(frozen=True, eq=False)
 class Burst:
-    """The samples of one run at its start, and one step before, at, and one step after each of its checkpoints.
+    """The samples of one run at its start, and one step before, at, and one step after each of its k checkpoints.
 
     Attributes:
         step: the requested step [s]; tolerance: the tolerance if the integrator chooses its own steps, else None.
         start: the first sample of the run; stepped: the sample after the first step. Both are a single state.
-        before, at, after: the k states one step before the k checkpoints, at the checkpoints, and one step after them.
         a: (k, n) accelerations that the engine reports at the checkpoints.
     """
 
@@ -51,16 +47,13 @@ class Burst:
     a: Array
 
     def __getitem__(self, chosen: NDArray[Any]) -> "Burst":
-        """Return the samples around some of the checkpoints, given by their indices or a mask (k,)."""
         return replace(self, before=self.before[chosen], at=self.at[chosen], after=self.after[chosen], a=self.a[chosen])
 
 
 def checkpoints(step: float, until: float) -> Array:
-    """Return the times (k,) [s] of the checkpoints, each at least one step before the end of the run.
+    """Return the times (k,) [s] of at most COUNT evenly spaced checkpoints, each at least one step before the end of the run.
 
-    The times are multiples of the step. The times are also multiples of GRID, the spacing of the reference's samples, if a multiple
-    of GRID is a whole number of steps, at most 100, and if enough checkpoints are left. There are at most COUNT checkpoints, evenly
-    spaced.
+    The times are multiples of the step, and of GRID if that leaves enough of them.
 
     Raises:
         ChoiceError: the run has fewer than FEWEST steps.
@@ -84,17 +77,13 @@ def ladder(choice: Choice, adaptive: bool) -> list[Choice]:
 
 
 def sample(step: float, at: Array) -> Sampling:
-    """Return the sampling at the start, after the first step, and one step before, at and after the checkpoints `at` (k,) [s]."""
+    """Return the sampling at the start, after the first step, and around the checkpoints `at` (k,) [s]."""
     whole = np.unique(np.concatenate([[0, 1], *(np.round(at / step) + k for k in (-1, 0, 1))]))
     return sampling_at(step, whole * step)
 
 
 def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
-    """Return the burst of a run: its samples one step before, at, and one step after each of the checkpoints `at` (k,) [s].
-
-    The burst also has the first sample of the run, and the one after the first step. Checkpoints that are not followed by at least
-    one more step of the trajectory are left out.
-    """
+    """Return the burst of a run at those checkpoints `at` (k,) [s] that are followed by at least one more step."""
     steps = np.round(trajectory.t / choice.step).astype(int)  # number of the step after which each sample was taken
     wanted = np.round(at / choice.step).astype(int)
     wanted = wanted[wanted + 1 <= steps[-1]]
@@ -115,17 +104,11 @@ def burst(choice: Choice, at: Array, trajectory: Trajectory) -> Burst:
 def observe(
     run: Runner, choices: Sequence[Choice], until: float, told: Callable[[str], object]
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
-    """Run the engine with each setting.
+    """Run the engine with each setting, up to the time `until` [s].
 
-    The first result has a burst (the samples one step before, at, and one step after each checkpoint) for every run that reached at
-    least one checkpoint; the second result has all runs. If a run failed, its samples before the failure are used. If the first run
-    ends before its first checkpoint, no further runs are made.
-
-    Args:
-        run: function that runs the engine: (choice, sampling) -> Run.
-        choices: the setting of every run. The step of the first setting determines the checkpoints of all runs.
-        until: end of the runs [s].
-        told: called with each sentence of progress.
+    The first result has a burst for every run that reached a checkpoint, also before a failure; the second result has all runs. If
+    the first run reaches no checkpoint, no further runs are made. The step of the first setting determines the checkpoints of all
+    runs.
     """
     checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:

@@ -1,7 +1,7 @@
-"""Detect wrong samples of a correct motion: taken at wrong times, of exchanged links, without motion, or after a restart.
+"""Detect wrong samples of a correct motion: taken at wrong times, of exchanged links, or after a restart.
 
-Wrong times are detected by fitting a shift and a stretch of time, and exchanged links by trying other orders of the links. A fit or
-an order is reported if the true motion, changed by it, agrees with the reported samples to a small part of the error.
+A fit of times or an order of links is reported if the true motion, changed by it, agrees with the reported samples to a small part
+of the error.
 """
 
 from collections.abc import Iterator
@@ -19,9 +19,7 @@ from gauss_bench.trajectory import States
 LEFT = 0.2  # largest share of the error (median over the samples) that a map of time or a new order may leave
 ITERATIONS = 12  # largest number of iterations of a fit
 LOOKED_AT = 20  # number of samples to which a time map is fitted
-STILL = 1e-3  # largest travel of samples without motion, relative to the true travel
 JUMP = 10.0  # smallest jump, relative to the displacement that the velocity allows in a step
-BESIDE_TURNS = 1e-3  # [rad, m] largest error that is left after whole turns are removed
 SUSPICIOUS = 0.03  # [rad, m] displacement between two checkpoints that velocities and accelerations do not explain
 
 
@@ -48,8 +46,7 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
     The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
-    leaves more than the share LEFT of the error (median over the samples). The factor `rate` is fitted if `stretch` is true, and is
-    1 otherwise.
+    leaves more than the share LEFT of the error. The factor `rate` is 1 without `stretch`.
     """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
@@ -74,17 +71,16 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
         slope = np.hstack([mapped.v, truth.motion.accelerations(mapped) * pace])  # derivative of the state by time
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
-        change = np.clip(change, -pace, pace)  # farther away the linearisation does not hold
-        shift, rate = shift + float(change[0]), rate + (float(change[1]) if stretch else 0.0)
+        steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
+        shift, rate = shift + steps[0], rate + sum(steps[1:])
     return best if best.left <= LEFT else None
 
 
 def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
-    """Estimate the ratio of true time to reported time, which is 1 if the times are right, as a first guess for the fit.
+    """Estimate the ratio of true time to reported time, limited to 0.2 to 5, as a first guess for the fit.
 
-    The true time of a reported state is taken from the nearest state among the reference's samples. The result is the median, over
-    all samples, of the ratio of true to reported time, limited to 0.2 to 5. `pace` [s] is the factor that makes velocities
-    comparable with positions.
+    The true time of a reported state is that of the nearest sample of the reference. `pace` [s] makes velocities comparable with
+    positions.
     """
     r = truth.reference
     true = _state(States(r.t, r.q, r.v), pace)
@@ -93,80 +89,34 @@ def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
     return float(np.clip(np.median(rates), 0.2, 5.0)) if len(rates) else 1.0
 
 
-def stands_still(truth: States, reported: States) -> bool:
-    """Tell whether reported samples do not move while the reference does."""
-    moved = [float(np.abs(x.q - x.q[0]).max()) for x in (reported, truth)]
-    return moved[0] <= STILL * moved[1]
-
-
-def whole_turns(off: Array) -> Array:
-    """Return the whole turns (k, links) by which angles are wrong, given the errors `off` (k, n) of all coordinates.
-
-    Return zeros if an error larger than BESIDE_TURNS remains in any coordinate after the whole turns are subtracted.
-    """
-    rest, turns = off.copy(), np.round(angles(off) / (2 * np.pi))
-    angles(rest)[...] -= 2 * np.pi * turns  # `angles` returns a view of the columns of `rest` that are angles
-    return turns if float(np.abs(rest).max(initial=0.0)) <= BESIDE_TURNS else np.zeros_like(turns)
-
-
-def other_velocities(moved: Array, reported: Array) -> tuple[float, float, float]:
-    """Compare reported velocities `reported` with the rates `moved` at which positions change, both (k, n).
-
-    Return three numbers: the relative error of the reported velocities; the factor c with which c * moved fits them best; and the
-    share of the error that remains with this factor.
-    """
-    error, true = float(np.sum((reported - moved) ** 2)), float(np.sum(moved**2))  # squares
-    factor = float(np.sum(reported * moved)) / max(true, 1e-300)
-    left = float(np.sum((reported - factor * moved) ** 2))
-    return float(np.sqrt(error / max(true, 1e-300))), factor, float(np.sqrt(left / max(error, 1e-300)))
-
-
-@dataclass(frozen=True)
-class Order:
-    """A wrong order in which an engine reports links or joint coordinates.
-
-    Attributes:
-        sentence: the order of the reported links or joints in words.
-        left: share of the error that remains if the reported links or joints are put into the right order.
-    """
-
-    sentence: str
-    left: float
-
-
-def order(mechanism: Mechanism, truth: States, reported: States) -> Order | None:
+def order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
     """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
 
-    Return None if the reported order is the best one, or if no permutation reduces the error to the share LEFT.
-
-    Args:
-        mechanism: the linkage.
-        truth, reported: true states, and the states that the engine reports at the same times.
+    Return the wrong order in words and the share of the error that the permutation leaves; None if no permutation reduces it to
+    LEFT. `truth` and `reported` are states at the same times.
     """
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
-    best: Order | None = None
+    best: tuple[str, float] | None = None
     for words, reported_columns, true_columns, names in _columns(mechanism, truth, reported):
         # cost[i, j]: difference of reported column i from true column j, root mean square over the samples
         cost = np.array([[np.sqrt(np.mean((x - y) ** 2)) for y in true_columns] for x in reported_columns])
         _, assigned = linear_sum_assignment(cost)  # the true column of each reported one, with the least sum of costs
         as_reported, reordered = float(np.trace(cost)), float(cost[np.arange(len(cost)), assigned].sum())
         wrong = [k for k, x in enumerate(assigned) if x != k]  # columns that hold the values of another one
-        if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best.left):
+        if wrong and reordered <= LEFT * as_reported and (best is None or reordered / as_reported < best[1]):
             listed = ", ".join(f"{names[k]} holds {names[assigned[k]]}" for k in wrong)
-            best = Order(f"{words} are in another order: {listed}", reordered / as_reported)
+            best = f"{words} are in another order: {listed}", reordered / as_reported
     return best
 
 
 def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[tuple[str, Array, Array, list[str]]]:
     """Yield, for each kind of coordinate, the values whose order an engine may confuse, one row for each link or joint.
 
-    The kinds are positions, velocities and angles of links, and coordinates and velocities of joints. Each item has the name of the
-    kind, the reported values and the true values (columns, ...), and the names of the columns, which are links or joints.
+    Each item has the name of the kind, the reported and the true values (columns, ...), and the names of the links or joints.
     """
 
     def links(x: Array) -> Array:
-        """Return the coordinates x (k, n) of k states, ordered by links: (links, k, 3)."""
         return bodies(x).transpose(1, 0, 2)
 
     names = [link.name for link in mechanism.links]
@@ -185,12 +135,9 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
 
 
 def suspicious_window(reported: States, a: Array) -> int | None:
-    """Return the index of the checkpoint after which the state may have jumped, or None if no displacement is suspicious.
+    """Return the index of the checkpoint after which the state may have jumped, or None.
 
-    A displacement from one checkpoint to the next is suspicious if velocities and accelerations do not explain it.
-
-    Args:
-        reported: states at k checkpoints; a: (k, n) accelerations there.
+    A displacement is suspicious if velocities and accelerations a (k, n) at the checkpoints do not explain it.
     """
     h = np.diff(reported.t)[:, None]
     v, q = reported.v, reported.q
@@ -200,30 +147,12 @@ def suspicious_window(reported: States, a: Array) -> int | None:
     return k if len(off) and off[k] > SUSPICIOUS else None
 
 
-@dataclass(frozen=True)
-class Jump:
-    """A displacement in one step that velocities do not explain.
+def jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
+    """Return time [s] and size [m, rad] of a jump of the state, and whether it leads back to the start; None if there is none.
 
-    Attributes:
-        t: time of the first sample after the jump [s].
-        size: size of the jump [m, rad].
-        to_start: whether the jump leads back to the start.
-    """
-
-    t: float
-    size: float
-    to_start: bool
-
-
-def jump(own: OwnMotion, dense: States) -> Jump | None:
-    """Return the step in which the state jumped, or None; `dense` has the start, and then samples at every step.
-
-    The unexplained displacement of a step is its displacement minus the step times the mean of the velocities at both ends. The
-    step
-    with the largest unexplained displacement is a jump under two conditions: its unexplained displacement is larger than JUMP times
-    the median over all steps; and it is larger than SUSPICIOUS, or larger than JUMP times the sum of this median and the
-    displacement that the velocities allow. The jump leads back to the start if the state after the jump is nearer to the start than
-    a tenth of the size of the jump.
+    `dense` has the start, and then samples at every step. The step with the largest displacement that the mean velocity does not
+    explain is a jump if this displacement is far above the median of all steps, and is large or far above what the velocities
+    allow.
     """
     x = dense[1:]  # samples at every step; dense[0] may lie long before them
     h = np.diff(x.t)[:, None]
@@ -232,8 +161,7 @@ def jump(own: OwnMotion, dense: States) -> Jump | None:
     if not len(unexplained):
         return None
     usual, k = float(np.median(unexplained)), int(unexplained.argmax())
-    # no jump: not far above the usual size; or neither large nor far above what the velocities allow
     if unexplained[k] <= max(JUMP * usual, min(JUMP * (allowed[k] + usual), SUSPICIOUS)):
         return None
     from_start = float(np.abs(x.q[k + 1] - own.mechanism.q0).max())
-    return Jump(t=float(x.t[k + 1]), size=float(unexplained[k]), to_start=from_start <= 0.1 * unexplained[k])
+    return float(x.t[k + 1]), float(unexplained[k]), bool(from_start <= 0.1 * unexplained[k])

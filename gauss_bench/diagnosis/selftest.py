@@ -1,29 +1,136 @@
 """The self-test plants faults one by one, and the suite's own checks must detect each of them.
 
-Faults of the suite's own functions are planted in memory while a check runs, without a change of any file (`planted.py`). Engines
-with planted faults are run, and the diagnosis must name the cause (`faults.py`). The checks must detect nothing if no fault is
-planted.
+Faults of the suite's own functions are planted in memory while a check runs, without a change of any file. Engines with planted
+faults are run, and the diagnosis must name the cause (`faults.py`). The checks must detect nothing if no fault is planted.
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any
 
+import numpy as np
+
+from gauss_bench.diagnosis import checks
 from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.checks import CRANK_SLIDER, DRIVEN, FOUR_BAR, truth
 from gauss_bench.diagnosis.diagnosis import Verdict, diagnose_runs
-from gauss_bench.diagnosis.faults import CLEAN, ENGINES, Fault, Faulty
+from gauss_bench.diagnosis.faults import CLEAN, ENGINES, TABLES, Fault, Faulty
 from gauss_bench.diagnosis.observations import ladder
-from gauss_bench.diagnosis.planted import PLANTED, SIZES, Check, smallest
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.one_run import Run, Sampling, one_run
+from gauss_bench.runs.one_run import one_run
 from gauss_bench.trajectory import in_a_sentence
 
+Check = Callable[[], str | None]
+NUMBERS = (int, float, str, tuple, dict)  # types of the module's constants that an altered source may change
 STEP, UNTIL = 4e-3, 0.4  # [s] step and end of the diagnosed runs, the cheapest with which all faults are named
 ADAPTERS = "adapters"  # kind of the faults of engines
 SOUND = (Cause.NONE, Cause.INTEGRATOR, Cause.DRIFT)  # possible verdicts on an engine without a fault, whose steps have errors
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One fault of the suite and the check that must detect it.
+
+    Attributes:
+        kind: part of the suite in which the fault lies: models, formulations, metrics, references, clocks or gate.
+        sound: the check without the fault, which must return None; check: the check with the fault, which must return a sentence.
+    """
+
+    kind: str
+    sentence: str
+    sound: Check
+    check: Check
+
+
+@contextmanager
+def plant(file: str, text: str, mutant: str) -> Iterator[None]:
+    """Let a module run, within this context, as if its source file contained `mutant` instead of `text`.
+
+    Other modules hold references to the functions of this module. The function objects are therefore kept, and only their code
+    objects are exchanged for those of the altered source. Constants of the types NUMBERS are replaced in the module.
+
+    Raises:
+        ValueError: `text` does not occur exactly once in the file.
+    """
+    module = import_module(file.removesuffix(".py").replace("/", "."))
+    path = Path(str(module.__file__))
+    source = path.read_text(encoding="utf-8")
+    if source.count(text) != 1:
+        raise ValueError(f"{file} does not contain {text!r} exactly once")
+    spoilt: dict[str, Any] = {"__name__": module.__name__}  # names of the module that its altered source makes
+    exec(compile(source.replace(text, mutant), str(path), "exec"), spoilt)
+    original = vars(module)
+    constants = {name: x for name, x in original.items() if type(x) in NUMBERS and not name.startswith("__")}
+    # names of the module and of each of its classes, original and altered
+    pairs = [(original, spoilt), *((vars(x), vars(spoilt[name])) for name, x in original.items() if isinstance(x, type))]
+    own_code, new_code = {}, {}
+    for names, altered in pairs:
+        for name, function in names.items():
+            if type(function) is FunctionType:
+                own_code[function], new_code[function] = function.__code__, altered[name].__code__
+    try:
+        original |= {name: spoilt[name] for name in constants}
+        for function, code in new_code.items():
+            function.__code__ = code
+        yield
+    finally:
+        original |= constants
+        for function, code in own_code.items():
+            function.__code__ = code
+
+
+def read_fault(kind: str, sentence: str, check: str, where: tuple[str, str] = FOUR_BAR, **fault: Any) -> Planted:
+    """Return the fault of the suite of one [[fault]] table of `planted.toml`, with the function `check` that must detect it.
+
+    With the key `file`, the other keys are the arguments of `plant` while the check runs. Otherwise they are arguments of the
+    check, by which it plants the fault itself on the linkage and scenario `where`.
+    """
+    sound: Any = getattr(checks, check)  # the check, run without the fault
+    if "file" in fault:
+
+        def spoilt() -> str | None:
+            with plant(**fault):
+                return sound()  # type: ignore[no-any-return]
+
+        return Planted(kind, sentence, sound, spoilt)
+    return Planted(kind, sentence, partial(sound, tuple(where)), partial(sound, tuple(where), **fault))
+
+
+PLANTED = tuple(read_fault(**x) for x in TABLES["fault"])
+
+
+def smallest(check: Callable[[float], str | None]) -> float:
+    """Return the smallest size of a fault that a check detects, to 5 %, by bisection on a logarithmic scale.
+
+    The check returns a sentence if it detects a fault of a given size, and otherwise None.
+
+    Raises:
+        ValueError: the check does not detect a fault of the size 1e-2, or detects one of the size 1e-17.
+    """
+    sound, seen = 1e-17, 1e-2
+    if check(seen) is None or check(sound) is not None:
+        raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
+    while seen > 1.05 * sound:
+        middle = float(np.sqrt(sound * seen))
+        sound, seen = (middle, seen) if check(middle) is None else (sound, middle)
+    return seen
+
+
+# kind of fault -> unit of its size, and check of a fault of this size
+SIZES: dict[str, tuple[str, Callable[[float], str | None]]] = {
+    "inertia": ("of the crank's inertia", lambda x: checks.check_model(alter={"of": "crank", "inertia": 1 + x})),
+    "length": ("m of the coupler's length", lambda x: checks.check_model(alter={"joint": "B", "by": x})),
+    "damping": ("of the brake's damping", lambda x: checks.check_model(alter={"of": "brake", "c": 1 + x})),
+    "time": ("s of every sample's time", checks.check_sample_times),
+}
+
 KINDS = (*dict.fromkeys(x.kind for x in PLANTED), ADAPTERS)
 
 
@@ -91,44 +198,24 @@ class SelfTest:
 
 
 def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdict:
-    """Run an engine with a planted fault, diagnose it and return the verdict.
-
-    Args:
-        fault: the planted fault.
-        where: linkage and scenario; by default those in which the fault shows.
-    """
+    """Diagnose an engine with a planted fault on a linkage and scenario, by default those in which the fault shows."""
     which = where or fault.where
-    mechanism, engine = load(*which), Faulty(fault)
-
-    def run(choice: Choice, wanted: Sampling) -> Run:
-        """Run the faulty engine."""
-        return one_run(engine, mechanism, choice, wanted)
-
-    chosen = Choice(integrator="rk4", step=STEP)
-    projected = replace(chosen, stabilization="projection")
+    mechanism, chosen = load(*which), Choice(integrator="rk4", step=STEP)
+    run, projected = partial(one_run, Faulty(fault), mechanism), replace(chosen, stabilization="projection")
     return diagnose_runs(run, mechanism, truth(which, UNTIL), ladder(chosen, adaptive=False), UNTIL, projected=projected)
 
 
 def diagnose_sound(where: tuple[str, str]) -> str | None:
-    """Diagnose an engine that has no fault, on the linkage and scenario `where`.
-
-    Return a sentence if the diagnosis names a fault although there is none, and otherwise None.
-    """
+    """Return a sentence if the diagnosis of an engine without a fault names one on the linkage and scenario `where`."""
     verdict = diagnose_fault(CLEAN, where)
     return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
-
-
-def diagnose_planted(fault: Fault) -> Finding:
-    """Diagnose an engine with a fault; the finding tells whether the verdict names the cause of the fault."""
-    verdict = diagnose_fault(fault)
-    return Finding(ADAPTERS, fault.sentence, verdict.cause is fault.cause, f"{verdict.cause}: {verdict.sentence}")
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
     """Plant every fault of the chosen kinds, and also run every check while no fault is planted.
 
-    Without a planted fault, a sentence that a check returns is a false alarm. For some parameters the smallest fault that is still
-    detected is determined, if "models" is among the chosen kinds.
+    Without a planted fault, a sentence that a check returns is a false alarm. With "models" among the kinds, the smallest fault
+    that is still detected is determined for some parameters.
 
     Args:
         only: the kinds of faults to plant, a part of KINDS; by default all.
@@ -147,8 +234,10 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
         for fault in (x for x in chosen if x.kind == kind):
             sentence = _ask(fault.check)
             findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
-        if kind == ADAPTERS:
-            findings += map(diagnose_planted, ENGINES)
+        for engine_fault in ENGINES if kind == ADAPTERS else ():
+            verdict = diagnose_fault(engine_fault)
+            said = f"{verdict.cause}: {verdict.sentence}"
+            findings.append(Finding(kind, engine_fault.sentence, verdict.cause is engine_fault.cause, said))
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:
         told("the smallest faults that are seen")
@@ -158,10 +247,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
 
 
 def _ask(check: Check) -> str | None:
-    """Run a check; return its sentence on the fault that it detected, or None if it detected none.
-
-    If the check raises an exception, return a sentence on this failure.
-    """
+    """Run a check; return its sentence on the fault that it detected or on its own failure, or None."""
     try:
         return check()
     except Exception as error:

@@ -6,8 +6,14 @@ Three runs with steps h, h/2 and h/4 give the order p of the integration error, 
     p = log2 |x_1 - x_2| / |x_2 - x_3|,    x = x_3 + (x_3 - x_2) / (2^p - 1)
 
 The error of x does not depend on the step, and the integrator causes the rest of the error. The part of the error that violates the
-constraints is drift. At each checkpoint, the largest error of any coordinate is taken [m, rad]; the size of an error is the root
-mean square of these largest errors over the checkpoints. Only checkpoints before the errors exceed 0.1 m or rad (REGIME) are used.
+constraints is drift. The size of an error is the root mean square over the checkpoints of its largest entry at each [m, rad].
+
+If an engine has a pin of link a displaced by d (2,) in the frame of that link, the gap of this pin by the file's dimensions is
+
+    phi(t) = R(theta_a(t)) d + c
+
+whatever the step and the force. c (2,) is 0 if the engine closes its loops at the start, and -R(theta_a(0)) d if it keeps the error
+of closure that it has there. A displaced pin of the ground causes a constant gap, which is not detected.
 """
 
 from dataclasses import dataclass
@@ -16,6 +22,8 @@ import numpy as np
 
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.diagnosis.observations import Burst
+from gauss_bench.mechanism.model import GROUND
+from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.metrics import relative_acceleration_error
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -26,6 +34,9 @@ CONVERGES = 0.4  # order below which the runs do not converge
 STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
 HALF = 0.5  # difference of two orders that is significant
 PERIODS = 3  # number of parts of a run; the first is "early", the last "late"
+FITS = 0.999  # share of the squared gaps that a displaced pin must explain
+SAME = 0.05  # relative difference of a pin's displacement between two runs
+TURNS = 1e-2  # [rad] least turn of a link that distinguishes a turning gap from a constant one
 GROWS = 3.0  # a gap grows if it is GROWS times larger late than early
 
 
@@ -42,8 +53,7 @@ class Steps:
         order: order of convergence; NaN if there are fewer than three runs, or if the integrator chooses its own steps.
         limit: (k, n) error extrapolated to step zero.
         by_step: (k, n) part of the first run's error that its step causes.
-        horizon: number k of checkpoints that are used, from the first one on; at later checkpoints the errors are too large to be
-            split.
+        horizon: number k of checkpoints before the errors are too large to be split.
     """
 
     order: float
@@ -53,7 +63,6 @@ class Steps:
 
     @property
     def converges(self) -> bool:
-        """Whether the error decreases, with an order above CONVERGES, when the step is reduced."""
         return bool(self.order > CONVERGES)
 
 
@@ -65,15 +74,10 @@ def horizon_of(errors: list[Array]) -> int:
 
 
 def by_steps(bursts: tuple[Burst, ...], true: States, adaptive: bool) -> Steps:
-    """Split the errors of runs with smaller and smaller steps into the limit at step zero and the error that the step causes.
+    """Split the errors of runs with halved steps into the limit at step zero and the error that the step causes.
 
-    The step is halved from run to run. The motion at step zero (limit) is Richardson's extrapolation of the last two of three runs.
-    With fewer than three runs, or if the runs do not converge (`order` <= CONVERGES), the last run is taken as the limit.
-
-    Args:
-        bursts: for each run the samples at its checkpoints.
-        true: reference states at these checkpoints.
-        adaptive: whether the integrator chooses its own steps, so that no order of convergence can be computed.
+    `true` has the reference states at the checkpoints. With fewer than three runs, or if they do not converge, the last run is the
+    limit.
     """
     k = min(len(b.at) for b in bursts)
     horizon = horizon_of([b.at.q[:k] - true.q[:k] for b in bursts])
@@ -113,14 +117,13 @@ class Closure:
 
     @property
     def grows(self) -> bool:
-        """Whether the largest gap of a loop in the last third of the first run is more than GROWS times that in the first third."""
+        """Whether the largest gap in the last third of the first run is more than GROWS times that in the first third."""
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the largest gap decreases with the step by a clearly higher order than `order`, that of the motion's error.
+        """Tell whether the gap decreases with the step by an order that is higher by HALF than `order`, that of the motion's error.
 
-        Clearly means by more than HALF. A gap that decreases so fast cannot cause the error. The last two runs are compared, of
-        which the last has half the step.
+        Such a gap cannot cause the error.
         """
         if len(self.closure) < 2 or self.closure[-2] == 0.0:
             return False
@@ -128,45 +131,25 @@ class Closure:
 
 
 def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Closure:
-    """Return how far loops and drivers are open in runs with smaller and smaller steps, and what the gaps depend on.
-
-    Args:
-        own: the equations of motion of the linkage.
-        bursts: for each run the samples at its checkpoints.
-        errors: (k, n) position errors of the first run at its first k checkpoints, at which the errors are small enough to be
-            split.
-    """
+    """Return how far loops and drivers are open in runs with halved steps, given position errors (k, n) of the first run."""
     gaps = [np.abs(own.gaps(b.at)) for b in bursts]  # each (checkpoints, rows)
     opened = tuple(float(g.max(initial=0.0)) for g in gaps)
-    # sizes: largest gap of the first run at each checkpoint; third: number of checkpoints in one third of the run
     sizes, third = gaps[0].max(axis=1, initial=0.0), max(1, len(gaps[0]) // PERIODS)
     at = bursts[0].at[slice(0, len(errors))]
-    with np.errstate(all="ignore"):  # the part of the error that leads off the constraints, which projection would remove
+    with np.errstate(all="ignore"):  # the part of the error that projection would remove
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
     worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0  # the row with the largest gap
     rows = [x.name for x in (*own.mechanism.joints, *own.mechanism.couplings) for _ in x.held]
     name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     early, late = float(sizes[:third].max()), float(sizes[-third:].max())
-    # correlation and ratio of gap and force, of the run with the smallest step
-    held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
-    return Closure(
-        closure=opened,
-        closure_early=early,
-        closure_late=late,
-        closure_stays=stays,
-        closure_joint=name,
-        closure_share=min(share, 1.0),
-        held=held,
-        compliance=compliance,
-    )
+    return Closure(opened, early, late, stays, name, min(share, 1.0), *_compare_gap_with_force(own, bursts[-1], worst))
 
 
 def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:
     """Return the correlation between the gap and the force of the constraint row `worst`, and the ratio of gap to force [m/N].
 
-    The correlation and the ratio are computed over the checkpoints of the run `b`. They are zero if the gap or the force is zero at
-    all checkpoints.
+    Both are zero if the gap or the force is zero at all checkpoints.
     """
     phi = own.gaps(b.at)
     if not phi.shape[1]:
@@ -186,8 +169,7 @@ class Local:
         reported: (k, n) error of the accelerations that the engine reports.
         implied: (k, n) error of the mean acceleration in a step, which is the change of velocities divided by the step.
         euler: (k, n) error that this mean acceleration would have if the step were an explicit Euler step.
-        relative_reported, relative_implied: the first two errors, divided by the largest acceleration of each state, as medians
-            over the states.
+        relative_reported, relative_implied: medians over the states, relative to the largest acceleration.
     """
 
     reported: Array
@@ -198,11 +180,7 @@ class Local:
 
 
 def local(own: OwnMotion, b: Burst) -> Local:
-    """Compare an engine's accelerations with those from the linkage's equations of motion, at checkpoints of the run `b`.
-
-    Two kinds of accelerations are compared: those that the engine reports, and mean accelerations over one step. The correct values
-    are computed from the state of the engine itself at the checkpoint.
-    """
+    """Compare the accelerations of a run with those of the linkage's equations of motion, at the engine's own states."""
     h = b.after.t - b.at.t  # (k,)
     true = own.accelerations(b.at)
     true_mean = (own.flow(b.at, h).v - b.at.v) / h[:, None]  # mean accelerations of the linkage's flow in a step
@@ -219,3 +197,66 @@ def usable(own: OwnMotion, b: Burst, largest_gap: float) -> Array:
         gaps = np.abs(own.gaps(b.at)).max(axis=1, initial=0.0)
     is_finite = np.all([np.isfinite(x).all(axis=1) for x in (b.at.q, b.at.v, b.a, b.after.v)], axis=0)
     return np.asarray(is_finite & (gaps <= largest_gap))
+
+
+@dataclass(frozen=True)
+class Misplaced:
+    """A displaced pin of a link: by `off` (2,) [m] in the frame of the link, which explains a share of all squared gaps."""
+
+    joint: str
+    link: str
+    off: Array
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        off = ", ".join(f"{x:.2e}" for x in self.off)
+        return f"the pin {self.joint} of {self.link} is elsewhere than the file says, by [{off}] m in the frame of {self.link}"
+
+
+def find_displaced_pin(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
+    """Return the one pin whose displacement accounts for all gaps of the joints in two runs with different steps, or None.
+
+    Both runs must show about the same displacement of it, because a wrong dimension does not depend on the step.
+    """
+    first, second = (_explain(own, x) for x in (coarse, fine))
+    if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):
+        return None
+    return second if np.hypot(*(first.off - second.off)) <= SAME * np.hypot(*second.off) else None
+
+
+def _explain(own: OwnMotion, x: States) -> Misplaced | None:
+    """Return the pin whose displacement best explains the gaps of the joints at states x; None if it explains less than FITS."""
+    mechanism, gaps = own.mechanism, own.gaps(x)  # (k, rows)
+    squares = float((gaps**2).sum())
+    found: list[Misplaced] = []
+    row = 0
+    for joint in mechanism.joints:
+        gap = gaps[:, row : row + len(joint.held)]
+        row += len(joint.held)
+        if joint.slides or not squares:
+            continue
+        others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
+        for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):
+            if point.link != GROUND:
+                d, left = _fit_turning(gap, angle_at(x.q, point.link))
+                share = 1.0 - (left + others) / squares
+                found.append(Misplaced(joint.name, mechanism.link_name(point.link), sign * d, share))
+    best = max(found, key=lambda x: x.share, default=None)
+    return best if best is not None and best.share >= FITS else None
+
+
+def _fit_turning(gap: Array, theta: Array) -> tuple[Array, float]:
+    """Fit gap (k, 2) = R(theta) d + c at angles theta (k,) [rad]; return d (2,) [m] and the squared residual [m^2].
+
+    If the link turns by less than TURNS, the two vectors cannot be told apart; then d = 0 without a fit.
+    """
+    cosine, sine, one, none = np.cos(theta), np.sin(theta), np.ones_like(theta), np.zeros_like(theta)
+    # (2 k, 4): first the rows of x, then those of y, with the unknowns d_x, d_y, c_x, c_y
+    A = np.concatenate([np.stack([cosine, -sine, one, none], axis=1), np.stack([sine, cosine, none, one], axis=1)])
+    b = gap.T.ravel()
+    if np.ptp(theta) < TURNS:
+        return np.zeros(2), float(b @ b)
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    residual = b - A @ solution
+    return solution[:2], float(residual @ residual)

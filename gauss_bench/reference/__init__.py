@@ -2,11 +2,9 @@
 
 No file here uses a formulation or an integrator under test.
 
-- References in double precision: `minimal` has the equations in one coordinate, and `absolute` those in all coordinates. `build`
-  makes a reference and its error bars from two runs. `sensitivity` finds how far rounding of the parameters moves a motion.
-- Certified references: `certify` compares the motions of two independent computations in extended precision (pipelines) that share
-  no equations: `taylor` (loop coordinates, Taylor series) and `extended` (absolute coordinates, by `extended_linkage`,
-  `collocation` and `refinement`). If the motion has a closed form in `exact`, that is compared too. Each computation returns a
-  `Motion` (`motion`). The digits in which the motions agree are stored in a file, the `certificate`, which `verification` checks.
+- In double precision, `build` makes a reference from two runs, by equations in one coordinate (`minimal`) or in all (`absolute`).
+  `sensitivity` finds how far rounding of the parameters moves a motion.
+- `certify` compares the motions of two computations in extended precision that share no equations, `taylor` and `extended`, and
+  their closed form in `exact` if there is one. The digits in which they agree make a `certificate`, which `verification` checks.
 - `store` returns a certified reference if there is one; otherwise it builds a reference and keeps it in a cache.
 """

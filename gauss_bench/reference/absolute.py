@@ -1,8 +1,7 @@
 """Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
-In weighted coordinates b = M^(1/2) a, a pseudo-inverse satisfies the constraint J M^(-1/2) b = gamma, and the projection on the
-null space adds the free acceleration. One singular value decomposition, without singular values of rounding size, gives both parts
-of b (index 1: the other singular values; 2: the null space):
+In weighted coordinates b = M^(1/2) a, one singular value decomposition, without singular values of rounding size, gives both the
+part of b that satisfies the constraints and the free part (index 1: the other singular values; 2: the null space):
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 
@@ -24,17 +23,11 @@ class AbsoluteCoordinates:
     """Accelerations of one mechanism for a batch of states (k, n)."""
 
     def __init__(self, mechanism: Mechanism):
-        """Prepare the terms of a mechanism, and the square roots (n,) of the diagonal of its mass matrix."""
         self.evaluator = Evaluator(mechanism)
         self.root = np.sqrt(mechanism.mass)
 
     def acceleration(self, t: Array, q: Array, v: Array) -> Array:
-        """Return accelerations (k, n) at times (k,) and states q, v (k, n).
-
-        With b = M^(1/2) a and J M^(-1/2) = U1 S1 V1^T without singular values of rounding size,
-
-            b = V1 S1^-1 U1^T gamma + (1 - V1 V1^T) M^(-1/2) (Q + friction)
-        """
+        """Return accelerations (k, n) at times (k,) and states q, v (k, n); V2 V2^T is computed as 1 - V1 V1^T."""
         rows = self.evaluator.constraints(t, q, v)
         Q = self.evaluator.applied.generalised(q, v, t)
         U, s, Vt = np.linalg.svd(rows.J / self.root, full_matrices=False)
@@ -45,14 +38,13 @@ class AbsoluteCoordinates:
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
-            # lambda depends on the friction, which depends on lambda by the loads N of the joints: lambda = base + lift V1^T W N.
-            # `consistent` finds the lambda with which both sides agree
+            # `consistent` solves lambda = base + lift V1^T W N(lambda)
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])
             multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
-        blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q, which V2 V2^T = 1 - V1 V1^T takes away
+        blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q
         b = free + (V @ (moved - blocked)[..., None])[..., 0]
         return np.asarray(b / self.root)
 

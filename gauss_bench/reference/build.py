@@ -5,7 +5,7 @@ driven linkage is geometry: it needs no integration, and the error bar is the ro
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +16,7 @@ from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.collocation import BatchAcceleration, gauss_legendre
 from gauss_bench.reference.minimal import Levels, MinimalCoordinate
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference
+from gauss_bench.trajectory import Reference, Samples
 
 Integrator = Callable[[BatchAcceleration, Array, Array, Array], tuple[Array, Array]]  # (a, times, q0, v0) -> q, v (k, n)
 
@@ -54,14 +54,17 @@ def build_reference(mechanism: Mechanism, t_end: float) -> Reference:
 
 
 def build_driven(mechanism: Mechanism, times: Array) -> Reference:
-    """Build the reference of a linkage with a driven angle: solve its geometry at the given times (k,) [s].
-
-    Nothing is integrated, so that the error bars are those of rounding alone.
-    """
+    """Build the reference of a linkage with a driven angle at times (k,) [s] by its geometry alone."""
     motion = MinimalCoordinate(mechanism)
     levels = _join(motion.state_at(t) for t in times)  # q, v, a (k, n)
     bar_q, bar_v, bar_a = (ROUNDING * (1 + np.abs(x).max(axis=-1)) for x in levels)
     return _with_bars(times, levels, (bar_q, bar_v, bar_a), "closure of the driven loop by Newton's method")
+
+
+def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
+    """Return a reference with q, v, a (k, n) and their error bars (k,); its floor is not known, and stored as zero."""
+    no_floor = np.zeros(len(times))
+    return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
 
 
 def _join(parts: Iterable[Levels]) -> Levels:
@@ -73,43 +76,24 @@ def _join(parts: Iterable[Levels]) -> Levels:
 def integrate_twice(mechanism: Mechanism, times: Array, minimal: bool) -> Reference:
     """Build a reference by two integrators, DOP853 and Gauss-Legendre collocation, whose difference is the error bar.
 
-    Args:
-        mechanism: the linkage in its scenario.
-        times: (k,) sample times [s].
-        minimal: whether both integrate the crank angle alone, instead of all absolute coordinates.
+    With `minimal` both integrate the crank angle alone, instead of all absolute coordinates.
     """
     motion, coordinates = (minimal_motion, "crank angle") if minimal else (absolute_motion, "absolute coordinates")
     # both integrators restart at every kink of a force; only the samples are kept
     grid = np.union1d(times, [x for x in mechanism.kinks if x < times[-1]])
     kept = np.searchsorted(grid, times)
-    first, second = (motion(mechanism, grid, integrate) for integrate in (_adaptive, _collocation))
+    first, second = motion(mechanism, grid), motion(mechanism, grid, partial(gauss_legendre, step=COLLOCATION_STEP))
 
     def bar(x: Array, y: Array) -> Array:
-        """Return the error bar (k,) at the samples, from two computations x and y of the positions, velocities or accelerations.
-
-        x and y have a row for each time of `grid`; `kept` selects the rows of the samples.
-        """
+        """Return the error bar (k,) at the samples, from two computations x and y (times, n) of a level."""
         gap = np.abs(x - y).max(axis=-1) + ROUNDING * (1 + np.abs(x).max(axis=-1))
         # a bar never shrinks with time: an error made earlier is still there when the two motions happen to cross
         return np.asarray(np.maximum.accumulate(gap)[kept])
 
     q, v, a = (x[kept] for x in second)
-    bars = bar(first[0], second[0]), bar(first[1], second[1]), bar(first[2], second[2])
-    return _with_bars(times, (q, v, a), bars, f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16")
-
-
-def _with_bars(times: Array, levels: Levels, bars: Levels, method: str) -> Reference:
-    """Return a reference with these positions, velocities and accelerations (k, n) and their error bars (k,).
-
-    Its floor, the error that the rounding of the file's numbers causes, is not known and stored as zero.
-    """
-    no_floor = np.zeros(len(times))
-    return Reference(times, *levels, *bars, no_floor, no_floor, no_floor, method)
-
-
-def _collocation(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
-    """Integrate with Gauss-Legendre collocation; return q, v (k, n)."""
-    return gauss_legendre(acceleration, times, q0, v0, COLLOCATION_STEP)
+    bar_q, bar_v, bar_a = map(bar, first, second)
+    method = f"{coordinates}; DOP853 at 1e-13 against Gauss-Legendre of order 16"
+    return _with_bars(times, (q, v, a), (bar_q, bar_v, bar_a), method)
 
 
 def _adaptive(acceleration: BatchAcceleration, times: Array, q0: Array, v0: Array) -> tuple[Array, Array]:
@@ -161,25 +145,14 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
     return q, v, motion.acceleration(times, q, v)
 
 
-@dataclass(frozen=True, eq=False)
-class TrueStates:
-    """Times t (k,) [s], states q, v (k, n) on the constraints, and reference accelerations a (k, n)."""
-
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-
-
-def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, speed: float = 30.0) -> TrueStates:
+def random_states(mechanism: Mechanism, count: int = 200, speed: float = 30.0) -> Samples:
     """Draw random states on the constraints, with their reference accelerations.
 
     If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in -`speed`..`speed` [rad/s]. If
-    the linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk:
-    each position is a small random step away from the one before. The components of v along a basis of the velocities that the
-    constraints allow are random, uniform in -3..3.
+    the linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk,
+    with random velocities among those that the constraints allow.
     """
-    rng, minimal = np.random.default_rng(seed), is_minimal(mechanism)
+    rng, minimal = np.random.default_rng(20160315), is_minimal(mechanism)
 
     def random_times() -> Array:
         """Return increasing random times (count,) [s] within the scenario's duration."""
@@ -187,14 +160,14 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
 
     if minimal and mechanism.driver is not None:
         driven = build_driven(mechanism, random_times())
-        return TrueStates(driven.t, driven.q, driven.v, driven.a)
+        return Samples(driven.t, driven.q, driven.v, driven.a)
     Evaluator(mechanism).check_loads()  # with joint friction, redundant constraints would leave the accelerations undetermined
     if minimal:
         motion = MinimalCoordinate(mechanism)
         theta = np.sort(rng.uniform(*motion.angles_reached(), count))
         w = rng.uniform(-speed, speed, count)
         parts = (motion.free_state(x, u) for x, u in zip(theta[:, None], w[:, None], strict=True))
-        return TrueStates(np.zeros(count), *_join(parts))
+        return Samples(np.zeros(count), *_join(parts))
     coordinates = AbsoluteCoordinates(mechanism)
     times = random_times() if mechanism.drivers else np.zeros(count)
     q, states = mechanism.q0, []
@@ -204,4 +177,4 @@ def random_states(mechanism: Mechanism, count: int = 200, seed: int = 20160315, 
         v = coordinates.null_space(q) @ rng.uniform(-3.0, 3.0, basis.shape[1])
         states.append(coordinates.evaluator.project(t, q, v) if mechanism.drivers else (q, v))
     q, v = (np.array(x) for x in zip(*states, strict=True))
-    return TrueStates(times, q, v, coordinates.acceleration(times, q, v))
+    return Samples(times, q, v, coordinates.acceleration(times, q, v))

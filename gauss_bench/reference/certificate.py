@@ -1,8 +1,6 @@
 """A certificate: the samples of a motion, the error bar of each, and the linkage and scenario for which they hold.
 
-A certificate is made by two independent computations in extended precision. The stored doubles are the correctly rounded values of
-the computation with the higher precision. For every time a certificate also has the largest difference of the two computed motions
-up to this time, and the floor: the error below which engines in double precision cannot be distinguished. Files are compressed npz
+The stored doubles are the correctly rounded values of the more precise of two independent computations. Files are compressed npz
 archives with the digest of their linkage, so that no other linkage uses them.
 """
 
@@ -36,14 +34,13 @@ class Certificate:
     """A certified motion, from time 0 to the time of its last sample.
 
     Attributes:
-        name, scenario, digest: name, scenario and digest of the linkage for which the certificate is valid.
+        name, scenario, digest: of the linkage for which the certificate is valid.
         t: (k,) sample times [s]; q, v, a: (k, n) positions, velocities and accelerations.
         multipliers: (k, m) multipliers of M a + J^T lambda = Q; (k, 0) if redundant constraint rows leave them undetermined.
         error_q, error_v, error_a, error_multipliers: (k,) largest difference of the two computed motions up to each time.
         floor_q, floor_v, floor_a: (k,) largest change up to each time if the parameters change by a relative 1e-16.
         digits: number of certified decimal digits of positions and velocities up to the last sample.
-        duration: duration [s] of the motion that was to be certified.
-        stopped: the reason why the samples end before this duration, or empty.
+        duration: duration [s] of the motion that was to be certified; stopped: why the samples end before it, or empty.
         facts: methods, versions, drifts, steps and distances from a closed form, as plain data.
     """
 
@@ -99,7 +96,7 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
     """Check that a certificate belongs to a mechanism.
 
     Raises:
-        CertificateError: the certificate is of another linkage or scenario, or the linkage was changed after it was made.
+        CertificateError: it is of another linkage or scenario, or the linkage was changed after it was made.
     """
     asked = f"{mechanism.name} in scenario {mechanism.scenario}"
     if (certificate.name, certificate.scenario) != (mechanism.name, mechanism.scenario):
@@ -114,23 +111,19 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
 def certificate_path(mechanism: Mechanism) -> Path | None:
     """Return the path of a linkage's certificate, certificates/NAME.SCENARIO.npz beside its file.
 
-    Certificates of generated linkages are in the folder of the built-in linkages. A linkage that was neither read from a file nor
-    generated has no certificate, and None is returned.
+    Certificates of generated linkages are beside the built-in ones; a linkage that was neither read nor generated has none.
     """
     source = Path(mechanism.source)
-    folder = None
-    if source.is_file():
-        folder = source.parent
-    elif generate(mechanism.source):
-        folder = built_in_folder()
-    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
+    if not source.is_file() and not generate(mechanism.source):
+        return None
+    folder = source.parent if source.is_file() else built_in_folder()
+    return folder and folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz"
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:
     """Return the certified motion up to `t_end` [s] as a reference.
 
-    The error bars of this reference are the differences of the two computations that made the certificate, plus the rounding of the
-    stored doubles.
+    Its error bars are those of the certificate, plus the rounding of the stored doubles.
     """
     k = int(np.searchsorted(certificate.t, t_end * (1 + 1e-12), side="right"))
     levels = {x: getattr(certificate, x)[:k] for x in ("q", "v", "a")}

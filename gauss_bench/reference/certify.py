@@ -1,10 +1,9 @@
 """Certification of a motion by two independent computations that share neither integrator nor equations.
 
 Each computation (pipeline) begins with the linkage file. The first one, a Taylor series in 128-bit numbers, gives the values of the
-certified motion. The second one, collocation in long double, gives the error bars, which are the differences between the two
-computed motions. The step of the collocation is halved until its own error is negligible. If the motion has a closed form, the
-closed form gives the values, and both computed motions are compared with it. The certificate ends where the two motions agree to
-fewer digits than are to be certified, or where one of them stops.
+certified motion. The second one, collocation in long double, gives the error bars: the differences between the two motions. If the
+motion has a closed form, it gives the values, and both computed motions are compared with it. The certificate ends where the two
+motions agree to fewer digits than are to be certified, or where one of them stops.
 """
 
 import io
@@ -17,7 +16,7 @@ from decimal import Decimal
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,13 +49,6 @@ class Uncertified(ArithmeticError):
     """No sample of the motion can be certified."""
 
 
-class Split(NamedTuple):
-    """Numbers of extended precision as pairs of doubles: the nearest double, and the rest."""
-
-    high: Array
-    low: Array
-
-
 def certify(
     linkage: str | Path, scenario: str | None = None, digits: int = DIGITS, until: float | None = None, report: Report | None = None
 ) -> Certificate:
@@ -75,33 +67,43 @@ def certify(
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
-    _refuse_unknown(mechanism)
+    varying = {id(force) for force in mechanism.varying}
+    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
+        for part in parts:
+            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
+            if not isinstance(part, KNOWN) or id(part) in varying:
+                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until
     times = sample_times(duration)
-    report = report or _ignore
+    report = report or (lambda stage, t: None)
     # `first` and `second` are the two computed motions, and `truth` is the motion whose values are certified
     first = taylor_motion(document, mechanism.scenario, times, progress=partial(report, "Taylor series"))
     exact = closed_form(mechanism, times)
     truth = first if exact is None else exact
     second, step = _collocate(document, mechanism, first, truth, report)
     bars = disagreement(truth, second) | {"multipliers": disagreement(first, second)["multipliers"]}
-    # number of certified samples, largest relative error bar, and the reason why later samples are not certified
     kept, worst, reason = len(times), 0.0, ""
     if exact is None:
         kept, worst, reason = _certified_part(truth, bars, (first, second), digits)
     if kept < min(2, len(times)):
         raise Uncertified(f"{mechanism.name} in scenario {mechanism.scenario}: no sample can be certified: {reason}")
-    stored = {level: split(getattr(truth, level)).high[:kept] for level in LEVELS}
+    stored = {level: getattr(truth, level)[:kept].astype(float) for level in LEVELS}
     multipliers = first.multipliers if len(first.times) >= kept else None  # a closed form has none
-    stored["multipliers"] = np.zeros((kept, 0)) if multipliers is None else split(multipliers).high[:kept]
+    stored["multipliers"] = np.zeros((kept, 0)) if multipliers is None else multipliers[:kept].astype(float)
     report("sensitivity", 0.0)
     floor = floors(document, mechanism, truth.times[:kept])
     arrays: dict[str, Any] = stored | {f"floor_{level}": floor[level] for level in LEVELS}
     for level, bar in bars.items():
         has_no_error = (level in LEVELS and exact is not None) or not stored[level].size
         arrays[f"error_{level}"] = np.zeros(kept) if has_no_error else bar[:kept]
+    pipelines = []
+    for motion in (first, second):
+        entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
+        if exact is not None:
+            entry["off_closed_form"] = float(relative(exact, "q", disagreement(exact, motion)["q"]).max())
+        pipelines.append(entry)
     return Certificate(
         name=mechanism.name,
         scenario=mechanism.scenario,
@@ -110,30 +112,21 @@ def certify(
         digits=int(np.floor(-np.log10(max(worst, ENOUGH)))),
         duration=duration,
         stopped=reason,
-        facts=_facts(truth, exact, first, second, step),
+        facts={
+            "method": truth.method,
+            "pipelines": pipelines,
+            "collocation_step": step,
+            "versions": {name: version(name) for name in ("gauss-bench", "heyoka", "numpy")}
+            | {"python": platform.python_version()},
+        },
         **arrays,
     )
-
-
-def _ignore(stage: str, t: float) -> None:
-    """Ignore the progress."""
-
-
-def _refuse_unknown(mechanism: Mechanism) -> None:
-    """Raise Uncertified if a force or coupling has no independent derivation in `taylor`."""
-    varying = {id(force) for force in mechanism.varying}
-    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
-        for part in parts:
-            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
-            if not isinstance(part, KNOWN) or id(part) in varying:
-                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
 
 
 def sample_times(duration: float) -> list[str]:
     """Return sample times as decimal texts: multiples of a spacing, and the end of the motion as the last.
 
-    The spacing is 0.01 s. If this gives more than MAX_SAMPLES times, it is the smallest sufficient multiple of 0.01 s. If it gives
-    fewer than MIN_SAMPLES times, the spacing is divided by ten until there are enough.
+    The spacing is a multiple of 0.01 s that gives at most MAX_SAMPLES times, or divided by ten until there are MIN_SAMPLES.
     """
     end = Decimal(repr(float(duration)))
     spacing = SPACING
@@ -145,23 +138,23 @@ def sample_times(duration: float) -> list[str]:
     return [str(t) for t in (times if times[-1] == end else [*times, end])]
 
 
-def split(values: NDArray[Any]) -> Split:
-    """Return numbers of any type as pairs of doubles, which together have twice the digits of a double."""
+def split(values: NDArray[Any]) -> tuple[Array, Array]:
+    """Return numbers of any type as pairs of doubles: the nearest double, and the rest."""
     high = values.astype(float)
-    return Split(high, (values - high.astype(values.dtype)).astype(float))
+    return high, (values - high.astype(values.dtype)).astype(float)
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
     """Return (k,) the largest difference of two arrays at each of k common times, computed with twice the digits of a double."""
     k = min(len(one), len(other))
-    a, b = split(one[:k]), split(other[:k])
-    return np.asarray(np.abs((a.high - b.high) + (a.low - b.low)).max(axis=-1, initial=0.0))
+    (high, low), (other_high, other_low) = split(one[:k]), split(other[:k])
+    return np.asarray(np.abs((high - other_high) + (low - other_low)).max(axis=-1, initial=0.0))
 
 
 def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
     """Return "q", "v", "a" or "multipliers" -> (k,) the largest distance of the motion `other` from `truth` up to each time.
 
-    The times are those that both motions have reached. The distance is zero for multipliers that one of the motions lacks.
+    The distance is zero for multipliers that one of the motions lacks.
     """
     largest = {}
     for level in (*LEVELS, "multipliers"):
@@ -171,11 +164,8 @@ def disagreement(truth: Motion, other: Motion) -> dict[str, Array]:
 
 
 def relative(motion: Motion, level: str, bars: Array) -> Array:
-    """Return error bars (k,) of the positions "q", velocities "v" or accelerations "a" of a motion, relative to their size.
-
-    Each error bar is divided by the largest magnitude of the array `level` up to the same time, or by 1 if 1 is larger.
-    """
-    largest = np.abs(split(getattr(motion, level)[: len(bars)]).high).max(axis=-1, initial=0.0)
+    """Return error bars (k,) of a level "q", "v" or "a", relative to its largest size up to the same time, or to 1 if larger."""
+    largest = np.abs(getattr(motion, level)[: len(bars)].astype(float)).max(axis=-1, initial=0.0)
     return np.asarray(bars / np.maximum(1.0, np.maximum.accumulate(largest)))
 
 
@@ -190,11 +180,6 @@ def _collocate(
     """Integrate by collocation with shorter and shorter steps; return the best motion and its step [s].
 
     Steps are halved until the disagreement with `truth` is rounding, or no longer falls to a quarter.
-
-    Args:
-        first: motion computed by Taylor series, whose last time sets the first step.
-        truth: the certified motion, with which the collocation is compared.
-        report: called with the name of a stage and the time [s] that it has reached.
     """
     step, before = min(float(SPACING), max(float(first.times[-1]), 1e-9) / STEPS), np.inf
     best, best_step = None, step
@@ -213,65 +198,26 @@ def _collocate(
     return best, best_step
 
 
-class _Part(NamedTuple):
-    """The certified part of a motion.
+def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> tuple[int, float, str]:
+    """Return the number of certified samples, their largest relative error bar, and the reason why later ones are not certified.
 
-    Attributes:
-        kept: number of certified samples.
-        worst: largest relative error bar of these samples.
-        reason: the reason why later samples are not certified, or an empty text if all are.
-    """
-
-    kept: int
-    worst: float
-    reason: str
-
-
-def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[Motion], digits: int) -> _Part:
-    """Return a motion up to the time from which its two computations no longer agree to the required number of digits.
-
-    Args:
-        truth: the motion whose values are certified; bars: "q", "v" or "a" -> error bars (k,).
-        pipelines: the two computed motions.
-        digits: number of digits that must be certified.
+    `bars` are the error bars (k,) of "q" and "v" of the motion `truth`, and `pipelines` the two computed motions.
     """
     errors = state_errors(truth, bars)
     lost = np.flatnonzero(~(errors <= 10.0**-digits))  # samples with too large or NaN errors
     kept = int(lost[0]) if len(lost) else len(errors)
     worst = float(errors[:kept].max(initial=0.0))
     if kept == len(truth.times) and not truth.stopped:
-        return _Part(kept, worst, "")
+        return kept, worst, ""
     stopped = [motion.stopped for motion in pipelines if motion.stopped and len(motion.times) <= kept]
     if stopped:
-        return _Part(kept, worst, "; ".join(stopped))
+        return kept, worst, "; ".join(stopped)
     # the growth of errors is measured from the time `earlier`, until which three more digits were correct
     last = float(truth.times[kept - 1]) if kept else 0.0
     earlier = float(truth.times[int(np.argmax(errors > 10.0 ** -(digits + 3)))])
     rate = f"tenfold every {(last - earlier) / 3:.2g} s" if last > earlier else "at once"
     until = f"the pipelines agree to {digits} digits until t = {last:g} s and to fewer after"
-    return _Part(kept, worst, f"{until}: small errors grow {rate} in this motion")
-
-
-def _facts(truth: Motion, exact: Motion | None, first: Motion, second: Motion, step: float) -> dict[str, Any]:
-    """Return methods, drifts, steps and versions of a certificate as plain data.
-
-    Args:
-        truth: the certified motion; exact: the motion in closed form, or None if there is none.
-        first, second: motions computed by Taylor series and by collocation.
-        step: step of the collocation [s].
-    """
-    pipelines = []
-    for motion in (first, second):
-        entry = {"method": motion.method, "until": float(motion.times[-1]), "drift": list(motion.drift), "stopped": motion.stopped}
-        if exact is not None:
-            entry["off_closed_form"] = float(relative(exact, "q", disagreement(exact, motion)["q"]).max())
-        pipelines.append(entry)
-    return {
-        "method": truth.method,
-        "pipelines": pipelines,
-        "collocation_step": step,
-        "versions": {name: version(name) for name in ("gauss-bench", "heyoka", "numpy")} | {"python": platform.python_version()},
-    }
+    return kept, worst, f"{until}: small errors grow {rate} in this motion"
 
 
 def write_certificate(certificate: Certificate, path: Path) -> None:

@@ -1,17 +1,12 @@
 """Gauss-Legendre collocation with any number s of stages, order 2 s, in any type of number, for q'' = acceleration(t, q, v).
 
-The coefficients are computed from Legendre polynomials P_k, because the linear system that defines them is badly conditioned. Take
-the interval -1..1, with the roots x_i of P_s as nodes and with the weights 2 b_i. Discrete orthogonality gives the Lagrange
-polynomials l_j of these nodes:
+The coefficients are computed from Legendre polynomials P_k, because the linear system that defines them is badly conditioned. On
+the interval -1..1, with the roots x_i of P_s as nodes, discrete orthogonality gives their Lagrange polynomials l_j:
 
     l_j(x) = b_j sum_k (2 k + 1) P_k(x_j) P_k(x),    k = 0 .. s - 1,    b_j = 1 / sum_k (2 k + 1) P_k(x_j)^2
 
-The integrals of l_j are the matrix of the method. The integrals of P_k follow from (2 k + 1) int P_k = P_k+1 - P_k-1. The values of
-l_j at x > 1 continue the polynomial of one step into the next step.
-
-`gauss_legendre` is the second integrator of the double-precision reference. It evaluates all stages of a step in one batch and
-finds them by fixed-point iteration. The first guess is the collocation polynomial of the previous step, continued into the present
-one.
+The integrals of l_j are the matrix of the method, by (2 k + 1) int P_k = P_k+1 - P_k-1. The values of l_j at x > 1 continue the
+polynomial of one step into the next step, as a first guess there.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections II.1.3 and VIII.6; Davis and Rabinowitz,
 Methods of Numerical Integration (1984), section 2.7.
@@ -53,23 +48,23 @@ class Tableau:
     expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
-        """Return the matrix (s, s) that extrapolates values at the nodes of a step to the nodes of the next step.
-
-        The next step is `ratio` times as long as the present one.
-        """
+        """Return the matrix (s, s) from values at the nodes of a step to those at the next step, which is `ratio` times as long."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
 @lru_cache
 def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
     """Return the coefficients of Gauss-Legendre collocation with `stages` stages, as numbers of the numpy type `dtype`."""
-    x = legendre_roots(stages, dtype)
+    x = legendre.leggauss(stages)[0].astype(dtype)  # roots of P_s, corrected by Newton's method
+    for _ in range(NEWTON_STEPS):
+        P = legendre_values(x, stages + 1)
+        x = x - P[stages] * (x * x - 1) / (stages * (x * P[stages] - P[stages - 1]))
+    x = (x - x[::-1]) / 2
     P = legendre_values(x, stages + 1)
     odd = 2 * np.arange(stages, dtype=dtype) + 1  # 2 k + 1
     b = 1 / (odd @ P[:-1] ** 2)
     below = np.concatenate([-np.ones_like(P[:1]), P[:-2]])  # P_-1 = -1 makes x + 1 the integral of P_0 from -1
-    # A_ij is the integral of the Lagrange polynomial l_j from the beginning to the node i, half of that on -1..1:
-    # b_j / 2 sum_k (2 k + 1) P_k(x_j) int P_k, with (2 k + 1) int P_k = P_k+1 - P_k-1
+    # A_ij: integral of l_j to the node i, half of that on -1..1
     A = (P[1:] - below).T @ P[:-1] * (b / 2)
     return Tableau(c=(1 + x) / 2, b=b, A=A, AA=A @ A, bA=b @ A, expansion=odd[:, None] * P[:-1] * b)
 
@@ -77,15 +72,6 @@ def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
 def legendre_values(x: Array, count: int) -> Array:
     """Return the Legendre polynomials P_0 to P_(count - 1) at x (s,), as an array (count, s) of the number type of x."""
     return np.asarray(legendre.legvander(x, count - 1).T)
-
-
-def legendre_roots(count: int, dtype: Any = np.float64) -> Array:
-    """Return the roots (count,) of the Legendre polynomial P_count, ascending and symmetric about zero."""
-    x = legendre.leggauss(count)[0].astype(dtype)
-    for _ in range(NEWTON_STEPS):
-        P = legendre_values(x, count + 1)
-        x = x - P[count] * (x * x - 1) / (count * (x * P[count] - P[count - 1]))
-    return np.asarray((x - x[::-1]) / 2)
 
 
 class NoConvergence(ArithmeticError):
@@ -112,7 +98,6 @@ def gauss_legendre(
         h = (end - start) / count
         for k in range(count):
             t = start + (k + c) * h
-            # `forecast @ a`, the first guess, continues the polynomial of the previous step into this one
             a = _stages(acceleration, t, q + np.outer(c * h, v), v, forecast @ a, h, method)
             q = q + h * v + h**2 * (bA @ a)
             v = v + h * (b @ a)
@@ -127,13 +112,9 @@ def step_count(span: Any, step: float) -> int:
 
 
 def _stages(acceleration: BatchAcceleration, t: Array, drift: Array, v: Array, a: Array, h: float, method: Tableau) -> Array:
-    """Return the accelerations (s, n) at the nodes of a step, found by fixed-point iteration.
+    """Return the accelerations (s, n) at the nodes of a step of length h, found by fixed-point iteration from the guess a (s, n).
 
-    Args:
-        acceleration: function of times (s,) and states q, v (s, n) -> accelerations (s, n).
-        t: (s,) times of the nodes [s].
-        drift: (s, n) positions at the nodes without acceleration, q + c h v; v: (n,) velocities at the beginning of the step.
-        a: (s, n) first guess; h: length of the step [s]; method: coefficients of the collocation.
+    `drift` (s, n) are the positions at the nodes without acceleration, q + c h v.
     """
     previous, eps = np.inf, float(np.finfo(a.dtype).eps)
     for _ in range(ITERATIONS):

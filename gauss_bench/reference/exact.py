@@ -1,8 +1,6 @@
 """Motions that are known in closed form, to forty digits: a third source of certificates, besides two numerical computations.
 
-The motion of a pendulum and that of the N-four-bar are elliptic functions of time. That of Chaplygin's sleigh has hyperbolic
-functions and a quadrature, and a free body moves on a parabola. Each closed form belongs to one linkage of the suite, which is
-recognised by its name and its digest.
+Each closed form belongs to one built-in linkage, which is recognised by its name and its digest.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +28,10 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
 
     name = "n_four_bar" if mechanism.name.startswith("n_four_bar_") else mechanism.name
     form = FORMS.get((name, mechanism.scenario))
-    if form is None or not _is_built_in(mechanism):
+    try:
+        if form is None or load(mechanism.name, mechanism.scenario).digest != mechanism.digest:
+            return None
+    except LinkageError:  # no built-in linkage has this name
         return None
     with mpmath.workdps(DIGITS + 5):  # derivatives by differences lose up to five digits
         q, v, a = form(mechanism.name, [mpmath.mpf(t) for t in times])
@@ -38,19 +39,10 @@ def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
     return Motion(tuple(times), q, v, a, None, (0.0, 0.0), "", method)
 
 
-def _is_built_in(mechanism: Mechanism) -> bool:
-    """Tell whether the mechanism is identical to the built-in linkage of the same name."""
-    try:
-        return load(mechanism.name, mechanism.scenario).digest == mechanism.digest
-    except LinkageError:
-        return False
-
-
 def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
     """Return q, v, a (k, n) at times t (k,), given the coordinates (n,) as a function of time, by numerical derivatives.
 
-    mpmath computes differences with as many additional digits as the differences lose. Values as small as rounding errors are
-    replaced by zero.
+    mpmath uses as many additional digits as the differences lose. Values as small as rounding errors become zero.
     """
     import mpmath
 
@@ -94,8 +86,6 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     speed = mpmath.mpf(str(generate.SPEED)) / length  # angular velocity of the uprights [rad/s]
 
     def coordinates(time: Any) -> Numbers:
-        """Return the coordinates of `count` + 1 uprights at a time [s], and of `count` horizontal bars on them."""
-        # theta: angle of the uprights from the x axis
         theta = mpmath.pi / 2 - _pendulum_angle(k, time, speed)
         top, zero = length * mpmath.expj(theta), mpmath.mpf(0)  # top of the first upright, and the angle of a horizontal bar
         uprights = [(top / 2 + i * length, theta) for i in range(count + 1)]
@@ -124,7 +114,6 @@ def _pendulum(name: str, t: list[Any]) -> States:
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(A / 2)
 
     def coordinates(time: Any) -> Numbers:
-        """Return the coordinates of the bar, whose angle from the x axis is theta = phi - pi / 2."""
         theta = 2 * mpmath.asin(k * mpmath.ellipfun("cd", w0 * time, m=k**2)) - mpmath.pi / 2
         return stack_bodies([(length / 2 * mpmath.expj(theta), theta)])
 
@@ -143,15 +132,13 @@ def _projectile(name: str, t: list[Any]) -> States:
 def _sleigh(name: str, t: list[Any]) -> States:
     """Return the motion of Chaplygin's sleigh, a body on a knife edge, which moves along its edge only.
 
-    The sleigh has the mass m and the inertia I, and its knife edge lies at the distance `lead` behind its centre of mass. The
-    motion of the sleigh has two velocities: v of the edge along the sleigh, and the angular velocity w. With
-    b^2 = (I + m lead^2) / m and the constant V^2 = v^2 + b^2 w^2, they are
+    The knife edge lies at the distance `lead` behind the centre of mass. With v the velocity of the edge along the sleigh, w the
+    angular velocity, b^2 = (I + m lead^2) / m and the constant V^2 = v^2 + b^2 w^2,
 
         v = V tanh(kappa t + c),   b w = V sech(kappa t + c),   kappa = lead V / b^2
 
-    The constant c follows from the start. The angle of the sleigh is known in closed form; the position of its edge is the
-    numerical integral of the edge's velocity.
-    Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
+    The constant c follows from the start. The angle is known in closed form; the position of the edge is the numerical integral of
+    its velocity. Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
     import mpmath
 
@@ -169,26 +156,18 @@ def _sleigh(name: str, t: list[Any]) -> States:
         return 2 * b / lead * (mpmath.atan(mpmath.tanh((kappa * x + c) / 2)) - mpmath.atan(mpmath.tanh(c / 2)))
 
     def velocity(x: Any) -> Any:
-        """Return the velocity of the edge in the world, a complex number, at a time x [s]."""
+        """Return the velocity of the edge in the world, a complex number."""
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
-    def from_edge(x: Any) -> Numbers:
-        """Return the coordinates (3,) of the sleigh at a time x [s], with its centre of mass relative to the knife edge."""
-        return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
-
-    def edge_rate(x: Any) -> Numbers:
-        """Return the rates (3,) that the coordinates would have at a time x [s] without turning, at the velocity of the edge."""
-        return stack_bodies([(velocity(x), mpmath.mpf(0))])
-
-    q, v, a = sample(from_edge, t)
-    edge_velocity, edge_acceleration, _ = sample(edge_rate, t)
+    # the motion relative to the knife edge, and that of the edge
+    q, v, a = sample(lambda x: stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))]), t)
+    edge_velocity, edge_acceleration, _ = sample(lambda x: stack_bodies([(velocity(x), mpmath.mpf(0))]), t)
     places, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
     for x in t:
         if x > last:
             place += mpmath.quad(velocity, [last, x])
         last = x
         places.append(stack_bodies([(place, mpmath.mpf(0))]))
-    # the motion of the centre of mass is that of the edge plus that relative to the edge
     return q + np.array(places), v + edge_velocity, a + edge_acceleration
 
 

@@ -1,21 +1,17 @@
 """The second of two computations that certify a reference motion: collocation of order 20 in long double, in absolute coordinates.
 
-The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. The accelerations determine
-the positions q_i = q + c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i at the nodes. At every node the unknowns must
-satisfy the equations of motion and the constraints:
+The unknowns of a step are the accelerations and multipliers x_i = [a_i, lambda_i] at ten Gauss nodes. With the positions q_i = q +
+c_i h v + h^2 (A A a)_i and the velocities v_i = v + h (A a)_i, they must satisfy at every node
 
     M a_i + J(q_i)^T lambda_i = Q(q_i, v_i),    J(q_i) a_i = gamma(q_i, v_i)
 
-The unknowns are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double. P_i is the inverse
-of the matrix [M J^T; J 0] in double precision, at the position q_i that the polynomial of the previous step predicts. Each
-correction is a step of two iterations at once: the iterative refinement of the linear system, and the fixed-point iteration of the
-states at the nodes. The corrections converge as fast as the slower of these two iterations. That is usually the fixed-point
-iteration, which reduces the error by a factor of about h times the largest rate of the motion. After every step the state is
-projected onto the constraints, so that nothing drifts.
+They are found by corrections x_i += P_i r_i, with the residuals r_i of these equations in long double, and the inverse P_i of [M
+J^T; J 0] in double precision. A correction both refines the linear system, and is a fixed-point iteration of the states at the
+nodes. After every step the state is projected onto the constraints, so that nothing drifts.
 
-The steps between two samples are equal. They are halved until the ten nodes resolve the accelerations, that is, until the Legendre
-coefficients of the accelerations in a step decrease to RESOLVED. The error of Gauss quadrature is about the square of the relative
-size of the last coefficients. A step ends wherever a derivative of a motion law jumps.
+The steps between two samples are equal. They are halved until the Legendre coefficients of the accelerations in a step decrease to
+RESOLVED; the error of Gauss quadrature is about the square of the last ones. A step ends wherever a derivative of a motion law
+jumps.
 
 Sources: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), sections IV.4 and VIII.6; Hairer and Wanner, Solving
 Ordinary Differential Equations II (1996), sections IV.8 (when to stop) and VII.2 (projection); Trefethen, Approximation Theory and
@@ -29,13 +25,28 @@ from typing import Any
 
 import numpy as np
 
+from gauss_bench.linkage.build import build_mechanism
+from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.references import drivers_of
+from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
-from gauss_bench.reference.extended_linkage import LONG, Linkage, check_platform, start
-from gauss_bench.reference.motion import Motion, Progress, find_breaks
-from gauss_bench.reference.refinement import EPS, Unsolved, correct
+from gauss_bench.reference.motion import Motion, Progress, assemble_doubles, find_breaks
+from gauss_bench.reference.refinement import (
+    EPS,
+    SaddleInverse,
+    Unsolved,
+    correct,
+    invert_saddle,
+    pseudo_inverse,
+    saddle_residual,
+    solve_by_chord,
+)
 from gauss_bench.terms import Array
 
+LONG = np.longdouble
+MANTISSA = 60  # least number of bits; on some platforms long double has no more than double
+SINGULAR = 1e-9  # least relative singular value: its inverse square, the condition of the multipliers, exceeds a double's digits
 STAGES = 10
 ITERATIONS = 40  # largest number of corrections in a step
 SETTLED = 1e-15  # relative size of corrections that are rounding if they do not shrink
@@ -53,13 +64,10 @@ def extend_motion(
 ) -> Motion:
     """Integrate the motion in long double; return its states at the sample times.
 
-    If the integration fails after the start, such as at a singular position, the motion ends at the last sample before the failure,
-    and its attribute `stopped` has the reason.
+    If the integration fails after the start, such as at a singular position, the motion ends at the last sample before the failure.
 
     Args:
-        document: the linkage file with decimals kept as text (`decimal_document`), after the scenario's changes (`override`) have
-            been merged into it.
-        scenario: name of the scenario.
+        document: the linkage file with decimals kept as text, after the scenario's `override` has been merged into it.
         times: sample times as decimal texts [s], ascending from "0".
         step: largest step [s]; steps between two samples are equal, and halved where the motion needs it.
         progress: called with each sample time that is reached.
@@ -67,7 +75,9 @@ def extend_motion(
     Raises:
         ArithmeticError: long double has no more digits than double here, dry friction acts, or the start is singular.
     """
-    check_platform()
+    bits = np.finfo(LONG).nmant
+    if bits <= MANTISSA:
+        raise ArithmeticError(f"long double has {bits} bits of mantissa on this platform, and needs more than {MANTISSA} here")
     linkage, q0, v0 = start(document, scenario)
     samples = {LONG(x) for x in times}
     breaks = {x for driver in drivers_of(document["scenarios"][scenario]) for x in find_breaks(driver, LONG)}
@@ -84,7 +94,118 @@ def extend_motion(
         if not states:
             raise
         stopped = str(error)
-    return _sample(linkage, times, states, stopped, step)
+    q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
+    rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
+    rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t
+    value, when = linkage.nearest  # the nearest approach to a singular position
+    near = f"; nearest to a singular position at {when:.4g} s (relative singular value {value:.1e})" if value < NEAR else ""
+    return Motion(
+        times=tuple(times[: len(q)]),
+        q=q,
+        v=v,
+        a=a,
+        multipliers=None if linkage.rank < rows.phi.shape[-1] else multipliers,
+        drift=(float(np.abs(rows.phi).max(initial=0.0)), float(np.abs(rate).max(initial=0.0))),
+        stopped=stopped,
+        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); Gauss-Legendre collocation of order 20 "
+        f"with projection, steps of at most {step:g} s; numpy {np.__version__}{near}",
+    )
+
+
+@dataclass(eq=False)
+class Linkage:
+    """A mechanism in long double, with the data for its linear systems.
+
+    Attributes:
+        rank: rank of the constraint Jacobian J M^(-1/2); all further singular values differ from zero only by rounding.
+        nearest: smallest relative singular value so far, and the time [s] at which it occurred.
+    """
+
+    mechanism: Mechanism
+    evaluator: Evaluator
+    rank: int
+    nearest: tuple[float, float] = (1.0, 0.0)
+
+    def rows(self, t: Any, q: Array, v: Array) -> Rows:
+        """Return the constraint rows at one state or several."""
+        return self.evaluator.constraints(t, q, v)
+
+    def inverse(self, t: Any, J: Array) -> SaddleInverse:
+        """Return the inverse, in double precision, of [M J^T; J 0] for Jacobians J (..., m, n) at one or several times t [s].
+
+        Raises:
+            Unsolved: the position is singular.
+        """
+        solved, when = invert_saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        if not solved.smallest > SINGULAR:
+            raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
+        self.nearest = min(self.nearest, (solved.smallest, when))
+        return solved
+
+    def residual(self, t: Any, q: Array, v: Array, x: Array) -> Array:
+        """Return the residual (..., n + m) of the equations of motion for x = [a, lambda] at one state or several."""
+        rows = self.rows(t, q, v)
+        return saddle_residual(self.evaluator.mass, rows.J, self.evaluator.applied.generalised(q, v), rows.gamma, x)
+
+    def accelerations_and_multipliers(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return accelerations (n,) and multipliers (m,) at one state.
+
+        Raises:
+            Unsolved: the position is singular.
+        """
+        rows = self.rows(t, q, v)
+        zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
+        x = solve_by_chord(lambda x: -self.residual(t, q, v, x), self.inverse(t, rows.J).inverse, zero)
+        return x[: len(q)], x[len(q) :]
+
+    def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the nearest positions to q, and then the nearest velocities to v, that satisfy the constraints at time t.
+
+        Raises:
+            Unsolved: no state nearby satisfies the constraints, or the position is singular.
+        """
+        holonomic, edges = self.evaluator.constraints.holonomic, len(self.mechanism.knife_edges)
+        rows = self.rows(t, q, v)
+        for_velocities = for_positions = self.inverse(t, rows.J).lift
+        if edges:  # knife edges restrict velocities, but no positions
+            for_positions = invert_saddle(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
+        try:
+            q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:holonomic], for_positions, q)
+            rows = self.rows(t, q, v)
+            return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, for_velocities, v)
+        except Unsolved as error:
+            raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
+
+
+def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
+    """Return the linkage in long double, and q and v (n,) at its start, from the assembly in double precision as the first guess.
+
+    The state satisfies the loops, the knife edges, and the values and rates of coordinates that the scenario prescribes.
+
+    Raises:
+        ArithmeticError: dry friction acts, or the start is singular.
+    """
+    guess = assemble_doubles(document, scenario)
+    mechanism = build_mechanism(document, scenario, "", "", LONG)
+    if mechanism.has_friction:
+        raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
+    free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
+    close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
+    held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
+
+    def gap(q: Array) -> Array:
+        """Return the residuals of the loops, and the distances from the values that the start prescribes."""
+        return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
+
+    q = guess.q0.astype(LONG)
+    q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+    # velocities: A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
+    A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
+    b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
+    v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
+    # independent rows: n - dof of the joints, since `dof` counts no drivers and knife edges, and one for each of these
+    rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
+    return Linkage(mechanism, Evaluator(mechanism), rank), q, v
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +217,7 @@ class Step:
         a: (s, n) accelerations at the nodes of the step.
         h: length of the step [s].
         halvings: number of times that the steps of the present interval between two samples were halved.
-        tail: largest of the last two Legendre coefficients of the accelerations, relative to the accelerations.
+        tail: largest of the last two Legendre coefficients of the accelerations, relative to these.
     """
 
     q: Array
@@ -108,13 +229,9 @@ class Step:
 
 
 def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Integrate by Gauss collocation from q, v at the first of the times; yield q, v (n,) at each of the times.
-
-    `step` is the longest step [s].
-    """
+    """Integrate from q, v at the first time by steps of at most `step` [s]; yield q, v (n,) at each of the times."""
     method = gauss_tableau(STAGES, LONG)
     a, _ = linkage.accelerations_and_multipliers(times[0], q, v)
-    # the first guess of the accelerations at all nodes of the first step is the acceleration at the start
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v
     for begin, end in pairwise(times):
@@ -124,8 +241,7 @@ def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, ste
 
 def _interval(linkage: Linkage, method: Tableau, begin: Any, end: Any, state: Step, count: int) -> Step:
     """Integrate from one sample to the next in `count` equal steps, which are halved until they resolve the motion."""
-    # Very small last coefficients of the accelerations' Legendre expansion, `tail`, show that the steps of the interval before were
-    # shorter than necessary: then steps twice as long are tried first.
+    # a very small `tail` shows that the steps of the interval before were shorter than necessary
     first = state.halvings - 1 if state.tail < SMOOTH else state.halvings
     for halvings in range(max(0, first), HALVINGS + 1):
         try:
@@ -144,7 +260,7 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
 
     Raises:
         NoConvergence: the accelerations at the nodes are not found, or the nodes do not resolve the accelerations.
-        Unsolved: a position is singular, or the state at the end of the step cannot be projected onto the constraints.
+        Unsolved: a position is singular, or the end of the step cannot be projected onto the constraints.
     """
     a = _nodes(linkage, method, t, h, state)
     tail = float(np.abs(method.expansion[-2:] @ a).max() / (1.0 + np.abs(a).max()))
@@ -158,15 +274,13 @@ def _step(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ste
 def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Array:
     """Return the accelerations (s, n) at the nodes of the step that begins at t and has the length h.
 
-    The first guess of the multipliers is zero. If constraint rows are redundant, the result then has the smallest norm among all
-    possible multipliers. Zero costs one more correction than a better guess.
+    The first guess of the multipliers is zero, so that redundant constraint rows give multipliers of the smallest norm.
 
     Raises:
         NoConvergence: the corrections do not shrink to the size of rounding errors.
         Unsolved: the position at a node of the collocation is singular.
     """
     n = len(state.q)
-    # drift: positions at the nodes without acceleration; A, AA: coefficients by which velocities and positions follow from a
     drift, times = state.q + np.outer(method.c * h, state.v), t + method.c * h
     A, AA = h * method.A, h * h * method.AA
     x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
@@ -188,28 +302,3 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
     if solved and solved.smallest < NEAR:
         near = f", near a singular position (relative singular value {solved.smallest:.1e})"
     raise NoConvergence(f"t = {float(t):.6g} s: steps of {float(h):.2g} s stall at a relative change of {size:.1e}{near}")
-
-
-def _sample(linkage: Linkage, times: Sequence[str], states: list[tuple[Array, ...]], stopped: str, step: float) -> Motion:
-    """Return the motion with k states (q, v, a, multipliers), which belong to the first k of the times.
-
-    Args:
-        times: all requested times, decimal texts [s]; stopped: why the motion ends before the last of them, or empty.
-        step: longest step [s].
-    """
-    q, v, a, multipliers = (np.array([state[k] for state in states]) for k in range(4))
-    rows = linkage.rows(np.array([LONG(x) for x in times[: len(q)]]), q, v)
-    rate = (rows.J @ v[..., None])[..., 0] + rows.phi_t
-    value, when = linkage.nearest  # the nearest approach to a singular position
-    near = f"; nearest to a singular position at {when:.4g} s (relative singular value {value:.1e})" if value < NEAR else ""
-    return Motion(
-        times=tuple(times[: len(q)]),
-        q=q,
-        v=v,
-        a=a,
-        multipliers=None if linkage.rank < rows.phi.shape[-1] else multipliers,
-        drift=(float(np.abs(rows.phi).max(initial=0.0)), float(np.abs(rate).max(initial=0.0))),
-        stopped=stopped,
-        method=f"absolute coordinates in long double ({np.finfo(LONG).nmant + 1} bits); Gauss-Legendre collocation of order 20 "
-        f"with projection, steps of at most {step:g} s; numpy {np.__version__}{near}",
-    )

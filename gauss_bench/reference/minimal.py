@@ -1,21 +1,19 @@
 """The equation of motion of a linkage with one degree of freedom, written in a single coordinate, the crank angle.
 
-The crank angle theta is the independent variable of the geometry, instead of time: an imagined driver prescribes that the angle of
-the crank is theta, and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. The derivatives
-d = dq/dtheta and e = d2q/dtheta2 of q follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed
-w = theta', the velocities are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
+The crank angle theta takes the place of time in the geometry: an imagined driver prescribes that the angle of the crank is theta,
+and adds a row of its own to J. Let q(theta) be the position in which the loops are closed. Its derivatives d = dq/dtheta and e =
+d2q/dtheta2 follow from J d = 0, d_crank = 1 and J e = gamma(q, d), e_crank = 0. With the crank's speed w = theta', the velocities
+are v = d w and the accelerations a = d w' + e w^2. The virtual work of M a - Q along d vanishes, hence
 
     w' = d . (Q - M e w^2) / (d . M d)
 
-This equation has no multipliers and no rank decision, and its solution does not drift. Only friction in joints needs the
-multipliers lambda. Since R = Q - M a does no work along d, lambda follows from the transposed square matrix by which the loops are
-closed. With u the unit vector of the crank's coordinate, and tau the torque of the imagined driver,
+Only friction in joints needs the multipliers lambda. Since R = Q - M a does no work along d, they follow from
 
     [J^T u] (lambda, tau) = R,    tau = 0
 
-R contains the generalised friction forces W N(lambda) as a summand, so that lambda is an affine function of them. The columns of W
-are the directions of friction, and N(lambda) are the loads of the joints. Most methods take arrays of k crank angles.
-Source: Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6 (embedding).
+with the unit vector u of the crank's coordinate, and the torque tau of the imagined driver. R contains the friction forces W
+N(lambda), with the directions W of friction and the loads N(lambda) of the joints. Source: Nikravesh, Computer-Aided Analysis of
+Mechanical Systems (1988), section 12.6 (embedding).
 """
 
 from contextlib import suppress
@@ -36,14 +34,14 @@ Closed = tuple[Array, Array, Array]  # q, dq/dtheta and d2q/dtheta2 (k, n) at k 
 Levels = tuple[Array, Array, Array]  # q, v, a (k, n)
 
 
-class LostClosure(ArithmeticError):
-    """The linkage cannot be closed at an angle: it lies beyond a limit of motion, or at a singular position."""
-
-
 def _state(closed: Closed, w: Array, w_dot: Array) -> Levels:
     """Return q, v, a (k, n) at crank speeds and accelerations (k,)."""
     q, d, e = closed
     return q, d * w[:, None], d * w_dot[:, None] + e * w[:, None] ** 2
+
+
+class LostClosure(ArithmeticError):
+    """The linkage cannot be closed at an angle: it lies beyond a limit of motion, or at a singular position."""
 
 
 class MinimalCoordinate:
@@ -51,17 +49,12 @@ class MinimalCoordinate:
 
     Attributes:
         crank: index of this angle in q.
-        constraints: the constraint rows of the linkage, followed by the row of an imagined driver that prescribes the angle. Their
-            independent variable is the angle instead of time.
+        constraints: the constraint rows of the linkage, then the row of an imagined driver that prescribes the angle, which takes
+            the place of time.
         last: the last position in which the loops were closed, with its derivatives; the next position is searched from there.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Prepare the equation of a mechanism in the angle of its driven link or crank.
-
-        Raises:
-            ValueError: it has neither.
-        """
         link = mechanism.driver.link if mechanism.driver else mechanism.crank
         if link is None:
             raise ValueError(f"{mechanism.name} has neither crank nor driven link")
@@ -108,11 +101,7 @@ class MinimalCoordinate:
         return q, d, e
 
     def _close(self, q: Array, theta: Array) -> Closed:
-        """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2 (k, n).
-
-        Raises:
-            LostClosure: Newton's method does not converge.
-        """
+        """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2."""
         still = np.zeros_like(q)  # velocities, on which positions do not depend
         rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):
@@ -146,11 +135,7 @@ class MinimalCoordinate:
         return self._acceleration(self.geometry(theta), w)
 
     def _acceleration(self, closed: Closed, w: Array) -> Array:
-        """Return the crank acceleration (k,) at closed positions and crank speeds w (k,): w' = d . (Q - M e w^2) / (d . M d).
-
-        `closed` has q and its first and second derivative, d and e, by the crank angle (k, n). Friction depends on the other
-        forces, and is added to Q after them.
-        """
+        """Return the crank acceleration (k,) at closed positions and crank speeds w (k,): w' = d . (Q - M e w^2) / (d . M d)."""
         q, d, e = closed
         Q = self.applied.generalised(q, d * w[:, None])
         force = Q - self.mass * e * w[:, None] ** 2
@@ -159,16 +144,10 @@ class MinimalCoordinate:
         return np.asarray((d * force).sum(-1) / (d * d * self.mass).sum(-1))
 
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
-        """Return the generalised friction forces W N(lambda) (k, n).
+        """Return the generalised friction forces W N(lambda) (k, n) at states q, v, with d = dq/dtheta.
 
-        The columns of W (k, n, joints) are the generalised forces of friction for a unit load in each joint, and N(lambda) are the
-        loads of the joints. Friction changes lambda, and lambda changes friction; `consistent` finds the multipliers lambda that
-        satisfy both relations.
-
-        Args:
-            q, v: states (k, n); d: dq/dtheta (k, n), with theta the crank angle.
-            force: (k, n) Q - M e w^2, with Q all applied forces but friction; e w^2 is the acceleration at a constant crank speed
-                w.
+        `force` (k, n) is Q - M e w^2 without friction. Friction changes lambda, and lambda changes friction; `consistent` finds the
+        multipliers lambda that satisfy both relations.
         """
         W = self.friction.directions(q, v)
         columns = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint

@@ -1,7 +1,4 @@
-"""Data that both computations of a certificate share: a first guess in double precision, and the type of their results, `Motion`.
-
-These two computations integrate the same motion in extended precision by different equations and methods.
-"""
+"""Data that both computations of a certificate share: a first guess in double precision, and the type of their results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,11 +22,9 @@ class Motion:
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
         q, v, a: (k, n) positions, velocities and accelerations, in the number type of the computation.
-        multipliers: (k, m) multipliers lambda of M a + J^T lambda = Q, with rows in the order of the mechanism; None if redundant
-            constraint rows leave the multipliers undetermined.
-        drift: largest residuals |phi| and |phi'| of the constraints over the samples, in double precision [m, rad and per second].
+        multipliers: (k, m) lambda of M a + J^T lambda = Q; None if redundant constraint rows leave them undetermined.
+        drift: largest residuals |phi| and |phi'| of the constraints over the samples [m, rad and per second].
         stopped: the reason why the samples end before the last requested time, or empty.
-        method: one line about the method, with versions.
     """
 
     times: tuple[str, ...]
@@ -43,11 +38,9 @@ class Motion:
 
 
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
-    """Return the linkage assembled in double precision, from which the assembly in extended precision starts.
+    """Return the linkage of a document with decimals kept as text, assembled in double precision.
 
-    Args:
-        document: the linkage file with decimals kept as text, after the scenario's changes (`override`) have been merged into it.
-        scenario: name of the scenario.
+    The scenario's changes (`override`) are merged into the document.
 
     Raises:
         AssemblyError: the linkage cannot be assembled.

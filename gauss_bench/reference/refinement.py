@@ -1,13 +1,11 @@
 """Linear and nonlinear systems solved to the last digit of a type of number for which LAPACK has no factorisation.
 
-Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual of an approximate
-solution in extended precision. Each correction x += P r finds about a dozen further digits: it multiplies the error by |1 - P A|,
-which is about the rounding of double precision times the condition number of A. The corrections end when only rounding remains in
-the residual. The same chord iteration solves f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
+Let A x = b be a linear system, P an approximate inverse of A in double precision, and r = b - A x the residual in extended
+precision. Each correction x += P r multiplies the error by |1 - P A|, until only rounding remains. The same chord iteration solves
+f(x) = 0 if P is the inverse of a Jacobian of f near the solution.
 
-The equations of motion are [M J^T; J 0][a; lambda] = [Q; gamma]. The inverse P of their matrix is written by the singular value
-decomposition of the constraint Jacobian in weighted coordinates, J M^(-1/2) = U S V^T. Only the r largest singular values are used,
-with r the rank of this Jacobian, so that constraint rows may be redundant:
+For the equations of motion [M J^T; J 0][a; lambda] = [Q; gamma], the singular value decomposition of the weighted constraint
+Jacobian J M^(-1/2) = U S V^T, up to its rank r, gives
 
     G = M^(-1/2) V S^-1 U^T,    P = [M^-1 - G (J M^-1), G; G^T, -U S^-2 U^T]
 
@@ -27,10 +25,7 @@ CORRECTIONS = 30  # largest number of corrections; with a condition of 1e6 each 
 
 
 class Unsolved(ArithmeticError):
-    """The corrections of an iteration do not become small.
-
-    The reason is usually that the inverse matrix in double precision is too inaccurate, as it is at singular positions.
-    """
+    """The corrections of an iteration do not become small, usually because a singular position is near."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +34,8 @@ class SaddleInverse:
 
     Attributes:
         inverse: (..., n + m, n + m) inverse of [M J^T; J 0]; a pseudo-inverse if constraint rows are redundant.
-        lift: (..., n, m) the matrix that turns an error of the constraints into its smallest correction of positions or velocities,
-            in the mass metric.
-        smallest: the r-th singular value of J M^(-1/2) relative to the largest, with r the rank at regular positions; zero at
-            singular ones.
+        lift: (..., n, m) matrix from an error of the constraints to its smallest correction of q or v, in the mass metric.
+        smallest: the r-th singular value of J M^(-1/2) relative to the largest, with r the rank at regular positions.
     """
 
     inverse: Array
@@ -51,12 +44,9 @@ class SaddleInverse:
 
 
 def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
-    """Return the inverse of the matrix [M J^T; J 0], computed from the singular value decomposition of J M^(-1/2).
+    """Return the inverse of [M J^T; J 0] for the mass matrix's diagonal (n,) and Jacobians J (..., m, n).
 
-    Args:
-        mass: (n,) diagonal of the mass matrix M.
-        J: (..., m, n) constraint Jacobian.
-        rank: number of the largest singular values that are used; if constraint rows are redundant, the result is a pseudo-inverse.
+    If `rank` is less than the number of constraint rows, the result is a pseudo-inverse.
     """
     n, m = J.shape[-1], J.shape[-2]
     root = np.sqrt(mass.astype(float))
@@ -80,20 +70,14 @@ def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> 
 
 
 def correct(inverse: Array, residual: Array) -> Array:
-    """Return the product of an approximate inverse matrix (..., k, k) and a residual (..., k), in double precision.
-
-    The residual may have more digits than a double. They are not needed, because the correction is small.
-    """
+    """Return the product of an approximate inverse (..., k, k) and a residual (..., k), in double precision."""
     return np.asarray((inverse @ residual.astype(float)[..., None])[..., 0])
 
 
 def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array, eps: float = EPS) -> Array:
-    """Solve residual(x) = 0 near x by chord iteration, which uses the same inverse in every step.
+    """Solve residual(x) = 0 near x by chord iteration, which uses the same inverse of the Jacobian in every step.
 
-    Args:
-        residual: the function whose root is searched.
-        inverse: approximate inverse of its Jacobian, in double precision.
-        x: first guess; eps: relative precision of the number type of x.
+    `eps` is the relative precision of the number type of x.
 
     Raises:
         Unsolved: the corrections of x do not become as small as rounding errors.
@@ -111,9 +95,6 @@ def solve_by_chord(residual: Callable[[Array], Array], inverse: Array, x: Array,
 
 
 def pseudo_inverse(A: Array) -> Array:
-    """Return the pseudo-inverses (..., n, m) of matrices A (..., m, n) in double precision.
-
-    Singular values below RANK_TOLERANCE times the largest count as zero, as in the assembly of a linkage.
-    """
+    """Return the pseudo-inverses (..., n, m) of matrices A (..., m, n) in double precision, of rank by RANK_TOLERANCE."""
     A = A.astype(float)
     return np.asarray(np.linalg.pinv(A, rcond=RANK_TOLERANCE)) if A.size else np.swapaxes(A, -1, -2).copy()

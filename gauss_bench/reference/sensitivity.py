@@ -1,12 +1,11 @@
 """The floor of double precision: the change of a motion if every parameter of its linkage changes by a relative 1e-16.
 
-A decimal number such as 0.37 has no exact representation in double precision. An engine that rounds its parameters to double
-precision computes the motion of a slightly different linkage. Errors below the distance between this motion and that of the exact
-parameters therefore tell nothing about an engine. This distance is the floor.
+An engine that rounds decimals such as 0.37 to double precision computes the motion of a slightly different linkage. Errors below
+the distance between both motions, the floor, therefore tell nothing about an engine.
 
 To find the floor, all numbers of the document are multiplied by 1 + delta xi with random xi in -1..1, and the motion is computed
-again. The change of the motion, divided by delta / 1e-16, is the floor. The perturbation delta is far above the rounding of both
-computations, and so small that the change of the motion is proportional to it.
+again. The perturbation delta is far above the rounding of both computations, and so small that the change of the motion is
+proportional to it.
 """
 
 import copy
@@ -30,11 +29,9 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return "q", "v" or "a" -> (k,) the floor of positions, velocities or accelerations at k times.
+    """Return "q", "v" or "a" -> (k,) the floor at k times: the largest change up to each time, multiplied by ROUNDING / DELTA.
 
-    The floor at a time is the largest change of the quantity up to this time that rounding of the linkage's parameters causes. The
-    changes are computed from DRAWS motions whose parameters are changed at random by a relative DELTA or less, and are multiplied
-    by ROUNDING / DELTA. The floor is NaN at times that none of the changed motions reaches.
+    The floor is NaN at times that none of the DRAWS changed motions reaches.
     """
     rng = np.random.default_rng(SEED)
     # double precision suffices, because DELTA is much larger than its rounding
@@ -55,18 +52,15 @@ def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str])
 def perturb(document: dict[str, Any], mechanism: Mechanism, rng: np.random.Generator) -> dict[str, Any]:
     """Return a copy of the document in which every parameter is multiplied by 1 + DELTA xi, with its own random xi in -1..1.
 
-    If constraint rows are redundant, only masses, inertias and forces are changed. Geometry and start are kept, because a
-    parallelogram with unequal bars, for example, cannot be assembled.
+    If constraint rows are redundant, geometry and start are kept, because a parallelogram with unequal bars, for example, cannot be
+    assembled.
     """
     perturbed = copy.deepcopy(document)
     scenario = perturbed["scenarios"][mechanism.scenario]
     keep_geometry = mechanism.redundant > 0
 
     def perturb_item(item: Any, key: str) -> Any:
-        """Return a copy of a part of the document, in which each number is multiplied by its own random factor.
-
-        `key` is the key under which the part is found. If the geometry is kept, only numbers under the keys DYNAMIC change.
-        """
+        """Return a copy of the part of the document under `key` with changed numbers; if geometry is kept, only DYNAMIC ones."""
         if isinstance(item, dict):
             return {k: perturb_item(v, k) for k, v in item.items()}
         if isinstance(item, list):

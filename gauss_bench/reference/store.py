@@ -4,7 +4,6 @@ import hashlib
 import sys
 import zipfile
 import zlib
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,38 +19,31 @@ from gauss_bench.untrusted import harmless
 FIELDS = ("t", "q", "v", "a", "error_q", "error_v", "error_a", "floor_q", "floor_v", "floor_a")
 
 
-def reference_key(mechanism: Mechanism, t_end: float) -> str:
-    """Return name, scenario and a hash of all that a built reference depends on, joined by dots."""
-    sources = source_digest("reference", "linkage", "mechanism", "terms.py")
-    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
-    return f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
-
-
 def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
     """Return the reference from 0 to t_end [s], from a certificate with a sample at t_end, or else from the cache in `folder`.
 
     A reference that is in neither is built, and written to the cache.
     """
-    certified = find_certified(mechanism, t_end)
-    if certified:
+    if certified := find_certified(mechanism, t_end):
         return certified
-    path = folder / f"{reference_key(mechanism, t_end)}.npz"
+    # the name has a hash of all that a built reference depends on
+    sources = source_digest("reference", "linkage", "mechanism", "terms.py")
+    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
+    path = folder / f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}.npz"
     if path.exists():
-        stored = read_reference(path)
-        if stored:
+        if stored := read_reference(path):
             return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
-    atomically(path, partial(_write_reference, reference))
+
+    def write(part: Path) -> None:
+        """Write the reference with its digest; given a path instead of a file, numpy would append .npz to its name."""
+        with part.open("wb") as file:
+            arrays = {name: getattr(reference, name) for name in FIELDS}
+            np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
+
+    atomically(path, write)
     return reference
-
-
-def _write_reference(reference: Reference, path: Path) -> None:
-    """Write a reference with its digest."""
-    # given a path, np.savez would append .npz to its name; given an open file, it does not
-    with path.open("wb") as file:
-        arrays = {name: getattr(reference, name) for name in FIELDS}
-        np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
 
 
 def read_reference(path: Path) -> Reference | None:

@@ -1,8 +1,8 @@
 """Verification of a certificate in double precision, which is cheap, and independent of the code that made the certificate.
 
-Several short intervals of the motion (windows) are integrated again by DOP853. Each integration begins at the certified state at
-the beginning of its window, so that errors do not grow over the whole motion, and must reach the certified state at the end of this
-window. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q with the certified multipliers.
+Several short intervals of the motion (windows) are integrated again by DOP853 from a certified state to the next, so that errors do
+not grow over the whole motion. All samples must satisfy the constraints, and the equations of motion M a + J^T lambda = Q with the
+certified multipliers.
 """
 
 from dataclasses import dataclass, replace
@@ -16,9 +16,7 @@ from gauss_bench.reference.certificate import Certificate
 
 WINDOWS = 12  # number of windows, spread over the motion
 WINDOW = 0.05  # [s] longest window: a small part of a turn, over which DOP853 at 1e-13 keeps errors near 1e-12
-STATE_LIMIT = (
-    1e-10  # largest relative error: a hundred times that of DOP853 in a window, and less than parameters wrong by 1e-8 give
-)
+STATE_LIMIT = 1e-10  # largest relative error: a hundred times that of DOP853; parameters wrong by 1e-8 give more
 BALANCE_LIMIT = 1e-10  # largest relative residual: rounding of accelerations, times the condition of the terms
 
 
@@ -46,7 +44,6 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """True if `state_error` and `balance_error` are below their limits."""
         return self.state_error < STATE_LIMIT and self.balance_error < BALANCE_LIMIT
 
 
@@ -56,18 +53,16 @@ def verify(certificate: Certificate, mechanism: Mechanism) -> Verification:
     Raises:
         ArithmeticError: a window cannot be integrated.
     """
-    count, state = _integrate_windows(certificate, mechanism)
-    balance = _largest_residual(certificate, mechanism)
-    return Verification(
-        certificate.name, certificate.scenario, certificate.until, certificate.digits, count, float(state), float(balance)
-    )
+    x = certificate
+    errors = *_integrate_windows(x, mechanism), _largest_residual(x, mechanism)
+    return Verification(x.name, x.scenario, x.until, x.digits, *errors)
 
 
 def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[int, float]:
-    """Integrate the motion again over short time intervals (windows), each of which begins at a sample of the certificate.
+    """Integrate the motion again over short windows, each from a sample of the certificate.
 
-    Return the number of windows, and the largest difference from the certified state at the end of a window. This difference is
-    divided by the largest position or velocity in the certificate, or by 1 if that is larger.
+    Return the number of windows, and the largest difference from the certified state at the end of a window, relative to the
+    largest position or velocity (or 1).
     """
     t = certificate.t
     starts = np.unique(np.linspace(0, max(len(t) - 2, 0), WINDOWS).astype(int))  # indices of samples
@@ -92,7 +87,6 @@ def _integrate_windows(certificate: Certificate, mechanism: Mechanism) -> tuple[
 def _largest_residual(certificate: Certificate, mechanism: Mechanism) -> float:
     """Return the largest relative residual of constraints and equations of motion over all samples of a certificate.
 
-    The residuals are phi of positions, J v + phi_t of velocities, J a - gamma of accelerations, and M a + J^T lambda - Q of forces.
     The forces are left out if the certificate has no multipliers, because redundant constraint rows leave them undetermined.
     """
     evaluator = Evaluator(mechanism)

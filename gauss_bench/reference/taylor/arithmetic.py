@@ -1,18 +1,23 @@
 """One arithmetic for arrays of numbers and for symbols, so that the equations of a linkage are written once for both.
 
-A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers. A product of a symbol and a
-literal is simplified before compilation, so that the compiled code has no operation for it. A vector of the plane is a pair of
-values.
+A value is an array over states, a symbol, or one of the literals 0, 1 and -1, which are plain integers: the compiled code has no
+operation for a product with them. A vector of the plane is a pair of values. Matrices are sparse rows, each as column -> value.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from gauss_bench.mechanism.numbers import Number
+from gauss_bench.terms import Array
 
 Value = Any
 Vector = tuple[Value, Value]
+Long = NDArray[Any]  # array of numbers of extended precision
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,7 @@ class Arithmetic:
     constant: Callable[[Any], Value]
 
     def of(self, number: Any) -> Value:
-        """Return the value for a constant number: the literal 0, 1 or -1 if the number is equal to it, else `constant(number)`."""
+        """Return the value for a constant: the literal 0, 1 or -1 if the number is equal to it, else `constant(number)`."""
         for literal in (0, 1, -1):
             if number == literal:
                 return literal
@@ -77,3 +82,34 @@ def dot(a: Vector, b: Vector) -> Value:
 def cross(a: Vector, b: Vector) -> Value:
     """Return the component of a x b normal to the plane."""
     return a[0] * b[1] - a[1] * b[0]
+
+
+@lru_cache
+def epsilon(number: Number) -> float:
+    """Return the distance from 1 to the next larger number of a number type."""
+    one = number("1")
+    half = one / 2
+    while one + half != one:
+        half = half / 2
+    return float(half * 2)
+
+
+def stack_arrays(values: Sequence[Value], like: Long) -> Long:
+    """Return m values, each an array (k,), a number or a plain integer, as one array (k, m) in the number type of `like` (k,)."""
+    zero = like - like
+    return np.stack([zero + x for x in values], axis=-1) if len(values) else np.zeros((len(like), 0), dtype=like.dtype)
+
+
+def to_dense(entries: Sequence[Mapping[int, Value]], k: int, n: int) -> Array:
+    """Return sparse rows as matrices (k, m, n) in double precision."""
+    A = np.zeros((k, len(entries), n))
+    for r, row in enumerate(entries):
+        for j, value in row.items():
+            A[:, r, j] = np.asarray(value).astype(float)
+    return A
+
+
+def multiply(entries: Sequence[Mapping[int, Value]], x: Long) -> Long:
+    """Return A x (k, m) in the type of x (k, n), for the sparse rows of A."""
+    zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
+    return stack_arrays([sum((value * x[:, j] for j, value in row.items()), start=zero) for row in entries], zero)

@@ -1,9 +1,8 @@
 """Gaussian elimination with an order of pivots fixed beforehand, on sparse rows of numbers, arrays or symbols.
 
-The order of pivots is chosen at one state in double precision, and then used for all states near it. Among the entries that are not
-small in their row, each pivot is the one with the least fill-in (Markowitz). In a rectangular system A x = b of full row rank, some
-unknowns remain without a pivot. These unknowns are free. With the values u of the free unknowns, the general solution is
-x = x0 + N u:
+The order is chosen at one state, and used for all states near it. Among the entries that are not small in their row, each pivot is
+the one with the least fill-in (Markowitz). In a system A x = b of full row rank with more unknowns than rows, the unknowns u
+without a pivot are free, and the general solution is x = x0 + N u:
 
     x0:   the solution in which all free unknowns are zero
     N:    each column solves A N = 0 with one free unknown equal to one and all other free unknowns zero
@@ -45,7 +44,6 @@ def choose_pivots(A: Array, structure: NDArray[np.bool_], floor: float) -> Pivot
     """Choose pivots for a matrix A (m, n) by the least fill-in, among entries that are large enough for an accurate elimination.
 
     Args:
-        A: the matrix at one state.
         structure: (m, n) true for entries that are not zero at every state.
         floor: rows whose remaining entries are at most this size get no pivot.
     """
@@ -82,8 +80,8 @@ class Factors(NamedTuple):
         order: (row, column) of every pivot, in the order of elimination.
         rows: for every pivot, column -> entry of its row after the elimination, without the pivot itself.
         pivots: the values of the pivots.
-        steps: row operations (target, source, factor): the source row times the factor was subtracted from the target row. The
-            rows are numbered in the order of their pivots.
+        steps: row operations (target, source, factor): the source row times the factor was subtracted from the target row, with
+            rows numbered in the order of their pivots.
     """
 
     order: Order
@@ -123,7 +121,7 @@ def particular(factors: Factors, b: Sequence[Value]) -> dict[int, Value]:
 
 
 def null_space(factors: Factors, n: int) -> dict[int, dict[int, Value]]:
-    """Return the basis N of the null space for n unknowns: free unknown -> its column, each a mapping from unknown to value."""
+    """Return the basis N of the null space for n unknowns: free unknown -> its column, as unknown -> value."""
     bound = {c for _, c in factors.order}
     N: dict[int, dict[int, Value]] = {j: {j: 1} for j in range(n) if j not in bound}
     for k in reversed(range(len(factors.order))):  # back substitution; the right-hand side is zero

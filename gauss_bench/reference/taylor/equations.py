@@ -12,10 +12,9 @@ of least constraint, u' minimises sum_b |m_b z_b'' - F_b|^2 / m_b. Hence u' solv
 
     T u' = r,    T = sum_b m_b (J_b N)^T J_b N,    r = sum_b (J_b N)^T (F_b - m_b (J_b a0 + bias_b))
 
-The integrated state is (x, u). All velocities are computed from u and satisfy the constraint rows to rounding. Only positions can
-drift.
-Source: Yuan and Ge, Multibody System Dynamics 37 (2016), and Udwadia and Kalaba, Analytical Dynamics (1996), for Gauss's principle;
-Nikravesh, Computer-Aided Analysis of Mechanical Systems (1988), section 12.6, for the reduction to free coordinates.
+The integrated state is (x, u), so that only positions can drift. Source: Yuan and Ge, Multibody System Dynamics 37 (2016), and
+Udwadia and Kalaba, Analytical Dynamics (1996), for Gauss's principle; Nikravesh, Computer-Aided Analysis of Mechanical Systems
+(1988), section 12.6, for the reduction to free coordinates.
 """
 
 from collections.abc import Sequence
@@ -24,13 +23,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gauss_bench.reference.taylor.arithmetic import Value, dot, plus, scale_by, total, vanishes
+from gauss_bench.reference.taylor.arithmetic import Value, dot, plus, scale_by, to_dense, total, vanishes
 from gauss_bench.reference.taylor.elimination import Order, Pivots, choose_pivots, factorise, null_space, particular
 from gauss_bench.reference.taylor.forces import Loads
-from gauss_bench.reference.taylor.moving_vectors import Instant
 from gauss_bench.reference.taylor.rows import Law, LoopRows
-from gauss_bench.reference.taylor.solve import to_dense
-from gauss_bench.reference.taylor.vector_sums import NONE
+from gauss_bench.reference.taylor.vector_sums import NONE, Instant
 from gauss_bench.terms import Array
 
 REDUNDANT = 1e-9  # size of an entry that counts as zero: far above rounding in double precision, far below a usable pivot
@@ -42,7 +39,6 @@ class Chart:
 
     Attributes:
         order: (row, column) of the pivots by which the other coordinates are eliminated.
-        free: indices of the free coordinates.
         scale: (n,) change of the loop closures per unit change of each coordinate [m or 1]; pivots are divided by it before they
             are compared.
     """
@@ -66,15 +62,12 @@ class Rates(NamedTuple):
 
 
 def choose_chart(rows: LoopRows, at: Instant, scale: Array | None = None) -> tuple[Chart, Pivots]:
-    """Choose the free (independent) coordinates at one state; return this choice, the chart, and the pivots of the elimination.
-
-    Pivots are chosen in the matrix A of the constraint rows. The coordinates without a pivot are free.
+    """Choose the free coordinates at one state; return this chart, and the pivots of the elimination.
 
     Args:
-        rows: the constraint rows.
-        at: the coordinates x and the vectors l e of `moving_vectors`, at a single state.
-        scale: (n,) scales of the coordinates as in `Chart`; by default the largest entry of each column of A at this state. Columns
-            whose entries are smaller than REDUNDANT get the scale 1.
+        at: the vectors at a single state.
+        scale: (n,) scales of the coordinates as in `Chart`; by default the largest entry of each column of A at this state, or 1 if
+            it is smaller than REDUNDANT.
     """
     n = rows.coordinates.n
     entries = rows.entries(at)
@@ -96,23 +89,18 @@ def rates(rows: LoopRows, chart: Chart, at: Instant, u: Sequence[Value], laws: S
     """Return velocities and accelerations of all coordinates, and the accelerations of the free ones, at a state (x, u).
 
     Args:
-        rows: the constraint rows, whose matrix is A.
-        chart: the free coordinates, and the pivots by which the others are eliminated.
-        at: the coordinates x, and the vectors l e of `moving_vectors` at x.
+        at: the vectors at x.
         u: speeds of the free coordinates, in the order of `chart.free`.
         laws: value, rate and second rate that every driver prescribes.
     """
-    # velocities x' = n0 + N u
     factors = factorise(rows.entries(at), chart.order)
     N = null_space(factors, rows.coordinates.n)
     prescribed = rows.rates(laws)
     n0 = particular(factors, prescribed) if any(not vanishes(x) for x in prescribed) else {}
     velocity = _combine(n0, N, dict(zip(chart.free, u, strict=True)))
-    # accelerations a0 for u' = 0
     a0 = particular(factors, rows.biases(at, velocity, laws))
     if not chart.free:  # the linkage is driven completely
         return Rates(velocity, a0, [])
-    # accelerations x'' = a0 + N u', where u' solves T u' = r
     T, r = _reduce(rows, at, velocity, N, a0)
     order = tuple((k, k) for k in range(len(r)))  # any order is good, because T is positive definite
     solved = particular(factorise([dict(enumerate(row)) for row in T], order), r)
@@ -132,20 +120,13 @@ def _combine(x0: dict[int, Value], N: dict[int, dict[int, Value]], u: dict[int, 
 def _reduce(
     rows: LoopRows, at: Instant, v: dict[int, Value], N: dict[int, dict[int, Value]], a0: dict[int, Value]
 ) -> tuple[list[list[Value]], list[Value]]:
-    """Return T (f, f) and r (f,) of T u' = r, f being the number of free coordinates.
+    """Return T (f, f) and r (f,) of T u' = r, with f the number of free coordinates.
 
-    With z_bj and w_bj, the velocity of the centre of mass of link b and its angular velocity for a unit speed of free coordinate j,
-
-        T_jk = sum_b m_b z_bj . z_bk + I_b w_bj w_bk,    r_j = sum_b z_bj . (F_b - m_b z_b0) + w_bj (M_b - I_b w_b0)
-
-    Here m_b and I_b are mass and inertia of link b, z_b0 and w_b0 its linear and angular acceleration for u' = 0, and F_b and M_b
-    the applied force and moment.
+    z and w are the velocity of a link's centre of mass and its angular velocity for a unit speed of a free coordinate.
 
     Args:
-        rows: the constraint rows; at: the coordinates x, and the vectors l e of `moving_vectors` at x.
-        v: coordinate -> its velocity.
-        N: free coordinate -> its column of the null-space matrix N, as coordinate -> value.
-        a0: coordinate -> its acceleration if u' = 0.
+        v, a0: coordinate -> its velocity, and its acceleration if u' = 0.
+        N: free coordinate -> its column of the null-space matrix, as coordinate -> value.
     """
     coordinates = rows.coordinates
     loads = Loads(coordinates, at, v)

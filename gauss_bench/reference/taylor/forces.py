@@ -3,7 +3,7 @@
 A force F at a link-fixed point with arm r gives the force F and the moment r x F. A force along an axis of another link has a
 reaction on that link, the opposite force on the same line. On purpose the derivation shares nothing with
 `mechanism/coordinates.py`: each kind of force is derived here a second time, and motions with other forces cannot be certified. The
-values may be arrays of numbers or symbols. The forces are
+forces are
 
     spring between points:   F = -(k (L - rest) + c L') d / L on the second point, with d the vector from the first point to the
                              second, L its length, and L L' = d . d'
@@ -30,8 +30,7 @@ from gauss_bench.mechanism.model import (
     Torque,
 )
 from gauss_bench.reference.taylor.arithmetic import Value, Vector, cross, dot, plus, scale_by
-from gauss_bench.reference.taylor.moving_vectors import Instant
-from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
+from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Sum, merge
 
 KNOWN = (Torque, PointForce, SpringDamper, AxisSpringDamper, RotationalSpringDamper, JointDamping)
 
@@ -45,26 +44,20 @@ class Wrench:
     """
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant):
-        """Set all forces and moments to zero; `at` has the coordinates x, and the vectors l e of `moving_vectors` at x."""
         self.coordinates, self.at = coordinates, at
-        links = len(coordinates.mechanism.links)
-        self.force: list[Vector] = [(0, 0)] * links
-        self.moment: list[Value] = [0] * links
+        self.force: list[Vector] = [(0, 0) for _ in coordinates.mechanism.links]
+        self.moment: list[Value] = [0 for _ in coordinates.mechanism.links]
 
     def flat(self) -> list[Value]:
         """Return the components x and y of the force, and the moment, of every link in turn."""
         return [x for force, moment in zip(self.force, self.moment, strict=True) for x in (*force, moment)]
 
-    def value(self, terms: Sum) -> Vector:
-        """Return the components (x, y) of a sum of vectors at this instant."""
-        return self.at.combine(terms)
-
     def turn(self, vector: Any, link: int) -> Vector:
         """Return, in world axes, a vector that is given in the frame of a link."""
-        return self.value(self.coordinates.turn_vector(vector, link))
+        return self.at.combine(self.coordinates.turn_vector(vector, link))
 
     def gap(self, a: Point, b: Point) -> Sum:
-        """Return the vector from point a to point b, as a sum of vectors (`vector_sums`)."""
+        """Return the vector from point a to point b, as a sum of vectors."""
         return merge(self.coordinates.point(b), less=self.coordinates.point(a))
 
     def twist(self, b: int, a: int, torque: Value) -> None:
@@ -83,32 +76,24 @@ class Wrench:
         else:
             arm = merge(self.coordinates.point(point), less=self.coordinates.centres[at])
         self.force[at] = plus(self.force[at], force)
-        self.moment[at] = self.moment[at] + cross(self.value(arm), force)
+        self.moment[at] = self.moment[at] + cross(self.at.combine(arm), force)
 
     def pull(self, b: Point, a: Point, force: Vector) -> None:
         """Apply a force to point b, and the opposite force, its reaction, to point a."""
         self.push(b, force)
-        self.push(a, opposite(force))
+        self.push(a, (-force[0], -force[1]))
 
     def slide(self, point: Point, origin: Point, force: Vector) -> None:
-        """Apply a force to a point, and the opposite force on the same line, its reaction, to the link of the point `origin`."""
+        """Apply a force to a point, and the opposite force on the same line to the link of the point `origin`."""
         self.push(point, force)
-        self.push(point, opposite(force), origin.link)
+        self.push(point, (-force[0], -force[1]), origin.link)
 
 
 class Loads(Wrench):
-    """All applied forces on the links, gravity included, at given coordinates and velocities."""
+    """All applied forces on the links, gravity included, at given coordinates and velocities (coordinate -> velocity)."""
 
     def __init__(self, coordinates: LoopCoordinates, at: Instant, v: Mapping[int, Value]):
-        """Set the forces to gravity, and add all forces of the linkage.
-
-        Args:
-            coordinates: the loop coordinates of the linkage.
-            at: the values x of the coordinates, and the vectors l e of `moving_vectors` at x.
-            v: coordinate -> its velocity.
-        """
         super().__init__(coordinates, at)
-        # the variation for changes v of the coordinates gives time derivatives of vectors
         self.v, self.rate, self.constant = v, at.variation(v), at.arithmetic.of
         g = coordinates.mechanism.gravity
         self.force = [(self.constant(link.mass * g[0]), self.constant(link.mass * g[1])) for link in coordinates.mechanism.links]
@@ -123,16 +108,11 @@ class Loads(Wrench):
         """Return the angle of a link [rad], including whole turns."""
         if link == GROUND:
             return 0
-        # the angle is a coordinate plus a constant; a link that slides connect to the ground cannot turn and has no such coordinate
         index, turn = self.coordinates.angle[link], self.constant(self.coordinates.turn[link])
         return turn if index == NONE else self.at.x[index] + turn
 
     def _apply(self, f: Force) -> None:
-        """Apply a force of the linkage to the links on which it acts.
-
-        Raises:
-            TypeError: this kind of force is not implemented in this module.
-        """
+        """Apply a force of the linkage to the links on which it acts."""
         match f:
             case Torque():
                 self.twist(f.link, f.reaction, self.constant(f.value))
@@ -141,7 +121,10 @@ class Loads(Wrench):
             case SpringDamper():
                 self._spring(f)
             case AxisSpringDamper():
-                self._along(f)
+                gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)  # u: direction of the axis
+                d = self.at.combine(gap)  # from the origin of the axis to the point; its length along the axis is u . d
+                rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)  # (u . d)', as u turns
+                self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
             case RotationalSpringDamper():
                 angle, speed = self._angle(f.b) - self._angle(f.a), self._speed(f.b) - self._speed(f.a)
                 self.twist(f.b, f.a, self._linear(f, angle, speed))
@@ -161,7 +144,7 @@ class Loads(Wrench):
         The force on the point a is `pull` times the vector d from a to b, where pull = k (L - rest) / L + c L' / L.
         """
         gap = self.gap(f.a, f.b)
-        d = self.value(gap)
+        d = self.at.combine(gap)
         square = dot(d, d)  # L^2
         pull = self.constant(f.k)
         if f.rest != 0 and f.k != 0:
@@ -169,17 +152,6 @@ class Loads(Wrench):
         if f.c != 0:
             pull = pull + self.constant(f.c) * dot(d, self.at.combine(gap, self.rate)) / square
         self.pull(f.a, f.b, scale_by(pull, d))
-
-    def _along(self, f: AxisSpringDamper) -> None:
-        """Apply a spring and damper along an axis of a link: a force at the point, and its reaction on the link of the axis.
-
-        The coordinate of the spring is the distance of `f.point` from the origin of the axis along the axis. The force on the point
-        in the direction of the axis is k (rest - x) - c x', where x is this coordinate.
-        """
-        gap, u = self.gap(f.origin, f.point), self.turn(unit(f.angle), f.origin.link)  # u: direction of the axis in the world
-        d = self.value(gap)  # from the origin of the axis to the point; its length along the axis is u . d
-        rate = dot(u, self.at.combine(gap, self.rate)) + self._speed(f.origin.link) * cross(u, d)  # (u . d)', as u turns
-        self.slide(f.point, f.origin, scale_by(self._linear(f, dot(u, d), rate), u))
 
     def _damp(self, joint: Joint, c: Any) -> None:
         """Apply the damping of a joint: a force along a slide, a torque about a pin."""
@@ -189,8 +161,3 @@ class Loads(Wrench):
         else:
             speed = self._speed(joint.b.link) - self._speed(joint.a.link)
             self.twist(joint.b.link, joint.a.link, -(self.constant(c) * speed))
-
-
-def opposite(force: Vector) -> Vector:
-    """Return the reaction to a force."""
-    return -force[0], -force[1]

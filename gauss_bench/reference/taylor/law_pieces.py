@@ -1,8 +1,7 @@
 """Motion laws of drivers as formulas of time, for a linkage of which only a part of the motion is driven.
 
-A motion law prescribes the value of a coordinate as a function of time. The breaks of a law are the times at which the law is not
-smooth. Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at both ends
-of a piece are taken from the motion law of the mechanism. The formulas for the times in between are derived here a second time:
+Time is divided into pieces at the breaks of all laws, so that every law is smooth within a piece. The values at both ends of a
+piece are taken from the motion law of the mechanism. The formulas for the times in between are derived here a second time:
 
     constant:   value + rate (t - t0)
     table:      the cubic with value, rate and curvature at one knot and the curvature at the next
@@ -27,9 +26,7 @@ class Piece:
 
     Attributes:
         drivers: every driver, and its table in the document.
-        begin: beginning of the interval [s].
-        end: end of the interval [s], or None for the last piece, which has no end.
-        number: type of number in which times and values are computed.
+        begin, end: limits of the interval [s]; the last piece has no end.
     """
 
     drivers: tuple[tuple[Driver, dict[str, Any]], ...]
@@ -42,11 +39,7 @@ class Piece:
         return [self._law(driver, table, t, arithmetic) for driver, table in self.drivers]
 
     def _law(self, driver: Driver, table: dict[str, Any], t: Value, arithmetic: Arithmetic) -> Law:
-        """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time.
-
-        The motion law is a polynomial in t - origin, except for the rises of the kinds "sine" and "cosine", which have
-        trigonometric functions of time (`wave`).
-        """
+        """Return the value, rate and second rate that one driver prescribes at a time t within this interval of time."""
         value, rate, second = driver.law(self.begin)
         zero, origin, ends = rate - rate, self.begin, find_breaks(table, self.number)  # zero in the type of number
         coefficients = [value, rate, second / 2]  # a constant rate, unless one of the cases below holds
@@ -65,10 +58,9 @@ class Piece:
 
 
 def wave(name: str, start: Any, travel: Any, time: Any, pi: Any, t: Value, arithmetic: Arithmetic) -> Law:
-    """Return value, rate and second rate, at a time t, of a rise from `start` by `travel` within `time` [s].
+    """Return value, rate and second rate at a time t of a rise "sine" or "cosine" from `start` by `travel` within `time` [s].
 
-    The motion law of the rise is start + speed t + A (cos w t - 1) + B sin w t, whose constants depend on `name`, which is "sine"
-    or "cosine". `arithmetic` has the functions cos and sin of t, and converts constants to the type of t.
+    The rise is start + speed t + A (cos w t - 1) + B sin w t.
     """
     sine, convert = name == "sine", arithmetic.of
     zero = travel - travel  # in the type of number of the travel
@@ -94,14 +86,7 @@ def polynomial(c: list[Any], x: Value, arithmetic: Arithmetic) -> Law:
 
 
 def cut_pieces(drivers: Sequence[Driver], scenario: dict[str, Any], number: Number) -> list[Piece]:
-    """Divide the time from t = 0 on at the breaks of all motion laws of a scenario; return the intervals in their order.
-
-    The last piece has no end.
-
-    Args:
-        drivers: the drivers of the linkage; scenario: the scenario's table in the document, which has a table for each driver.
-        number: type of number to which times are converted.
-    """
+    """Divide the time from t = 0 on at the breaks of all motion laws of a scenario's table; the last piece has no end."""
     pairs, zero = tuple(zip(drivers, drivers_of(scenario), strict=True)), number("0")
     times = [zero]
     for t in sorted(x for _, table in pairs for x in find_breaks(table, number)):

@@ -6,22 +6,26 @@
     driver of a length:   (d . d - law(t)^2) / 2 = 0, with d the vector from one point to the other
     knife edge:           n . P' = 0, with P the point of the edge and n its normal, which turns with the link
 
-The rows of knife edges restrict velocities, but not positions. The time derivatives of the rows are A x' = rate and A x'' = gamma:
-A is their Jacobian, `rate` the velocities that drivers prescribe, and gamma the negative sum of all terms of the second derivative
-without x''.
+The time derivatives of the rows are A x' = rate and A x'' = gamma: A is their Jacobian, `rate` the velocities that drivers
+prescribe, and gamma the negative sum of all terms of the second derivative without x''.
+
+The start of a motion adds a row for each value in the scenario's table `start`: an angle or a displacement of a slide is prescribed
+as by a driver, and a position of a point is a closure P - target = 0 with a given velocity of P.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, assert_never
 
+import numpy as np
+
 from gauss_bench.mechanism.frames import unit
-from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, SlideDriver
+from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, Mechanism, SlideDriver
+from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
 from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
-from gauss_bench.reference.taylor.arithmetic import Value, cross, dot, vanishes
-from gauss_bench.reference.taylor.moving_vectors import Instant, at_states
-from gauss_bench.reference.taylor.solve import Long, stack_arrays, to_dense
-from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates, Sum, merge
+from gauss_bench.reference.taylor.arithmetic import Long, Value, cross, dot, epsilon, multiply, stack_arrays, to_dense, vanishes
+from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Sum, VectorTerm, at_states, merge
+from gauss_bench.terms import Array
 
 Law = tuple[Value, Value, Value]  # value, rate and second rate of a driver
 
@@ -47,7 +51,6 @@ class LoopRows:
     """The constraint rows of one mechanism: two for each closure of a loop, then one for each driver and each knife edge.
 
     Attributes:
-        coordinates: the loop coordinates of the mechanism.
         closures: sums of vectors that must vanish, one for each loop.
         prescribed: the quantities that drivers prescribe.
         edges: (index of the link's angle in the coordinates, point of the edge, normal to the edge) of every knife edge.
@@ -62,7 +65,6 @@ class LoopRows:
 
     @property
     def m(self) -> int:
-        """Number of rows."""
         return len(self.names)
 
     def laws(self, t: Any) -> list[Law]:
@@ -72,25 +74,19 @@ class LoopRows:
     def close(self, x: Long, laws: Sequence[Law], eps: float) -> Long:
         """Return the positions (k, n) near x (k, n) that satisfy all rows to the last digit of the type of x.
 
-        The pseudo-inverse of A at x serves for all iterations (chord iteration).
-
         Raises:
             Unsolved: no positions near x satisfy all rows.
         """
         zero = x[:, 0] - x[:, 0]  # (k,) in the type of x
 
         def residual(x: Long) -> Long:
-            """Return the residuals (k, m) of all rows; knife edges restrict only velocities and have none."""
-            return stack_arrays([*self.residuals(at_states(x), laws), *(0 for _ in self.edges)], zero)
+            residuals = self.residuals(at_states(x), laws)
+            return stack_arrays([*residuals, *(0 for _ in self.edges)], zero)  # knife edges restrict only velocities
 
         return solve_by_chord(residual, pseudo_inverse(to_dense(self.entries(at_states(x)), *x.shape)), x, eps)
 
     def entries(self, at: Instant) -> list[dict[int, Value]]:
-        """Return the rows of A, the Jacobian of the constraints, each as coordinate -> derivative; vanishing entries are left out.
-
-        Args:
-            at: the coordinates x, and the vectors l e of `moving_vectors` at x.
-        """
+        """Return the rows of A, each as coordinate -> derivative at an instant; vanishing entries are left out."""
         rows: list[dict[int, Value]] = []
         for closure in self.closures:  # two rows, x and y
             gradient = at.gradient(closure)
@@ -118,23 +114,17 @@ class LoopRows:
         return residuals
 
     def rates(self, laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side `rate` of A x' = rate, with A the Jacobian, in the order of the rows."""
+        """Return the right-hand side `rate` of A x' = rate, in the order of the rows."""
         driven = [value * rate if quantity.gap else rate for quantity, (value, rate, _) in zip(self.prescribed, laws, strict=True)]
         return [0] * (2 * len(self.closures)) + driven + [0] * len(self.edges)
 
     def biases(self, at: Instant, v: Mapping[int, Value], laws: Sequence[Law]) -> list[Value]:
-        """Return the right-hand side gamma of A x'' = gamma, with A the Jacobian, in the order of the rows.
-
-        Args:
-            at: the coordinates x, and the vectors l e of `moving_vectors` at x; v: coordinate -> its velocity.
-            laws: value, rate and second rate that every driver prescribes.
-        """
-        # functions that give the time derivative of a vector, and the part of its second derivative that does not depend on x''
+        """Return the right-hand side gamma of A x'' = gamma at velocities v (coordinate -> velocity), in the order of the rows."""
         rate, bias = at.variation(v), at.bias(v)
         biases = [-x for closure in self.closures for x in at.combine(closure, bias)]
         for quantity, (value, first, second) in zip(self.prescribed, laws, strict=True):
             if quantity.gap:
-                # the second derivative of (d . d - L^2) / 2 without its part that is linear in x''; u is d', b is d'' for x'' = 0
+                # the second derivative of (d . d - L^2) / 2 for x'' = 0; u is d', b is d''
                 d, u, b = (at.combine(quantity.gap, of) for of in (at, rate, bias))
                 biases.append(first * first + value * second - (dot(u, u) + dot(d, b)))
             else:
@@ -147,7 +137,6 @@ class LoopRows:
 
 
 def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
-    """Collect the constraint rows of a mechanism: two for each closed loop, one for each driver, one for each knife edge."""
     mechanism = coordinates.mechanism
     edges = []
     for edge in mechanism.knife_edges:
@@ -160,10 +149,7 @@ def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
 
 
 def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
-    """Return the quantity that a driver prescribes: an angle or a displacement as a coordinate plus a constant, or a length.
-
-    A length is not a coordinate, and is given by the vector between its two points.
-    """
+    """Return the quantity that a driver prescribes."""
     match driver:
         case AngleDriver():
             return Prescribed(driver.name, coordinate=coordinates.angle[driver.link], turn=coordinates.turn[driver.link], gap=())
@@ -173,3 +159,71 @@ def prescribe(coordinates: LoopCoordinates, driver: Driver) -> Prescribed:
             gap = merge(coordinates.point(driver.b), less=coordinates.point(driver.a))
             return Prescribed(driver.name, coordinate=NONE, turn=0, gap=gap)
     assert_never(driver)
+
+
+def hold_start(rows: LoopRows, scenario: dict[str, Any], number: Number) -> tuple[LoopRows, list[Law], list[Any]]:
+    """Return the constraint rows of the mechanism and its start, and their right-hand sides at t = 0.
+
+    Returns:
+        held: the rows, in the order: loops, points, drivers, angles and slides of the start, knife edges.
+        laws: value, rate and second rate of every prescribed quantity, those of the drivers first.
+        rates: the right-hand side b of A x' = b.
+    """
+    coordinates, start, zero = rows.coordinates, scenario.get("start", {}), number("0")
+    mechanism = coordinates.mechanism
+    laws = rows.laws(zero)
+    prescribed, points, speeds = [], [], []  # angles and slides; points minus their targets; components of the points' velocities
+    for link, (target, rate) in _list_held_angles(mechanism, start, number).items():
+        prescribed.append(Prescribed("", coordinate=coordinates.angle[link], turn=coordinates.turn[link], gap=()))
+        laws.append((target, rate, zero))
+    for name, target in start.get("slides", {}).items():
+        prescribed.append(Prescribed("", coordinate=coordinates.slides[name], turn=zero, gap=()))
+        laws.append((exact(number, target), exact(number, start.get("slide_speeds", {}).get(name, 0)), zero))
+    for reference, target in start.get("points", {}).items():
+        x, y = pair(number, target)
+        points.append(merge(coordinates.point(mechanism.find_point(reference)), less=[VectorTerm(x, y, NONE, NONE)]))
+        speeds += [*pair(number, start.get("point_velocities", {}).get(reference, (0, 0)))]
+    held = replace(rows, closures=(*rows.closures, *points), prescribed=(*rows.prescribed, *prescribed))
+    rates = held.rates(laws)
+    loops = 2 * len(rows.closures)  # points are closures behind those of the loops, and move at given speeds
+    rates[loops : loops + len(speeds)] = speeds
+    return held, laws, rates
+
+
+def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
+    """Return link -> angle [rad] and speed [rad/s] that the table `start` gives; its keys `crank` and `speed` mean the crank."""
+    angles = {name: radians(number, x) for name, x in start.get("angles_deg", {}).items()}
+    angles |= {name: exact(number, x) for name, x in start.get("angles", {}).items()}
+    speeds = {name: exact(number, x) for name, x in start.get("speeds", {}).items()}
+    if mechanism.crank is not None:
+        crank = mechanism.links[mechanism.crank].name
+        if "crank" in start or "crank_deg" in start:
+            angles[crank] = angle_of(start, "crank", number)
+        if "speed" in start:
+            speeds.setdefault(crank, exact(number, start["speed"]))
+    held = {}
+    for name, x in angles.items():
+        link, turn = mechanism.find_body(name)  # turn: constant angle of the link `name` in the body that carries it
+        held[link] = x - turn, speeds.get(name, number("0"))
+    return held
+
+
+def start_state(rows: LoopRows, scenario: dict[str, Any], guess: Array, number: Number) -> tuple[Long, Long]:
+    """Return the loop coordinates and their velocities (1, n) at t = 0, to the last digit of the type of number.
+
+    Args:
+        scenario: the scenario's table in the document.
+        guess: (n,) loop coordinates of the assembly in double precision, from which the solution is searched.
+
+    Raises:
+        Unsolved: no coordinates near the guess satisfy the constraint rows and the values that the start gives.
+    """
+    n, eps = rows.coordinates.n, epsilon(number)
+    held, laws, rates = hold_start(rows, scenario, number)
+    x = np.array([[exact(number, value) for value in guess.tolist()]]).reshape(1, n)
+    # decimals of the start may contradict the loops in their last digits, so that the loops alone are closed once more
+    for group in (held, rows):
+        x = group.close(x, laws[: len(group.prescribed)], eps)
+    A, b = held.entries(at_states(x)), stack_arrays(rates, x[:, 0])
+    v = solve_by_chord(lambda v: multiply(A, v) - b, pseudo_inverse(to_dense(A, 1, n)), np.zeros_like(x), eps)
+    return x, v

@@ -1,19 +1,32 @@
-"""States in loop coordinates as samples of a motion in absolute coordinates, with joint forces and residuals."""
+"""States in loop coordinates as samples of a motion in absolute coordinates, with joint forces and residuals.
+
+The joint forces are the multipliers of the constraint rows in absolute coordinates. A column of J^T has the forces of a constraint
+on the links for a multiplier of one. The constraints are in the mechanism's order: two for each joint, then one for each driver,
+then one for each knife edge. Each is derived here a second time, independently of `mechanism/coordinates.py`:
+
+    pin:          a force along x, then a force along y, on the point b, each with its reaction on the point a
+    slide:        a force across the guide on the block, with its reaction in the same line on the guide; then a torque on the
+                  block, with its reaction on the guide
+    driver:       on an angle a torque; on a slide a force along the guide; on a length a force along the line of its two points
+    knife edge:   a force across the edge at its point
+
+The system J^T lambda = Q - M a has more rows than unknowns, so that its residual checks the whole motion.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion
-from gauss_bench.reference.taylor.arithmetic import Value
-from gauss_bench.reference.taylor.forces import Loads
-from gauss_bench.reference.taylor.joint_forces import joint_forces, reactions
-from gauss_bench.reference.taylor.moving_vectors import Instant, Vectors, at_states
+from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
+from gauss_bench.reference.taylor.arithmetic import Long, Value, dot, epsilon, multiply, stack_arrays, to_dense, vanishes
+from gauss_bench.reference.taylor.forces import Loads, Wrench
 from gauss_bench.reference.taylor.rows import LoopRows
-from gauss_bench.reference.taylor.solve import Long, epsilon, multiply, split_columns, stack_arrays
-from gauss_bench.reference.taylor.vector_sums import NONE, LoopCoordinates
+from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Vectors, at_states
 
 BALANCE = 1e-25  # largest relative residual of the equations of motion in 128 bit; in proportion to the rounding of other numbers
 ROUNDING = 2.0**-112  # relative rounding of numbers with 128 bit
@@ -33,35 +46,13 @@ class LoopStates:
     a: Long
 
 
-def join(parts: Sequence[LoopStates]) -> LoopStates:
-    """Return the states of all parts, one after the other."""
-    return LoopStates(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "x", "v", "a")))
-
-
-def _absolute(coordinates: LoopCoordinates, at: Instant, vectors: Vectors, angles: Mapping[int, Value], zero: Long) -> Long:
-    """Return absolute coordinates (k, n) of all links, or their time derivatives if `vectors` and `angles` are derivatives.
-
-    Args:
-        coordinates: the loop coordinates; at: their values at k states.
-        vectors: key -> vector l e of `moving_vectors`, or a derivative of it; centres of mass are sums of such vectors.
-        angles: loop coordinate -> its value, or a derivative of it, for the angles of the links.
-        zero: (k,) zeros in the type of number of the states.
-    """
-    values: list[Value] = []
-    for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
-        values += [*at.combine(centre, vectors), 0 if index == NONE else angles.get(index, 0)]
-    return stack_arrays(values, zero)
-
-
 def sample(
     rows: LoopRows, states: LoopStates, times: Sequence[str], redundant: int, stopped: str, method: str, number: Number
 ) -> Motion:
     """Return a motion in absolute coordinates with joint forces, given states in loop coordinates; check its residuals.
 
     Args:
-        rows: the constraint rows of the linkage.
-        states: loop coordinates x and their time derivatives v, a at k times.
-        times: these times as decimal texts [s].
+        times: the times of the states as decimal texts [s].
         redundant: number of redundant constraint rows.
         stopped: the reason why the motion ends early, or empty; method: the method in words.
         number: type of number of the states.
@@ -71,37 +62,97 @@ def sample(
     """
     coordinates, eps = rows.coordinates, epsilon(number)
     mechanism = coordinates.mechanism
-    # positions, velocities and accelerations of the links
     at = at_states(states.x)
-    v, a = (dict(enumerate(split_columns(x))) for x in (states.v, states.a))
+    v, a = (dict(enumerate(x.T)) for x in (states.v, states.a))
     zero = states.t - states.t  # (k,) in the type of number of the states
-    q = _absolute(coordinates, at, at, dict(enumerate(at.x)), zero)
+
+    def absolute(vectors: Vectors, angles: Mapping[int, Value]) -> Long:
+        """Return coordinates (k, n) of all links or their derivatives, given those of the vectors l e and of the angles."""
+        values: list[Value] = []
+        for centre, index in zip(coordinates.centres, coordinates.angle, strict=True):
+            values += [*at.combine(centre, vectors), 0 if index == NONE else angles.get(index, 0)]
+        return stack_arrays(values, zero)
+
+    q = absolute(at, dict(enumerate(at.x)))
     for i, turn in enumerate(coordinates.turn):  # constant angles between links that share an angle coordinate
         q[:, 3 * i + 2] = q[:, 3 * i + 2] + turn
-    linear, bias = at.variation(a), at.bias(v)  # the parts of second derivatives that depend on x'', and that do not
-    velocity = _absolute(coordinates, at, at.variation(v), v, zero)
-    acceleration = _absolute(coordinates, at, linear, a, zero) + _absolute(coordinates, at, bias, {}, zero)
-    # residuals of the loops, then joint forces and the residual of the equations of motion
-    Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
-    drift = residuals(rows, states, at)  # of positions, and of velocities
-    fastest = float(np.abs(states.v).astype(float).max(initial=0.0))
-    # the residuals are usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
-    if not max(drift[0], drift[1] / (1.0 + fastest)) < eps**0.5:
-        raise Inconsistent(f"the loops come open by {drift[0]:.1e} m or rad, their rates by {drift[1]:.1e} per second")
-    multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
-    if not imbalance < BALANCE / ROUNDING * eps:  # BALANCE holds for 128 bit; it is scaled to the rounding of this type
-        raise Inconsistent(f"the equations of motion are met only to {imbalance:.1e} of the joint forces")
-    return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, drift, stopped, method)
-
-
-def residuals(rows: LoopRows, states: LoopStates, at: Instant) -> tuple[float, float]:
-    """Return the largest residual of positions and that of velocities, over all states and constraint rows.
-
-    Redundant rows are included. `at` has the vectors l e of `moving_vectors` at the states.
-    """
+    velocity = absolute(at.variation(v), v)
+    acceleration = absolute(at.variation(a), a) + absolute(at.bias(v), {})
+    # residuals of the loops; usually a thousand roundings, but 1e-12 if decimals of the file contradict each other
     laws = rows.laws(states.t)
-    zero = states.t - states.t  # (k,) in the type of number of the states
-    position = stack_arrays([*rows.residuals(at, laws), *rows.coordinates.turn_gaps], zero)
-    rate = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
-    off, rate_off = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (position, rate))
-    return off, rate_off
+    gaps = stack_arrays([*rows.residuals(at, laws), *coordinates.turn_gaps], zero)
+    rate_gaps = multiply(rows.entries(at), states.v) - stack_arrays(rows.rates(laws), zero)
+    gap, rate_gap, fastest = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (gaps, rate_gaps, states.v))
+    if not max(gap, rate_gap / (1.0 + fastest)) < eps**0.5:
+        raise Inconsistent(f"the loops come open by {gap:.1e} m or rad, their rates by {rate_gap:.1e} per second")
+    Q = stack_arrays(Loads(coordinates, at, v).flat(), zero)
+    multipliers, imbalance = joint_forces(reactions(coordinates, at), Q - mechanism.mass * acceleration, redundant, eps)
+    if not imbalance < BALANCE / ROUNDING * eps:
+        raise Inconsistent(f"the equations of motion are met only to {imbalance:.1e} of the joint forces")
+    return Motion(tuple(times), q, velocity, acceleration, None if redundant else multipliers, (gap, rate_gap), stopped, method)
+
+
+def reactions(coordinates: LoopCoordinates, at: Instant) -> list[dict[int, Value]]:
+    """Return the rows of the constraint Jacobian J in absolute coordinates, each as column -> value.
+
+    Each row is the generalised force of a unit reaction in a joint, a driver or a knife edge, and is built as a `Wrench`.
+    """
+    mechanism, wrenches = coordinates.mechanism, list[Wrench]()
+
+    def add_row() -> Wrench:
+        """Add a constraint row, whose forces are still zero, and return it."""
+        wrenches.append(Wrench(coordinates, at))
+        return wrenches[-1]
+
+    for joint in mechanism.joints:
+        first, second = add_row(), add_row()
+        if isinstance(joint, Prismatic):
+            first.slide(joint.block, joint.guide, first.turn(unit(joint.angle, across=True), joint.guide.link))
+            second.twist(joint.block.link, joint.guide.link, 1)
+        else:
+            first.pull(joint.b, joint.a, (1, 0))
+            second.pull(joint.b, joint.a, (0, 1))
+    for driver in mechanism.drivers:
+        row = add_row()
+        if isinstance(driver, AngleDriver):
+            row.twist(driver.link, GROUND, 1)
+        elif isinstance(driver, SlideDriver):
+            slide = driver.joint
+            row.slide(slide.block, slide.guide, row.turn(unit(slide.angle), slide.guide.link))
+        else:
+            d = at.combine(row.gap(driver.a, driver.b))
+            length = at.arithmetic.sqrt(dot(d, d))
+            row.pull(driver.b, driver.a, (d[0] / length, d[1] / length))
+    for edge in mechanism.knife_edges:
+        row = add_row()
+        row.push(edge.point, row.turn(unit(edge.angle, across=True), edge.point.link))
+    return [{j: x for j, x in enumerate(wrench.flat()) if not vanishes(x)} for wrench in wrenches]
+
+
+def joint_forces(rows: list[dict[int, Value]], force: Long, redundant: int, eps: float) -> tuple[Long, float]:
+    """Return the multipliers (k, m) of J^T lambda = force (k, n), and the largest residual relative to the forces.
+
+    If rows are redundant, some multipliers are set to zero and the others are not unique; the residual is meaningful all the same.
+
+    Raises:
+        Unsolved: the rows of J at a sample are linearly dependent in double precision.
+    """
+    from scipy.linalg import qr
+
+    k, n = force.shape
+    multipliers = np.zeros((k, len(rows)), dtype=force.dtype)
+    J, count = to_dense(rows, k, n), len(rows) - redundant
+    kept = sorted(qr(J[0].T, mode="r", pivoting=True)[1][:count].tolist()) if count else []  # independent rows
+
+    def residual(x: Long) -> Long:
+        """Return J^T x - force (k, n) for multipliers x (k, kept) of the kept rows."""
+        remaining = -force
+        for i, r in enumerate(kept):
+            for j, value in rows[r].items():
+                remaining[:, j] = remaining[:, j] + value * x[:, i]
+        return remaining
+
+    inverse = pseudo_inverse(np.swapaxes(J[:, kept], 1, 2))
+    multipliers[:, kept] = solve_by_chord(residual, inverse, multipliers[:, kept], eps)
+    off, scale = (float(np.abs(x).astype(float).max(initial=0.0)) for x in (residual(multipliers[:, kept]), force))
+    return multipliers, off / max(scale, 1e-300)
