@@ -132,13 +132,14 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
 
     Args:
-        ladders: for each variant of the engine its trials.
+        ladders: for each variant of the engine its trials, in any order.
         untimed: the reason why no timed comparison has a variant that meets the requirements; None if one has.
     """
     ladders = [ladder for ladder in ladders if ladder]
     trials = [trial for ladder in ladders for trial in ladder]
     ended = [trial for trial in trials if trial.status is Status.OK]
-    shares = [share(trial, wanted) for trial in ended]  # errors over allowed errors: at most 1 if all requirements are met
+    shares = [share(trial, wanted) for trial in ended]
+    # shares: errors over allowed errors, at most 1 if all requirements are met; NaN if only joint forces are undetermined
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
     not_skipped = [trial for trial in trials if trial.status is not Status.SKIP]

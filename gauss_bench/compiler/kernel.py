@@ -88,7 +88,7 @@ def compile_kernel(
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
     options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, start)
+    return Kernel(mechanism, options, "straight line", start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -143,9 +143,9 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, start: float):
+    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
         """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
-        self.mechanism, self.options, self.form = mechanism, options, "straight line"
+        self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
@@ -295,7 +295,10 @@ class Kernel:
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0."""
+        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
+
+        If so, exported C source, which has the first program alone, is valid for these steps.
+        """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
         for leg in self.legs(0.0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
@@ -326,7 +329,7 @@ class Kernel:
         """Return the number arguments (count, n_p) of the code for `count` states: the numbers that are not constants in the code.
 
         The first columns are the open parameters, with the values `parameters`, or with those of the linkage file if `parameters`
-        is None.
+        is None. The other columns are coefficients of time-dependent forces at the time t, one for all states or (count,).
         """
         size = len(self.parameters)
         given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
@@ -386,6 +389,11 @@ class Kernel:
         At a state where a pivot of the first program is too small, another program, with other pivots, is evaluated. At a state
         where no program is usable, `by_rank` is evaluated. `by_rank` needs the parameter values of the linkage file; with other
         values the result is NaN.
+
+        Args:
+            evaluate: function of the index of a program and the four arrays of `_rows`; returns values (k, ...) and flags (k,), True
+                for states at which all pivots were large enough.
+            by_rank: function of t, q, v of one state, which decides on the rank of the constraint rows by dense linear algebra.
         """
         at, single = self._rows(q, v, t, parameters)
         values, sound = evaluate(0, *at)

@@ -152,7 +152,7 @@ def check_model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | No
 
 
 def check_sample_times(late: float) -> str | None:
-    """Ask the gate about a correct motion whose samples are `late` [s] too late; return its message, or None."""
+    """Return the message with which the accuracy gate rejects a correct motion that is sampled `late` [s] too late, else None."""
     reference = truth(FOUR_BAR)
     correct = reference.samples
 

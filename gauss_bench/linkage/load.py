@@ -86,13 +86,15 @@ def document_of(name_or_path: str | Path) -> tuple[dict[str, Any], str, Path]:
 
 
 def generate(name: str) -> dict[str, Any] | None:
-    """Return the document of a linkage without a file, such as `n_four_bar_8` or `pendulum`; None for any other name."""
+    """Return the document of a member of a family, such as `n_four_bar_8`, or of a linkage in `written/`; None for other names."""
     if name in SINGLE:
         return parse_toml((Path(__file__).parent / "written" / f"{name}.toml").read_text(encoding="utf-8"))
     member = FAMILY_MEMBER.fullmatch(name)
     if member is None or int(member[2]) > LARGEST:
         return None
-    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(int(member[2]))  # few runs need it
+    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(
+        int(member[2])
+    )  # imported only here: few runs need it
     return document
 
 

@@ -111,7 +111,7 @@ def check_holds(certificate: Certificate, mechanism: Mechanism, path: Path) -> N
 def certificate_path(mechanism: Mechanism) -> Path | None:
     """Return the path of a linkage's certificate, certificates/NAME.SCENARIO.npz beside its file.
 
-    Certificates of generated linkages are beside the built-in ones; a linkage that was neither read nor generated has none.
+    Generated linkages have theirs in the folder of the built-in ones; a mechanism that was built in Python has none.
     """
     source = Path(mechanism.source)
     if not source.is_file() and not generate(mechanism.source):

@@ -31,7 +31,7 @@ class NoRun(BadInput, ValueError):
 
 
 def read_run(folder: Path) -> Run:
-    """Read the run in a folder; a run of the suite `field` in its subfolder `field` becomes the attribute `beside`.
+    """Read the run in a folder; its attribute `beside` is the run in the subfolder `field`, if there is one.
 
     Raises:
         NoRun: the folder has no run.

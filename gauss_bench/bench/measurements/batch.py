@@ -1,9 +1,9 @@
 """Time thousands of trajectories on one core: this package's kernel against another library's loop on one thread.
 
 The kernel computes several trajectories at once, each in one lane (element) of the processor's vectors. The trajectories start at
-random states on the constraints, with crank speeds up to 30 rad/s in either direction. The rival takes fewer steps from the same
-states, which does not change the time of a step. Some trajectories are computed again, one at a time, to check that lanes do not
-affect each other.
+random states on the constraints, with crank speeds up to 30 rad/s in either direction. The other library takes fewer
+steps from the same states, which does not change its computing time per step. Some trajectories are computed again, one at a time,
+to check that lanes do not affect each other.
 """
 
 from collections.abc import Callable, Iterator

@@ -42,7 +42,7 @@ def certify_one(
         digits: number of digits that the certificate should guarantee.
         until: end of the motion [s]; by default the end of the scenario.
         out: the file to be written; None writes no file.
-        told: called with a sentence at the start and, if stderr is no terminal, with the time reached every PAUSE seconds.
+        told: function that is called with a sentence of progress at the start and, if stderr is no terminal, every PAUSE seconds.
 
     Raises:
         LinkageError: the linkage file has faults.

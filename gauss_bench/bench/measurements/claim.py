@@ -37,7 +37,7 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, the keys of the engine with n - m unknowns and of that with n + m (`part.compiled`)."""
+    """Return, for each of QUANTITIES, two keys: of the engine with n - m unknowns, and of the one with n + m."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()

@@ -1,4 +1,4 @@
-"""Measure the computing times of all engines on a linkage in one race, and fill in the cost columns of the results.
+"""Time all engines on a linkage side by side, and fill in the cost columns of the results.
 
 These quantities of each engine are timed, in each combination of settings, integrator and stabilisation:
 

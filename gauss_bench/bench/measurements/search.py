@@ -307,7 +307,7 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
 def race_apart(
     run: Run, part: Search, racers: Sequence[Racer], rounds: int, lost: Collection[str] = (), lead: float | None = None
 ) -> tuple[Rows, dict[str, WorkerFailure]]:
-    """Race settings in a new process: whole runs of at most `lead` [s] or, without a lead, single steps.
+    """Time settings side by side in a new process: runs, of which at most the first `lead` [s] are timed, or steps if it is None.
 
     Engines in `lost`, which crashed or hung in an earlier race, are left out. Return the rows of `race_here`, and engine ->
     failure for each engine that crashed or hung in this race.

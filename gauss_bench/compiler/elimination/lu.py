@@ -312,7 +312,7 @@ class _Markowitz:
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
     def _trust_fewer(self) -> None:
-        """Restrict `trusted` to the samples at which one entry is large enough for a pivot, the entry with the most such samples.
+        """Find the entry that is large enough for a pivot at the most samples, and restrict `trusted` to these samples.
 
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.

@@ -315,10 +315,13 @@ class Programs:
         return tuple(code.program.independent for code in self.codes)
 
     def c_source(self, integrator: str) -> str:
-        """Return the first program as C source with the functions `accelerate` and `rollout`."""
+        """Return C source with the functions `accelerate` and `rollout`.
+
+        The source has the first program alone, without those that replace it at states where its pivots vanish.
+        """
         first = self.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
-        # "none": the acceleration without Baumgarte's terms
+        # "none": only `rollout` has Baumgarte's terms, `accelerate` is the exact acceleration
         return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
 
     def loaded(self) -> list[tuple[float, bool]]:

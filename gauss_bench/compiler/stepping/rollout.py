@@ -304,11 +304,10 @@ def settling(code: Code) -> Routine:
     """Build the routine `settle`, which projects a state onto the constraint rows that the program keeps.
 
     Positions get EXACT.corrections Newton corrections, all with the Jacobian of the state that is given, and velocities get one
-    correction. The guards also require that the norm of the last correction of the positions is at most LAST_CORRECTION, so that
-    only rounding errors remain.
+    correction.
     """
     b = Builder(code, EXACT)
-    q, _ = b.correct_position(b.t, b.q, [], b.q)
+    q, _ = b.correct_position(b.t, b.q, [], b.q)  # adds to b.pivots that the last correction is at most LAST_CORRECTION
     v = b.correct_velocity(q)
     return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain=False)
 

@@ -633,8 +633,9 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
 
         (1 - h^2 kron(A A, K) - h kron(A, D)) dz = a_f - z
 
-    for the corrections dz of z at all stages, with A, K and D as in `Builder.newton`. A linkage whose inputs are all driven has no
-    free motions: each iteration then replaces the accelerations of the stages by those evaluated at their states.
+    for the corrections dz of z at all stages. A (3, 3) has the method's coefficients; K and D (f, f) are derivatives of the
+    independent accelerations with respect to displacements and velocities along the free motions. A linkage whose inputs are all
+    driven has no free motions: each iteration then replaces the accelerations of the stages by those evaluated at their states.
     Source: Hairer and Wanner, Solving Ordinary Differential Equations II (1996), sections IV.5 and IV.8.
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()

@@ -66,7 +66,11 @@ def _leaves(g: Graph, name: str, count: int) -> list[int]:
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, _Sample]:
     """Write one Newton correction, and the values that are computed at the corrected position, into a new graph.
 
-    Return the graph, and the indices of these values in the graph.
+    Return the graph, and the indices of these values in the graph. The correction begins at q; `guess` is the q of the first
+    correction. Leaves %s and %c are sine and cosine of an angle of q.
+
+    Args:
+        plain: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
     """
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 

@@ -199,7 +199,9 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
 def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
     """Return the data of a run of a linkage whose crank can turn fully; `reference` (k, n) has the true states at all frames.
 
-    `rest` and `gap` are in [px, px, degrees], and left out if they are too small to be seen; the top of this file explains them.
+    The data are `ahead`, the angle by which the run's crank is ahead; `rest`, the difference that no crank angle explains (another
+    assembly); and `gap`, the difference that opens loops. The last two are in [px, px, degrees], and left out if they cannot be
+    seen: `gap` even at the largest magnification, `rest` without, because it is not magnified.
     """
     ahead = x.ahead.reshape(len(x.ahead), -1)  # (frames, n)
     own = reference[: len(ahead)] + ahead

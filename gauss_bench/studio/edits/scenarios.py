@@ -106,7 +106,11 @@ def place_of(reading: Reading, driver: Mapping[str, Any]) -> float | None:
 
 
 def start_driven(document: Document, reading: Reading, only: Mapping[str, Any] | None = None) -> None:
-    """Complete the scenario "driven" of a document, so that it starts in the drawn position."""
+    """Let the scenario "driven" of a document start in the drawn position.
+
+    Drivers without a start get the one in the drawing, and `start` is written again for the coordinates without drivers. If `only`
+    is given, only drivers with these keys and values get a start.
+    """
     scenario = table(table(document, "scenarios"), DRIVEN)
     drivers = drivers_of(scenario)
     for driver in drivers:
@@ -154,11 +158,12 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Adapt the start values of scenarios and drivers to a changed drawing."""
+    """Set start values that were those of the old drawing to those of the new one; leave others, which the user chose."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
-    # with another number of degrees of freedom, other coordinates must be given in the start of "driven"
+    # with another number of degrees of freedom, other coordinates must be given in the start of "driven"; `hold` means that the
+    # user chose them
     has_other_freedom = old.mechanism.n - old.rank != new.mechanism.n - new.rank
     if drivers_of(driven) and "hold" not in driven and has_other_freedom:
         start_driven(document, new)
