@@ -1,9 +1,10 @@
 """The judge decides for all commands whether a finished run is valid, from numbers that this package computes from the trajectory.
 
-A run is valid if the judge has no objection: - it has all samples, and begins at the start of the scenario; - its loops stay closed
-and its energy balances; - its accelerations are those of the linkage, and its velocities and accelerations are the rates of its
-positions and velocities; - it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter
-tolerance.
+A run is valid if the judge has no objection:
+- it has all samples, and begins at the start of the scenario;
+- its loops stay closed and its energy balances;
+- its accelerations are those of the linkage, and its velocities and accelerations are the rates of its positions and velocities;
+- it agrees with the reference or, if there is none, with a repetition at half the step or at a tighter tolerance.
 
 Each limit asks whether the run is still a motion of this linkage. The judge does not decide how exact a valid run is.
 """
@@ -282,8 +283,9 @@ def _check_start(x: Evidence) -> Iterator[Objection]:
 def _check_rates(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections: positions differ from integrated velocities, or velocities from integrated accelerations.
 
-    Two contributions widen a limit, each by at most MOST_SHARED times: the error of the numerical integral, and the part of the gap
-    that disappears when the run is repeated with finer steps, because a method may store rates half a step away from the positions.
+    Two contributions widen a limit, each by at most MOST_SHARED times the limit: the error of the numerical integral, and the part
+    of the gap that disappears when the run is repeated with finer steps, because a method may store rates half a step away from the
+    positions.
     """
     if x.rates is None:
         return

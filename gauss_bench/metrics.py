@@ -26,9 +26,9 @@ SAME_TIME = 1e-9  # [s] two times less than this apart are the same sample time
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """The distance of each sample from the constraints: (k,) largest |phi|, |J v + phi_t| and |J a - gamma|.
+    """The distance of each sample from the constraints: (k,) largest |phi| [m, rad], |J v + phi_t| [m/s, rad/s] and |J a - gamma|.
 
-    Rows without a position level do not count in `position`.
+    Rows without a position level do not count in `position`. The unit of `acceleration` is [m/s^2, rad/s^2].
     """
 
     position: Array

@@ -391,8 +391,8 @@ class Kernel:
         values the result is NaN.
 
         Args:
-            evaluate: function of the index of a program and the four arrays of `_rows`; returns values (k, ...) and flags (k,), True
-                for states at which all pivots were large enough.
+            evaluate: function of the index of a program and the four arrays of `_rows`; returns values (k, ...) and flags (k,),
+                True at states where all pivots were large enough.
             by_rank: function of t, q, v of one state, which decides on the rank of the constraint rows by dense linear algebra.
         """
         at, single = self._rows(q, v, t, parameters)

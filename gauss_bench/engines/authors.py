@@ -191,7 +191,7 @@ def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
 
 
 def _read_text(line: Line, key: str, place: str) -> str:
-    """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a SettingsFault."""
+    """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a VariantError."""
     text = line.get(key)
     good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
     require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")

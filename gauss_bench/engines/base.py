@@ -108,6 +108,7 @@ class Engine(Protocol):
 
     Attributes:
         integrators: names of the engine's integrators; the first is the default.
+        stabilizations: names of the engine's constraint stabilisations, such as "none".
         settings: label of settings -> (name of an option -> value), as printed in the report; the first label is the default.
         native_loop: whether the engine has a compiled loop over steps.
         python_loop: whether Python can call the engine for single steps.

@@ -99,7 +99,7 @@ class CompiledModel:
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
             return
-        if self.times[-1] == self.times[0]:
+        if not self.times[-1] > self.times[0]:
             return
         tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
         motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)

@@ -128,7 +128,10 @@ class Tree:
         return AbsoluteState(self._stack(q, shape), self._stack(v, shape), self._stack(a, shape))
 
     def _stack(self, states: dict[int, Any], shape: tuple[int, ...]) -> Array:
-        """Return link -> (position x + i y, angle), or the rates of both, each of a shape, as an array (*shape, 3 links) like q."""
+        """Return an array (*shape, 3 links) in the order of q from link -> (position x + i y, angle), or the rates of both.
+
+        `shape` is the shape of the numbers, empty for a single state.
+        """
         out = np.empty((*shape, self.links, 3))
         for i in range(self.links):
             z, theta = states[i]

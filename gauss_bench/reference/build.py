@@ -145,7 +145,7 @@ def absolute_motion(mechanism: Mechanism, times: Array, integrate: Integrator = 
     return q, v, motion.acceleration(times, q, v)
 
 
-def random_states(mechanism: Mechanism, count: int = 200, speed: float = 30.0) -> Samples:
+def random_states(mechanism: Mechanism, count: int = 200, *, speed: float = 30.0) -> Samples:
     """Draw random states on the constraints, with their reference accelerations.
 
     If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in -`speed`..`speed` [rad/s]. If

@@ -154,8 +154,14 @@ class Linkage:
             Unsolved: the position is singular.
         """
         rows = self.rows(t, q, v)
+        Q = self.evaluator.applied.generalised(q, v)
         zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-        x = solve_by_chord(lambda x: -self.residual(t, q, v, x), self.inverse(t, rows.J).inverse, zero)
+
+        def excess(x: Array) -> Array:
+            """Return minus the residual (n + m,) of the equations of motion at x = [a, lambda]."""
+            return -saddle_residual(self.evaluator.mass, rows.J, Q, rows.gamma, x)
+
+        x = solve_by_chord(excess, self.inverse(t, rows.J).inverse, zero)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:

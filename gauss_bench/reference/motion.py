@@ -22,7 +22,7 @@ class Motion:
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
         q, v, a: (k, n) positions, velocities and accelerations, in the number type of the computation.
-        multipliers: (k, m) lambda of M a + J^T lambda = Q; None if redundant constraint rows leave them undetermined.
+        multipliers: (k, m) lambda of M a + J^T lambda = Q, in the order of the mechanism's rows; None if redundant constraint rows leave them undetermined.
         drift: largest residuals |phi| and |phi'| of the constraints over the samples [m, rad and per second].
         stopped: the reason why the samples end before the last requested time, or empty.
     """
@@ -40,7 +40,7 @@ class Motion:
 def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
     """Return the linkage of a document with decimals kept as text, assembled in double precision.
 
-    The scenario's changes (`override`) are merged into the document.
+    The scenario's `override` must already be merged into the document.
 
     Raises:
         AssemblyError: the linkage cannot be assembled.

@@ -194,7 +194,7 @@ class TreeWorld(World):
     def carrier(self, link: int) -> int:
         """Return Bullet's index of a link; -1 for the ground."""
         # a free link hangs on three joints in a row, of which the third carries the link
-        return next((b.at + (2 if b.kind == "free" else 0) for b in self.tree.branches if b.link == link), -1)
+        return -1 if link == GROUND else next(b.at + (2 if b.kind == "free" else 0) for b in self.tree.branches if b.link == link)
 
     def _pivot(self, point: Point) -> list[float]:
         """Return a point (3,) [m] relative to the centre of mass of its link, in Bullet's frame."""

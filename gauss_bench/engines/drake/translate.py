@@ -232,9 +232,8 @@ class Builder:
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
         for link, at, force in self.thrusts:
-            pose = math.RigidTransform(
-                math.RotationMatrix.MakeFromOneVector(in_space(force), 2), in_space(at)
-            )  # pushes along axis 2
+            # a propeller pushes along axis 2 of its pose
+            pose = math.RigidTransform(math.RotationMatrix.MakeFromOneVector(in_space(force), 2), in_space(at))
             propellers.append(tools.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0))
         thrusters = builder.AddSystem(tools.Propeller(propellers))
         builder.Connect(self.plant.get_body_poses_output_port(), thrusters.get_body_poses_input_port())

@@ -41,7 +41,7 @@ def version(exu: Any) -> str:
 def write_nothing(settings: Any) -> None:
     if hasattr(settings, "solution"):
         settings.solution.file.write = False
-    else:
+    else:  # before 1.12
         settings.solutionSettings.writeSolutionToFile = False
 
 
@@ -51,7 +51,7 @@ def set_linear_solver(exu: Any, settings: Any, name: str, ignore_singular: bool)
     if hasattr(settings, "linearSolver"):
         options = settings.linearSolver
         options.solverType = kind
-    else:
+    else:  # before 1.12
         options, settings.linearSolverType = settings.linearSolverSettings, kind
     if ignore_singular:
         options.ignoreSingularJacobian = True

@@ -243,7 +243,7 @@ class ExudynModel:
                 if not self.failure:
                     self._run_part(part)
         except RunFailure as failure:
-            self.failure = failure
+            self.failure = failure.with_traceback(None)  # whose frames would keep the model alive
 
     def _run_part(self, part: Stretch) -> None:
         """Run Exudyn's solver for one stretch, an interval with equal steps, and store the sample at its end."""
@@ -266,9 +266,8 @@ class ExudynModel:
         if part.row is not None:
             self._store_sample(part.row)
         time.generalizedAlpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
-        if (
-            part.last != np.inf
-        ):  # a force jumps at the end: the next call, and a sample there, have the accelerations after the jump
+        if part.last != np.inf:
+            # a force jumps at the end: the next call, and a sample there, have the accelerations after the jump
             data = mbs.systemData
             q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
             a = self.acceleration(self._end(part), q, v)

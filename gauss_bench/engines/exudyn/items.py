@@ -242,9 +242,8 @@ class System:
                 self._add_spring_along(law.coordinate, law)
             case Distance(a, b):
                 markers = [self._mark_point(a), self._mark_point(b)]
-                if (
-                    law.rest == law.c == law.bias == 0
-                ):  # the force is k times the gap, and needs no direction if the points coincide
+                if law.rest == law.c == law.bias == 0:
+                    # the force is k times the gap, and needs no direction if the points coincide
                     stiffness = [law.k, law.k, 0.0]
                     self._add("ObjectConnectorCartesianSpringDamper", markerNumbers=markers, stiffness=stiffness)
                 else:

@@ -54,6 +54,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
         settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
         solver.InitializeSolverInitialConditions(mbs, settings)
         answers.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(kept)])
+        del solver, mbs, container  # in this order: the solver and the system may refer to the container
     return np.array(answers)
 
 

@@ -67,7 +67,8 @@ class Draft:
         hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
         def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
-            """Add a joint of the link for the tree coordinate with index `at`, at the value of this coordinate (`ref`)."""
+            """Add a joint for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
+            # `ref`: the coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
             self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
 
         # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate

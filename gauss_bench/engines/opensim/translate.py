@@ -169,7 +169,9 @@ class Builder:
                 element.setForceIsInGlobalFrame(in_world)
                 element.setPointFunctions(*map(opensim.Constant, spatial(force.point.local)))
                 element.setPointIsInGlobalFrame(False)
-            case OtherLoad(_, Law(Distance() as distance, k, c, rest, bias)):
+            case OtherLoad(_, Law() as law):
+                k, c, rest, bias, distance = law.k, law.c, law.rest, law.bias, law.coordinate
+                assert isinstance(distance, Distance)  # `skip` refuses laws along other coordinates
                 a, b = self._place(distance.a), self._place(distance.b)
                 if c or bias:
                     # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
