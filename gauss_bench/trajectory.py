@@ -107,7 +107,8 @@ class Reference(Samples):
 
     Attributes:
         error_q, error_v, error_a: (k,) error bars: the largest disagreement of two integrations at each time.
-        floor_q, floor_v, floor_a: (k,) largest change up to each time if the linkage's numbers are rounded to doubles; 0 if not computed.
+        floor_q, floor_v, floor_a: (k,) largest change up to each time if the linkage's numbers are rounded to doubles; 0 if it was
+            not computed.
         method: one line that names both integrations.
         certified: whether two independent derivations of the equations of motion agree on it.
     """

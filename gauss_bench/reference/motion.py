@@ -22,7 +22,8 @@ class Motion:
     Attributes:
         times: decimal texts of the sample times [s] that were reached.
         q, v, a: (k, n) positions, velocities and accelerations, in the number type of the computation.
-        multipliers: (k, m) lambda of M a + J^T lambda = Q, in the order of the mechanism's rows; None if redundant constraint rows leave them undetermined.
+        multipliers: (k, m) lambda of M a + J^T lambda = Q, with rows in the order of the mechanism; None if redundant constraint
+            rows leave them undetermined.
         drift: largest residuals |phi| and |phi'| of the constraints over the samples [m, rad and per second].
         stopped: the reason why the samples end before the last requested time, or empty.
     """
