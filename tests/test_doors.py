@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import is_of_kind
+from gauss_bench.api.files import FileRefused, is_of_kind, writable
 from gauss_bench.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -141,6 +141,14 @@ def test_no_picture_takes_the_place_of_the_linkage_that_it_shows_or_of_a_link(
         assert link.is_symlink()
 
 
+def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:
+    old = tmp_path / "old.c"
+    old.write_text("int x;", encoding="utf-8")
+    assert writable(old, True, suffix=".c") == old
+    with pytest.raises(FileRefused, match="--replace writes over it"):
+        writable(old, False, suffix=".c")
+
+
 LINKAGE = FOUR_BAR.read_bytes()
 CONTENTS = {
     ".csv": b"t [s],x [m]\n0,1\n",
@@ -163,6 +171,13 @@ def test_the_first_bytes_of_a_file_tell_its_kind(suffix: str, tmp_path: Path) ->
         file.write_bytes(first)
         is_program = content in (".c", ".py")  # programs begin in any way, so their ending tells
         assert is_of_kind(file, suffix) == (content == suffix or is_program)
+
+
+def test_pictures_begin_in_several_ways(tmp_path: Path) -> None:
+    file = tmp_path / "x.svg"
+    for start in (b"<svg>", b'\n<?xml version="1.0"?>\n<!-- by hand -->\n<svg>', b""):
+        file.write_bytes(start)
+        assert is_of_kind(file, ".svg")
 
 
 @pytest.mark.parametrize(
@@ -209,3 +224,18 @@ def test_no_atlas_takes_the_place_of_a_file_of_the_users(name: str, tmp_path: Pa
     assert main(call) == 2
     assert f"{tmp_path / name}: is there already" in capsys.readouterr().err
     assert (tmp_path / name).read_text(encoding="utf-8") == "my own"
+
+
+@pytest.mark.long
+def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "s"
+    call = [
+        *["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01", "--out"],
+        str(out),
+    ]
+    assert main(call) == 0
+    (out / "summary.svg").write_text("<svg>mine</svg>", encoding="utf-8")
+    capsys.readouterr()
+    assert main(call) == 2
+    assert f"{out / 'summary.svg'}: is there already" in capsys.readouterr().err
+    assert (out / "summary.svg").read_text(encoding="utf-8") == "<svg>mine</svg>"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.kinematics import root_finding
+from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.motion import LimitOfMotion, Motion
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism import motion_laws
 from gauss_bench.mechanism.coordinates import position, value
@@ -167,3 +167,16 @@ def test_circles_that_do_not_meet_have_no_root(method: str) -> None:
     root = search(circles(2.2), np.array([0.8, 0.5]))
     assert root.flag != ExitFlag.CONVERGED
     assert root.residual > 0.1  # at the middle, the smallest of the largest: (1.1^2 - 1) / 2 = 0.105
+
+
+def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism = load("parallelogram", "driven")
+    times = np.array([0.0, 5 / 360])
+    assert branch_of(mechanism, mechanism.q0) == {}  # it is redundant: no group distinguishes its assemblies
+    lies = iter([None, Root(PointModel(mechanism).points.unknown_at(mechanism.q0) + 0.03, ExitFlag.CONVERGED, 1, 0.0)])
+    true = basic_motion(mechanism, times)
+    search = basic_coordinates.gauss_newton
+    monkeypatch.setattr(basic_coordinates, "gauss_newton", lambda *given: next(lies, None) or search(*given))
+    found = basic_motion(mechanism, times)
+    assert next(lies, "told") == "told"
+    assert np.abs(found.q - true.q).max() < 1e-13  # found in two halves instead

@@ -102,3 +102,13 @@ def test_the_truths_owe_nothing_to_the_paper() -> None:
         assert np.abs(problem.J @ problem.a - problem.g).max() < 1e-10 * np.abs(problem.J @ problem.a).max() + 1e-10
     assert len({t.equations.mechanism.name for t in list_driven()}) == 4
     assert any(abs(p.phi_rate - p.s_rate) > 0.5 for p in lu.poses())
+
+
+def test_everything_that_the_data_files_define_serves_a_line() -> None:
+    for paper in PAPER_FILES:
+        of_paper = [line for p, _, line in ENTRIES if p is paper]
+        for table in ("tolerance", "cause"):
+            assert {line[table] for line in of_paper if table in line} == paper[table].keys()
+        assert {line["example"]["number"] for line in of_paper if "example" in line} == paper.get("number", {}).keys()
+        assert {line["measure"] for line in of_paper} == {x for chapter in paper["chapter"] for x in chapter["measure"]}
+        assert all(chapter.get("over", {}).keys() <= chapter["measure"].keys() for chapter in paper["chapter"])

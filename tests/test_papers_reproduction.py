@@ -1,19 +1,23 @@
 """Compare the paper's crank-slider with the general library and with the energy, also with data for which it stops."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers import crank_motion
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, settles, torque_range
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
-from gauss_bench.papers.reproduction import formulas, paper_motion, reproduction, running, statics
+from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
+from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.tables import read_table
 from gauss_bench.trajectory import Reference
 
@@ -109,7 +113,7 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
         speeds = [0.0, abs(crank_motion.first_turn(other)[1])]
         while len(speeds) < 8:
             speeds.append(float(crank_motion.turn(other, -speeds[-1])[0, -1]))
-        assert speeds == sorted(speeds)
+        assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
 def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
@@ -128,3 +132,50 @@ def test_the_table_of_the_figures_is_the_reference(reference: Reference) -> None
     assert last["t"] == reference.t[-1]
     for k, name in ((0, "x1"), (1, "y1"), (2, "theta1"), (6, "x3")):
         assert (last[name], last[f"{name}_rate"]) == pytest.approx((reference.q[-1, k], reference.v[-1, k]), abs=1e-12)
+
+
+def twisted(torque: float) -> Mechanism:
+    """Return the linkage file with another torque."""
+    mechanism = linkage()
+    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
+    return replace(mechanism, forces=forces)
+
+
+def comes_round(mechanism: Mechanism) -> bool:
+    """Tell whether the crank of the general library completes a turn from rest within 10 s."""
+    general = MinimalCoordinate(mechanism)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], float(general.acceleration(y[:1], y[1:])[0])]
+
+    def decided(t: float, y: np.ndarray) -> float:
+        return min(-y[1], 2 * np.pi + y[0]) if t > 0.01 else 1.0
+
+    decided.terminal = True  # type: ignore[attr-defined]
+    return bool(solve_ivp(rate, (0.0, 10.0), [0.0, 0.0], rtol=1e-9, atol=1e-11, events=decided).y[0, -1] < -6.0)
+
+
+@pytest.mark.long("-0.0001")
+@pytest.mark.slow
+@pytest.mark.parametrize("side", [1e-4, -1e-4])
+def test_the_bound_of_the_torque_is_that_of_the_general_library(
+    motion: CrankMotion, rows: dict[str, dict[str, Any]], side: float
+) -> None:
+    bound = rows["settles_above"]["value"]
+    assert comes_round(twisted(bound + side)) == (side < 0)
+    found, width = find_bound(lambda torque: replace(motion, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
+    assert found == pytest.approx(bound, abs=width)
+
+
+def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
+    with pytest.raises(ValueError, match="no bound"):
+        find_bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
+
+
+def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:
+    printed, other = claims(motion), claims(replace(motion, torque=-motion.torque))
+    assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
+    assert other["stops"]
+    assert other["decreases"]
+    assert not other["any_inertia"]
+    assert not claims(replace(motion, torque=-1.0))["rests"]

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+import tomllib
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -75,6 +76,12 @@ class Page:
         self.page.get_by_role("button", name=re.compile(f"^{name}", re.I)).click()
         self.page.wait_for_selector("dialog", state="detached")
         self.settled()
+
+    def download(self, kind: str) -> tuple[str, bytes]:
+        """Return name and content of an export."""
+        with self.page.expect_download(timeout=60_000) as waiting:
+            self.page.locator("ul.kinds button", has_text=kind).first.click()
+        return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
 
     def places(self) -> dict[str, str]:
         """Return pin -> transform in the drawing."""
@@ -276,6 +283,57 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 
 @pytest.mark.slow
+def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
+    """With Shift, the cross moves by five steps of the grid. A held arrow moves the selected pin in one step of the history.
+
+    test_studio_means makes every edit by keys alone.
+    """
+    press = page.page.keyboard.press
+
+    def go(*keys: str) -> None:
+        """Press keys, then Enter at the place of the cross."""
+        for key in (*keys, "Enter"):
+            press(key)
+        page.settled()
+
+    page.canvas.focus()
+    go("g", *["Shift+ArrowLeft"] * 3)
+    go("b")
+    go(*["Shift+ArrowUp"] * 3)
+    go("v")  # the free end of the bar
+    assert page.page.locator(".properties h2").inner_text() == "Pin"
+    for key, step in (("v", 1), ("m", 2)):  # first the linkage is moved, then the length is changed
+        press(key)
+        before, revision = page.stands_at(), page.revision()
+        for _ in range(5):
+            page.page.keyboard.down("ArrowLeft")
+        page.page.keyboard.up("ArrowLeft")
+        page.changed(revision)
+        moved = page.stands_at()
+        assert sum(np.hypot(*np.subtract(moved[x], before[x])) > 1e-4 for x in before) == 1
+        assert page.revision() == revision + 1, step
+    press("Control+z")
+    page.changed(revision + 1)
+    assert page.stands_at() == before
+    press("v")
+
+    for _ in range(60):
+        press("Tab")
+        if page.page.locator("details.drive > summary:focus").count():
+            break
+    for key in ("Enter", "Tab", "b"):
+        press(key)
+    page.page.locator("details.drive > summary", has_text="Drives bar1").wait_for()
+    press("Control+s")
+    page.page.locator('dialog input[name="path"]:focus').wait_for()
+    press("Control+a")
+    page.page.keyboard.type("by_keys")
+    press("Enter")
+    page.page.wait_for_selector("dialog", state="detached")
+    assert "driven" in tomllib.loads((folder / "by_keys.toml").read_text(encoding="utf-8"))["scenarios"]
+
+
+@pytest.mark.slow
 @pytest.mark.long("__proto__")
 @pytest.mark.parametrize("name", ["constructor", "__proto__"])
 def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page: Page, folder: Path, name: str) -> None:
@@ -369,6 +427,27 @@ def picture(path: Path) -> Path:
 
 
 @pytest.mark.long
+def test_exports_are_what_they_are_called(page: Page) -> None:
+    """The browser downloads each kind of export that needs no engine; it makes the film itself."""
+    page.template("four bar")
+    page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
+    page.button("Share").click()
+    for kind, ending, begins in (
+        ("Linkage file", "toml", b"format"),
+        ("Drawing", "svg", b"<svg"),
+        ("Motion", "csv", b"t"),
+        ("Animation", "gif", b"GIF89a"),
+        ("Film", "webm", b"\x1a\x45\xdf\xa3"),  # EBML
+    ):
+        name, content = page.download(kind)
+        assert name == f"four_bar.{ending}"
+        assert begins in content[:200]
+        assert len(content) > 300
+    assert b"V_VP8" in content
+    page.page.keyboard.press("Escape")
+
+
+@pytest.mark.long
 def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
     """The text after the # sign is in no request. `Page` checks that no page asks another server."""
     page.template("four bar")
@@ -400,6 +479,29 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
     assert "#" not in other.page.url
     assert not other.wrong
     other.page.close()
+
+
+@pytest.mark.long
+def test_branches_are_shown_and_taken(page: Page) -> None:
+    page.template("four bar")
+    page.fitted()
+    before = page.stands_at()
+
+    def off() -> float:
+        return float(max(np.hypot(*np.subtract(x, before[k])) for k, x in page.stands_at().items()))
+
+    page.button("Other assemblies").click()
+    choices = page.page.locator("dialog ul.chips button")
+    choices.nth(1).wait_for(timeout=60_000)
+    assert choices.all_inner_texts() == ["as drawn", "branch 1"]
+    choices.nth(1).hover()
+    page.until(lambda: off() > 1e-3)
+    choices.nth(1).click()
+    page.page.wait_for_selector("dialog", state="detached")
+    page.settled()
+    assert off() > 1e-3
+    page.button("Undo").click()
+    page.until(lambda: off() < 1e-4)
 
 
 @pytest.mark.slow

@@ -208,3 +208,21 @@ def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(
     at = float(np.interp(0.3, table["time [s]"], table["speed coupler.P [mm/s]"]))
     page.until(lambda: readings(page, "v") == pytest.approx([at], rel=0.01))
     page.page.get_by_label("Unit of lengths").select_option("m")
+
+
+@pytest.mark.long
+def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(page: Page) -> None:
+    page.template("four bar")  # whatever was drawn before
+    asked: list[str] = []
+    page.page.on("dialog", lambda d: asked.append(d.message))
+    for name in ("four bar", "crank slider"):
+        page.template(name)
+        assert page.page.locator(".unsaved").count() == 0
+    assert asked == []
+    before = page.revision()
+    enter(page, "Title", "Mine")
+    page.changed(before)
+    assert page.page.locator(".unsaved").count() == 1
+    page.template("four bar")
+    assert len(asked) == 1
+    assert "crank_slider" in asked[0]

@@ -199,6 +199,18 @@ def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is
     assert any("as good as" in x for x in good.remarks)
 
 
+@pytest.mark.long
+def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_users_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    model = tmp_path / "model.xml"
+    model.write_text(FOUR_BAR.read_text().replace('timestep="0.001"', 'timestep="0.02"').replace('ctrl="0.5"', 'ctrl="500"'))
+    assert not tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.1).succeeded
+    assert [x.name for x in tmp_path.iterdir()] == ["model.xml"]
+
+
 def test_a_model_file_takes_no_options_of_linkages_or_other_engines() -> None:
     needs("mujoco")
     for options, named in (

@@ -209,8 +209,6 @@ def prune(d: Drawing) -> None:
     for joint in {*table(before, "joints")} - {*table(d.document, "joints")}:
         sketched.pop(joint, None)  # otherwise its place would be read as a pin that joins nothing
     for name, scenario in [*items(d.document, "scenarios")]:
-        if scenario.get("drivers") == []:
-            del scenario["drivers"]
         if "driver" in table(before, "scenarios").get(name, {}) and not (scenario.get("driver") or scenario.get("drivers")):
             del d.group("scenarios")[name]
 
