@@ -325,9 +325,13 @@ def at_least(columns: Row, column: str, target: float | None) -> Row:
 
     A missing value does not meet the target.
     """
-    return columns if target is None else columns | {"target": target, "met": bool(columns.get(column, math.nan) >= target)}
+    if target is None:
+        return columns
+    value = columns.get(column)
+    return columns | {"target": target, "met": value is not None and bool(value >= target)}
 
 
 def at_most(columns: Row, column: str, target: float) -> Row:
     """Return a row with its `target` and whether the value of a column is at most the target; a missing value is not."""
-    return columns | {"target": target, "met": bool(columns.get(column, math.nan) <= target)}
+    value = columns.get(column)
+    return columns | {"target": target, "met": value is not None and bool(value <= target)}

@@ -108,11 +108,13 @@ def multiple_tables(run: Run) -> list[Table]:
             cells = [text_cell(mark_own(run, engine))]
             for name in names:
                 row, multiple = race_of.get((name, engine)), multiples.get((name, required, accuracy, engine))
-                if row is not None and multiple is None:  # what came of the search: in full if the engine ran, else only its kind
+                if row is None:
+                    cells.append(Cell(NOTHING))
+                elif multiple is None:  # what came of the search: in full if the engine ran, else only its kind
                     reach = answer_of(run, row)
                     cells.append(Cell(reach.words if reach.kind in TRIED else str(reach.kind)))
                 else:
-                    cells.append(Cell(NOTHING) if multiple is None else Cell(ratio_text(multiple), multiple))
+                    cells.append(Cell(ratio_text(multiple), multiple))
             lines.append(cells)
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
         tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))

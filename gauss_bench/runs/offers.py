@@ -274,7 +274,7 @@ def describe(name: str) -> Offer:
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
         knobs = {str(k): x for k, x in dict(ask(engine, "knobs")).items()}  # plug-ins may leave out all attributes of a knob
-        values = {k: tuple(map(str, getattr(x, "values", ()))) for k, x in knobs.items() if k not in CHOSEN}
+        values = {k: tuple(map(str, getattr(x, "values", ()))) for k, x in knobs.items()}
         offer = Offer(
             name,
             settings={str(k): _plain_options(v) for k, v in dict(engine.settings).items()},
@@ -285,7 +285,7 @@ def describe(name: str) -> Offer:
             integrators=tuple(map(str, engine.integrators)),
             stabilizations=tuple(map(str, engine.stabilizations)),
             adaptive=tuple(map(str, ask(engine, "adaptive"))),
-            options=values or dict.fromkeys(map(str, ask(engine, "options")), ()),
+            options={k: x for k, x in values.items() if k not in CHOSEN} or dict.fromkeys(map(str, ask(engine, "options")), ()),
             knobs={
                 k: (in_a_sentence(getattr(x, "meaning", "")), in_a_sentence(getattr(x, "source", ""))) for k, x in knobs.items()
             },

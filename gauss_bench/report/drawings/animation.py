@@ -129,8 +129,8 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
     seconds = (t - t[0]) * slower
     change = (states[-1] - states[0]).reshape(-1, 3)
     turn, shift = np.degrees(change[:, 2]), np.hypot(change[:, 0], change[:, 1]) * canvas.scale
-    apart = max(shift.max(initial=0), np.abs(turn - 360 * np.round(turn / 360)).max(initial=0))  # without whole turns
-    if apart >= SAME:  # rest at the end before the film begins again
+    apart = np.concatenate([shift, np.abs(turn - 360 * np.round(turn / 360))])  # [px, degrees] without whole turns
+    if not (apart < SAME).all():  # rest at the end before the film begins again
         states, seconds = np.vstack([states, states[-1]]), np.append(seconds, seconds[-1] + REST)
     timing = f'dur="{seconds[-1]:.6g}s" repeatCount="indefinite"'
     parts = seconds / seconds[-1]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from operator import itemgetter
 from typing import Any
 
@@ -46,18 +47,17 @@ ENERGY = "Energy gained beyond the work done, over time."
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
     """Return the page of a linkage; parts without rows are left out."""
-    try:
+    # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
+    turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
+    lead, still = f"Scenario {scenario}.", None
+    with suppress(LinkageError):
         pose = pose_in(run, name)
-    except LinkageError:
-        lead, still = f"Scenario {scenario}.", None
-    else:
-        mechanism, still = pose[0], Markup(inline(draw(*pose), "still"))
+        mechanism = pose[0]
+        still = None if turn else Markup(inline(draw(*pose), "still"))
         loops = max(len(mechanism.joints) - len(mechanism.links), 0)
         # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
         parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
         lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
-    # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
-    turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     made = (
         accuracy_chart(all_settings(run).get(name, [])),
         history_chart(run, name, "position_drift", "drift", "Drift of the loops", DRIFT, "residual [m, rad]"),

@@ -171,8 +171,11 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
     """Return the contents of the part of a page that plays two runs side by side, and the data for its script; else None."""
     turn = find_turn(run, name)
     try:
-        document, digest, path = document_in(run, name)
-        mechanism = turn.mechanism if turn else load_document(document, scenario, str(path), digest)
+        if turn:
+            mechanism = turn.mechanism
+        else:
+            document, digest, path = document_in(run, name)
+            mechanism = load_document(document, scenario, str(path), digest)
     except LinkageError:
         return None
     links = [link.name for link in mechanism.links]
