@@ -205,7 +205,7 @@ def read_factor(table: Mapping[str, Any]) -> Factor | None:
         return None
     factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()
     against = table.get("against")
-    return replace(factor, share=float(against["share"]), speed=float(against["speed"])) if against else factor
+    return replace(factor, share=float(against["share"]), speed=float(against["speed"])) if against is not None else factor
 
 
 def _read_over_time(table: Mapping[str, Any]) -> Factor:

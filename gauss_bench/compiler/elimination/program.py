@@ -16,6 +16,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
 from itertools import product
@@ -276,10 +277,13 @@ def generate(
     error = error_of(program, mechanism)
     if error > PRECISE and best.search != PLAIN:
         # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
-        plain = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
-        plain_error = error_of(plain, mechanism)
-        if plain_error < error:
-            program, error = plain, plain_error
+        with suppress(KernelError):  # the plain attempt may find no usable pivots
+            plain = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
+            plain_error = error_of(plain, mechanism)
+            if plain_error < error:
+                program, error = plain, plain_error
+    if error == math.inf:
+        raise KernelError(f"{program.name}: the {program.formulation} kernel gives numbers at no position that was tried")
     if error > CHECKED:
         raise KernelError(f"{program.name}: the {program.formulation} kernel has a relative error of {error:.1e}")
     return program
