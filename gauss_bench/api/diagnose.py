@@ -136,23 +136,14 @@ def diagnose(
         KeyError: the engine is unknown.
     """
     required = {} if position is None and angle is None else list_requirements(position=position, angle=angle)
-    file = None
-    if is_model_file(linkage):
-        with Worker() as worker:
-            file = read_own_file(linkage, tuple(close), worker)
-    elif close:
-        raise ChoiceError("--close: only a URDF file needs it; a linkage file names its joints")
+    file = read_file(linkage, tuple(close))
     if file is not None and scenario is not None:
         raise ChoiceError("--scenario: a model file has no scenarios; it starts at its keyframe")
     mechanism = load(linkage, scenario) if file is None else file.mechanism
     if file is not None and file.kind == "MJCF" and engine in (None, "mujoco") and settings is None:
         subject = subject_as_it_stands(file, integrator, stabilization, step)
     else:
-        if engine is None:
-            raise ChoiceError("--engine: name the engine to diagnose")
-        offered = offer(engine)
-        choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
-        subject = Subject(engine, engine, choice.settings, choice, offered)
+        subject = subject_with_settings(engine, settings, integrator, stabilization, step)
     end = duration(min(USUAL, mechanism.duration), until=until)
     deadline = time.monotonic() + check_budget(budget, BUDGET)
     check_size(subject.choice.step, end)
@@ -178,6 +169,17 @@ def diagnose(
     return make_diagnosis(mechanism, subject, end, verdict, reference.method, remarks)
 
 
+def subject_with_settings(
+    engine: str | None, settings: str | None, integrator: str | None, stabilization: str | None, step: float | None
+) -> Subject:
+    """Return an engine with the given settings; a setting that is None takes the engine's default."""
+    if engine is None:
+        raise ChoiceError("--engine: name the engine to diagnose")
+    offered = offer(engine)
+    choice = offered.choose(settings, integrator, stabilization, STEP if step is None else step)
+    return Subject(engine, engine, choice.settings, choice, offered)
+
+
 def run_ladder(
     linkage: str,
     mechanism: Mechanism,
@@ -194,6 +196,7 @@ def run_ladder(
     Args:
         end: duration of the runs [s].
         deadline: time of the monotonic clock [s] by which the last run ends.
+        question: the states at which the first run also asks the engine for its own joint forces.
     """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
 
@@ -201,7 +204,7 @@ def run_ladder(
         """Run the engine once with the setting `chosen` within the time that is left, and add the run to `runs`."""
         left = max(MIN_TIME, deadline - time.monotonic())
         request = Request(linkage, mechanism.scenario, subject.engine, chosen, wanted)
-        if not runs:
+        if not runs:  # the first run alone is asked for forces
             request = replace(request, ask=question.ask, answers=question.answers)
         runs.append(run_apart(request, mechanism, left, worker))
         return runs[-1]
@@ -235,8 +238,18 @@ def make_diagnosis(
     )
 
 
+def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:
+    """Return the model file with this name, or None if the name is that of a linkage, for which `close` is refused."""
+    if is_model_file(name):
+        with Worker() as worker:
+            return read_own_file(name, close, worker)
+    if close:
+        raise ChoiceError("--close: only a URDF file needs it; a linkage file names its joints")
+    return None
+
+
 def subject_as_it_stands(file: OwnFile, integrator: str | None, stabilization: str | None, step: float | None) -> Subject:
-    """Return MuJoCo with the settings of an MJCF file.
+    """Return MuJoCo with the settings of an MJCF file; `integrator` and `step` [s] replace its own unless they are None.
 
     Raises:
         ChoiceError: an MJCF file cannot express this integrator, stabilisation or step.

@@ -74,7 +74,7 @@ class Checkup(Result):
 def doctor(told: Told = nobody) -> Checkup:
     """Check this machine and this installation; `told` is called with a sentence before each engine is tried."""
     known = offers()
-    findings = (*_check_machine(), *_check_installation(), *_check_builds(known))
+    findings = (*_check_machine(), _check_linkages(), _check_cache(), _check_compiler(), *_check_builds(known))
     engines = tuple(_try_engine(offer, told) for offer in known)
     broken = [x.name for x in findings if x.status == "broken"]
     broken += [x.name for x in engines if x.name in NEEDED and x.status != "ok"]
@@ -102,27 +102,38 @@ def _check_machine() -> Iterator[Finding]:
     yield Finding("packages", ", ".join(f"{name} {version}" for name, version in here["versions"].items()))
 
 
-def _check_installation() -> Iterator[Finding]:
-    """Yield findings on the built-in linkages, each of which is assembled, the cache of compiled code, and the C compiler."""
+def _check_linkages() -> Finding:
+    """Read and assemble every built-in linkage."""
     names = sorted(built_in())
-    linkages = Finding("linkages", f"{len(names)} built in, each assembled")
     for name in names:
         try:
             load(name)
         except Exception as error:
-            linkages = Finding("linkages", f"{len(names)} built in", "broken", f"{name}: {error}")
-            break
-    yield linkages
+            return Finding("linkages", f"{len(names)} built in", "broken", f"{name}: {error}")
+    return Finding("linkages", f"{len(names)} built in, each assembled")
+
+
+def _check_cache() -> Finding:
+    """Report the cache of compiled code, and how much it holds."""
     path = user_cache.trusted_folder()
     if path is None:
         why = f"{user_cache.folder()} is not a folder that this user alone may enter; linkages are compiled anew in each run"
-        yield Finding("cache", "none", "missing", why)
-    else:
-        sizes = [x.stat().st_size for x in path.glob("*.o")]
-        yield Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")
-    program = compiler()
-    lacking = f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower"
-    yield Finding("C compiler", "none", "missing", lacking) if program is None else Finding("C compiler", str(Path(program)))
+        return Finding("cache", "none", "missing", why)
+    sizes = [x.stat().st_size for x in path.glob("*.o")]
+    return Finding("cache", f"{path}: {len(sizes)} compiled linkages, {sum(sizes) / 1e6:.1f} MB")
+
+
+def _check_compiler() -> Finding:
+    """Report the C compiler, which some engines need."""
+    path = compiler()
+    if path is None:
+        return Finding(
+            "C compiler",
+            "none",
+            "missing",
+            f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower",
+        )
+    return Finding("C compiler", str(Path(path)))
 
 
 def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
@@ -141,7 +152,10 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 
 
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
-    """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, in a sentence."""
+    """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, or "".
+
+    Engines that run in a worker are not asked here.
+    """
     if offer.name not in SAFE:  # only the suite's adapters named in SAFE run in this process; others run in a worker
         return ""
     skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)

@@ -33,6 +33,8 @@ RISE = {"travel_deg": 360.0, "time": 1.0}  # defaults of all other laws
 def driver_table(text: str) -> dict[str, Any]:
     """Return the driver table (key -> number or text, as in a scenario) of a text "LAW" or "LAW:key=value,...".
 
+    A law without keys has the values TURN or RISE. The law "table" may name a file, whose rows are read.
+
     Raises:
         ChoiceError: in the driver's text LAW:OPTIONS, the part OPTIONS is not of the form key=value,key=value.
     """
@@ -59,7 +61,10 @@ def _read_number(value: str) -> float | str:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law."""
+    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law.
+
+    Commas or blanks separate numbers, and # starts a comment. The loader checks later that each row has two.
+    """
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
         lines = [line.partition("#")[0].replace(",", " ").split() for line in content.splitlines()]
@@ -98,7 +103,13 @@ class Source:
 def load_with_drivers(
     linkage: str, scenario: str | None, driver: str | None, hold: Sequence[str] | None = None, with_forces: bool = False
 ) -> Mechanism:
-    """Return the mechanism of a driven scenario.
+    """Return the mechanism of a driven scenario; a held link or slide gets a constant driver, and a held pin becomes a weld.
+
+    Args:
+        scenario: name of a scenario; None for the first driven one.
+        driver: the driver as text; None for the scenario's own drivers.
+        hold: names of links, slides and pins, each with "=VALUE" or without; None for the scenario's own list.
+        with_forces: whether the scenario's forces act with a new driver or held parts; an unchanged scenario keeps its forces.
 
     Raises:
         LinkageError: the file or the driver has faults, named by table and field.
@@ -112,14 +123,7 @@ def load_with_drivers(
     own = source.load()  # reports faults of the file first, by the names in the file
     if driver is None:
         if not own.drivers:
-            knives = ", ".join(x.name for x in own.knife_edges)
-            raise source.refuse(
-                own.scenario,
-                f"the knife edge {knives} holds a direction of motion and no position: the start and the forces decide where the "
-                f"linkage goes, and no law does; run `gauss-bench simulate {own.name} --scenario {own.scenario}`"
-                if knives
-                else UNDRIVEN,
-            )
+            raise source.refuse(own.scenario, _explain_undriven(own))
         return own
     table, chosen = _place_driver(document, own, driver), document["scenarios"][own.scenario]
     acting = {"forces": chosen.get("forces", [])} if with_forces else {}
@@ -127,8 +131,19 @@ def load_with_drivers(
     return source.load_changed(moved, {"duration": float(table.get("time", 1.0)), "driver": table} | acting)
 
 
+def _explain_undriven(mechanism: Mechanism) -> str:
+    """Return a sentence on why a linkage without drivers has no kinematics, and what to do instead."""
+    if not mechanism.knife_edges:
+        return UNDRIVEN
+    names = ", ".join(x.name for x in mechanism.knife_edges)
+    return (
+        f"the knife edge {names} holds a direction of motion and no position: the start and the forces decide where the linkage "
+        f"goes, and no law does; run `gauss-bench simulate {mechanism.name} --scenario {mechanism.scenario}`"
+    )
+
+
 def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict[str, Any]:
-    """Return the driver table of a driver given as text."""
+    """Return the driver table of a driver given as text; by default it drives the crank, from its place at the start."""
     table = driver_table(driver)
     if not {"link", "joint", "between"} & table.keys():
         if "crank" not in document:
@@ -144,7 +159,10 @@ def _place_driver(document: dict[str, Any], own: Mechanism, driver: str) -> dict
 
 
 def _read_holds(source: Source, hold: Sequence[str] | None) -> dict[str, float | None]:
-    """Return name of a link or joint -> value at which it is held [degrees or m]."""
+    """Return name of a link or joint -> value at which it is held [degrees or m], or None for its value at the start.
+
+    `hold` lists texts "NAME" or "NAME=VALUE"; None takes the names in the scenario's own list `hold`.
+    """
     if hold is None:
         return dict.fromkeys(sequence(table(table(source.document, "scenarios"), source.scenario or ""), "hold"))
     held: dict[str, float | None] = {}
@@ -216,6 +234,7 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
 
     Args:
         value: angle [deg] of the link or pin, or position [m] of the slide; None holds the angle or position of the start.
+        start: the scenario's table `start`, to which the held angle or slide is added.
     """
     joints = moved.get("joints", {})
     slide = next((x for x in own.slides if x.name == name), None)
@@ -261,7 +280,10 @@ def _start_angle(mechanism: Mechanism, name: str) -> float:
 
 
 def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
-    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate."""
+    """Return the start value [rad, m] of the coordinate that a driver table names, or None if there is no such coordinate.
+
+    The value at time 0 of the scenario's own driver of this coordinate takes precedence over the assembled position.
+    """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
     named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
     for driver in mechanism.drivers:

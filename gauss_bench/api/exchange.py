@@ -69,7 +69,7 @@ class Tuning(Result):
     @property
     def met(self) -> bool:
         """Whether both errors are at most half of the required ones, and the error bar of the reference at most a tenth."""
-        is_precise = self.known <= self.motion_wanted / 10
+        is_precise = self.known <= self.motion_wanted / 10  # known: error bar of the reference
         return is_precise and self.loops_open <= self.loops_wanted / 2 and self.motion_error <= self.motion_wanted / 2
 
     @property
@@ -317,6 +317,8 @@ class NotReached(ArithmeticError):
 
 def find_setting(order: Order, wanted: Mapping[str, float], budget: float, told: Told) -> tuple[Choice, tuple[str, ...]]:
     """Return the engine's cheapest setting that is accurate enough over the scenario's duration, and a remark for the file.
+
+    `wanted` is kind of error -> largest allowed error [m], [rad], [N]; `budget` is the time for the search [s].
 
     Raises:
         NotReached: no such setting was found, or no reference is accurate enough.

@@ -24,6 +24,12 @@ def writable(
 ) -> Path:
     """Return the path `out` if a file may be written there.
 
+    Args:
+        option: the command-line option that named the path, for error texts.
+        usual: the default folder of such files; it need not exist if its parent does.
+        suffix: ending of the file to write; an existing file of another kind is never replaced.
+        source: path of the subcommand's input file, which is never replaced.
+
     Raises:
         FileRefused: the path is a folder, its folder cannot be written, or a file exists there and may not be replaced.
     """

@@ -1,7 +1,8 @@
 """The curves of a run, which `simulate --plot` draws and `--out` writes as a table.
 
-Groups: observed links, observed points, energies, joint forces, motors, transmission angles. If the file observes no point and no
-link, all links are included. Joint forces have the signs of `gauss_bench.api.simulate.Simulation`.
+Groups: observed links, observed points, energies, joint forces, motors, transmission angles; inside a group, the order of the file.
+If the file observes no point and no link, all links are included. Joint forces have the signs of
+`gauss_bench.api.simulate.Simulation`.
 """
 
 import csv
@@ -38,7 +39,10 @@ def history(result: Simulation) -> History:
 
 
 def curves(mechanism: Mechanism, x: Trajectory, trusted: int) -> Iterator[Curve]:
-    """Yield every curve of a trajectory, in the order of the groups in this module's docstring."""
+    """Yield every curve of a trajectory, in the order of the groups in this module's docstring.
+
+    The work done is integrated over the first `trusted` samples, to which the judge does not object.
+    """
     # whole: the linkage with every link of the file, also those that are welded together; links: the motion of these links
     whole, links = mechanism.whole, motion_of_links(mechanism, x)
     # angles are drawn for observed links, and for all links if the file lists neither observed links nor observed points

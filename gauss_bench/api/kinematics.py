@@ -205,24 +205,13 @@ def kinematics(
     if not 1 <= intervals <= MOST_INTERVALS:
         raise ChoiceError(f"intervals must be at least 1 and at most {MOST_INTERVALS}, not {intervals}")
     mechanism = load_with_drivers(linkage, scenario, driver, hold, with_forces=forces)
-    if left := free_at_start(mechanism):
-        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
-        more = "; ".join(f"`--hold {x}`" for x in names)
-        raise ChoiceError(
-            f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
-            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
-        )
+    _check_all_driven(mechanism)
     shown = observe(mechanism, points)
     times = np.linspace(0.0, mechanism.duration, intervals + 1)
     _check_travel(mechanism, times)
     told(f"{mechanism.name}, scenario {mechanism.scenario}: {intervals + 1} positions")
     states, iterations, stopped = move_by_drivers(mechanism, times, METHODS[method])
-    curves: tuple[Curve, ...] = ()
-    if forces:
-        try:
-            curves = tuple(metrics.load_curves(Evaluator(mechanism), states))
-        except ArithmeticError as error:  # dry friction leaves loads undetermined, or its iteration does not converge
-            raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
+    curves = _find_loads(mechanism, states) if forces else ()
     driven_by = {x.name: describe_driver(x, states.t) for x in mechanism.drivers}
     graph, links = find_graph(mechanism), motion_of_links(mechanism, states)
     types = {x.name: link_type(graph.elements(k)) for k, x in enumerate(mechanism.links)}
@@ -250,6 +239,18 @@ def kinematics(
         loads=metrics.summarise_loads(mechanism, states, curves) if curves else None,
         load_curves=curves,
     )
+
+
+def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
+    """Return the curves of all loads along a motion.
+
+    Raises:
+        ChoiceError: dry friction leaves the loads undetermined, or its iteration does not converge.
+    """
+    try:
+        return tuple(metrics.load_curves(Evaluator(mechanism), states))
+    except ArithmeticError as error:
+        raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
 
 
 def name_value(driver: Driver) -> str:
@@ -282,6 +283,17 @@ def _check_travel(mechanism: Mechanism, times: Array) -> None:
             )
 
 
+def _check_all_driven(mechanism: Mechanism) -> None:
+    """Check that the drivers leave no coordinate free; else raise a ChoiceError that says which ones to hold."""
+    if left := free_at_start(mechanism):
+        names = [x.partition(" of ")[2] or x.partition(" ")[2] for x in left]  # of "angle of crank" or "slide piston"
+        more = "; ".join(f"`--hold {x}`" for x in names)
+        raise ChoiceError(
+            f"{mechanism.name}: the drivers leave {len(left)} free ({', '.join(left)}); hold it where it stands by {more}, by "
+            f"`hold = {names}` in scenario {mechanism.scenario}, or drive it".replace("'", '"')
+        )
+
+
 def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
     """Return the changes of assembly branch (a group of links and its mirror image) between neighbouring samples of a motion."""
     branches = [branch_of(mechanism, q) for q in states.q]
@@ -307,7 +319,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
     levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
     sweep = closure.sweep(*levels)
-    loss = sweep.loss
+    loss = sweep.loss  # why and where the motion ended early
     if loss is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)
     kind = SingularPosition if loss.kind == "singular position" else LimitOfMotion

@@ -22,7 +22,7 @@ EXIT_CODES = (
 
 
 def read_verbs() -> dict[str, dict[str, Any]]:
-    """Return name of a subcommand -> its table in `verbs.toml`."""
+    """Return name of a subcommand -> its table in `verbs.toml`, with tables in place of the names of shared options."""
     verbs: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("verbs.toml").read_text(encoding="utf-8"))
     shared = verbs.pop("shared")
     for verb in verbs.values():

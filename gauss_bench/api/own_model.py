@@ -49,6 +49,8 @@ def is_model_file(name: str | Path) -> bool:
 def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> OwnFile:
     """Read a model file in a worker, because MuJoCo's compiler may crash or hang.
 
+    `close` lists pairs of points to be joined, LINK.FRAME=LINK.FRAME, for URDF files: URDF cannot express closed loops.
+
     Raises:
         ExchangeError: the file cannot be read, or an element cannot be part of a planar linkage.
         MissingExtra: MuJoCo is not installed.
@@ -60,7 +62,10 @@ def read_own_file(name: str | Path, close: tuple[str, ...], worker: Worker) -> O
 
 
 def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
-    """Read a model file, and return the fields of `OwnFile` as plain data, with the content of a linkage file as "document"."""
+    """Read a model file, and return the fields of `OwnFile` as plain data, with the content of a linkage file as "document".
+
+    It runs in a worker process. The keyframe ("key") is 0 in a URDF file, which has none.
+    """
     path = Path(file)
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
     if kind != "MJCF":

@@ -111,6 +111,26 @@ def describe_reference(reference: str, known: float | None) -> str:
     return f"Reference: {reference}; known to {known:.1e} (m, rad)."
 
 
+@dataclass(frozen=True)
+class Compared:
+    """The largest errors [m], [rad] of a run, and the error bar and the method of its reference, or why there is none."""
+
+    reference: str
+    position: float | None = None
+    angle: float | None = None
+    known: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A run by which a program is judged; `what` says whether the program itself or an engine of the suite ran."""
+
+    status: Status
+    message: str
+    trajectory: Trajectory | None
+    what: str
+
+
 class ProgramFailed(Exception):
     """Raised if a program fails; the message is the one that the program printed."""
 
@@ -128,6 +148,7 @@ def measure_program(
     """Run the engine and setting of a program with the program's steps, judge the run, and compare it with a reference.
 
     Args:
+        source: text of the program if the program itself is run, else empty.
         seconds: time for the run, its repetition at half the step, and the reference [s]: a quarter is for the suite's run with its
             repetition, and half is for the reference.
 
@@ -145,17 +166,15 @@ def measure_program(
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
     run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
-    status, message, trajectory, what = run_program(run, source, interpreter, seconds)
-    reference, position, angle, known = "the run did not end", None, None, None
-    if trajectory is not None and status is Status.OK:
+    measured = run_program(run, source, interpreter, seconds)
+    found, status, message = Compared("the run did not end"), measured.status, measured.message
+    if measured.trajectory is not None and status is Status.OK:
         told("measuring: the reference")
-        reference, position, angle, known = find_error(Run(linkage, mechanism, end), trajectory, seconds / 2)
-        if position is None or angle is None:
-            message = refuse_other(mechanism, trajectory, run.trajectory)
-        elif not position <= OFF_MOTION * mechanism.size:
-            message = f"a link ends up {position:.2g} m from where it should be"
+        found = find_error(Run(linkage, mechanism, end), measured.trajectory, seconds / 2)
+        if found.position is None or found.angle is None:
+            message = refuse_other(mechanism, measured.trajectory, run.trajectory)
         else:
-            message = "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
+            message = refuse_far(mechanism, found.position, found.angle)
         status = Status.INVALID if message else Status.OK
     return ProgramError(
         status=str(status),
@@ -166,46 +185,44 @@ def measure_program(
         step=choice.step,
         tolerance=choice.tolerance,
         until=end,
-        position=position,
-        angle=angle,
-        known=known,
-        reference=reference,
-        measured_on=what,
+        position=found.position,
+        angle=found.angle,
+        known=found.known,
+        reference=found.reference,
+        measured_on=measured.what,
     )
 
 
-def run_program(
-    run: Simulation, source: str, interpreter: Interpreter | None, seconds: float
-) -> tuple[Status, str, Trajectory | None, str]:
-    """Run a program in C, or for `seconds` in an interpreter of Python; return status, message, trajectory and what was run.
+def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
+    """Run a program, in Python for at most `seconds`; if it cannot be run here, return `run`, the suite's run of its setting.
 
-    Without a source, or if the program cannot be run here, these are the figures of `run`, the suite's run of the same setting. A
-    program that starts and fails has no trajectory.
+    `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C. A program that
+    starts and fails gives no trajectory.
     """
     what = f"the suite's run of {run.engine} with the same setting"
     if not source:
-        return run.status, run.message, run.trajectory, what
+        return Measured(run.status, run.message, run.trajectory, what)
     try:
         if interpreter is None:
             trajectory, missing = run_c(source, run.model.n)
         else:
             trajectory, missing = run_python(source, run.model, interpreter, seconds)
     except ProgramFailed as failure:
-        return Status.ERROR, str(failure), None, what
+        return Measured(Status.ERROR, str(failure), None, what)  # without a trajectory nothing is measured
     if trajectory is None:
-        return run.status, run.message, run.trajectory, f"{what}, because {missing}"
-    return run.status, run.message, trajectory, "this program itself"
+        return Measured(run.status, run.message, run.trajectory, f"{what}, because {missing}")
+    return Measured(run.status, run.message, trajectory, "this program itself")
 
 
-def find_error(run: Run, trajectory: Trajectory, seconds: float) -> tuple[str, float | None, float | None, float | None]:
-    """Return how the reference was made, the largest errors [m], [rad] of a trajectory against it, and its error bar, or None.
+def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:
+    """Return the largest errors of a trajectory against a reference.
 
     Computing references takes at most `seconds`. If the error bar of the first one, QUICK relative to the linkage's size, is more
     than a tenth of the error, a second one with the error bar PRECISE follows. At most COMPARED samples are compared.
     """
     part = trajectory[spread_evenly(len(trajectory.t), COMPARED)]
     size, budget = run.mechanism.size, Budget(seconds)
-    best: tuple[str, float | None, float | None, float | None] = ("no reference could be computed", None, None, None)
+    best = Compared("no reference could be computed")
     with Worker() as worker:
         for precise in (QUICK, PRECISE):
             reason = ""
@@ -218,12 +235,19 @@ def find_error(run: Run, trajectory: Trajectory, seconds: float) -> tuple[str, f
                 if max(bars["position"] / size, bars["angle"]) > ROUGH:
                     reason = f"the motion is known to {bars['position']:.1e} m and {bars['angle']:.1e} rad only: {found.told}"
             if reason:  # the first reference, if there is one, is better than none
-                return best if best[-1] is not None else (f"{best[0]}: {reason}", None, None, None)
+                return best if best.known is not None else Compared(f"{best.reference}: {reason}")
             errors = state_errors(run.mechanism, part, found.at(run, part.t)).largest
-            best = found.told, errors["position"], errors["angle"], found.bar
+            best = Compared(found.told, errors["position"], errors["angle"], found.bar)
             if all(bars[kind] <= KNOWN * errors[kind] for kind in ("position", "angle")):
                 break
     return best
+
+
+def refuse_far(mechanism: Mechanism, position: float, angle: float) -> str:
+    """Return the reason why errors [m], [rad] of a motion are larger than the judge allows; empty if they are not."""
+    if not position <= OFF_MOTION * mechanism.size:
+        return f"a link ends up {position:.2g} m from where it should be"
+    return "" if angle <= OFF_MOTION else f"a link ends up turned by {angle:.2g} rad from where it should be"
 
 
 def refuse_other(mechanism: Mechanism, trajectory: Trajectory, own: Trajectory | None) -> str:

@@ -23,11 +23,13 @@ LARGEST = 30_000  # characters of a program in a report; `gauss-bench export` wr
 BEATS = 50  # samples that a program prints if its integrator chooses its own steps
 UNWRITTEN = (ExchangeError, LinkageError, RunFailure, WorkerFailure, ImportError, ValueError, KeyError)
 
-Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]
+Call = Callable[[Callable[..., Any], tuple[Any, ...]], Any]  # calls a function with arguments in the process of an engine
 
 
 def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, choice: Choice, remarks: tuple[str, ...]) -> str:
     """Return the text of a program that runs a mechanism over its duration in an engine.
+
+    The program states the name or path `linkage`, and `remarks` in its header comment.
 
     Raises:
         ExchangeError, RunFailure: a program cannot express the setting, or the engine refuses it.
@@ -51,7 +53,7 @@ def snippet_there(
 
 @lru_cache(maxsize=32)
 def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
-    """Return a linkage in a scenario with the duration `until` [s].
+    """Return a linkage in a scenario with the duration `until` [s]; cached, because a report asks for the same one many times.
 
     Raises:
         LinkageError: the file has faults.

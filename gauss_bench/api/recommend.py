@@ -262,20 +262,17 @@ def remarks(run: Run, answers: Sequence[Answer]) -> list[str]:
 
 
 def advised(answers: Sequence[Answer]) -> Answer | None:
-    """Return the recommended answer: the fastest one that was timed, or the first accurate one if none was timed."""
+    """Return the recommended answer: the fastest timed one, else the first accurate one; None if no setting is accurate."""
     holding = [x for x in answers if x.status == "ok"]
     return next((x for x in holding if x.ratio is not None), holding[0] if holding else None)
 
 
 def advice(answers: Sequence[Answer], wanted: Mapping[str, float]) -> str:
-    """Return the advice: which setting to take, or what to do if no setting meets the requirement."""
+    """Return the advice: which setting to take, or what to do if no setting meets the requirement; the fastest answer is first."""
     best = advised(answers)
     if best is None:
         return advise_without(answers, wanted)
-    time = " (no setting was raced)"
-    if best.seconds is not None:
-        unit, factor = ("s", 1.0) if best.seconds >= 1.0 else ("ms", 1e3) if best.seconds >= 1e-3 else ("us", 1e6)
-        time = f" in {best.seconds * factor:.3g} {unit} a run"
+    time = " (no setting was raced)" if best.seconds is None else f" in {duration_of(best.seconds)} a run"
     others = [x for x in answers if x is not best and x.engine in (*FOREIGN, *ELSEWHERE) and x.ratio is not None]
     next_best = f"; of other libraries {others[0].engine} comes next, {others[0].ratio:.3g} times as long" if others else ""
     unraced = [x for x in answers if x is not best and x.status == "ok" and x.ratio is None]
@@ -307,3 +304,10 @@ def setting_of(answer: Answer) -> str:
     """Return the setting that was recommended for an engine, as text."""
     words = format_setting(answer.settings, answer.integrator, answer.stabilization, answer.step, answer.tolerance)
     return f"{words}, {BY_AUTHORS}" if answer.owner else words
+
+
+def duration_of(seconds: float) -> str:
+    """Return a duration [s] as text in s, ms or us."""
+    if seconds >= 1.0:
+        return f"{seconds:.3g} s"
+    return f"{seconds * 1e3:.3g} ms" if seconds >= 1e-3 else f"{seconds * 1e6:.3g} us"

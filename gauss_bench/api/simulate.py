@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, TypedDict, cast
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -222,7 +222,10 @@ class Simulation(OneRun):
         return tuple(f"warning: {x}" for x in self.warnings)
 
     def told(self) -> Caption:
-        """Return the caption of plots and animations: sentences on the run, and two times [s]."""
+        """Return the caption of plots and animations: sentences on the run, and two times [s].
+
+        They are its end, and the time from which the judge objects (None without objections).
+        """
         how = f"{self.engine} ({self.settings}), {self.integrator}, stabilization {self.stabilization}, step {self.step:g} s"
         verdict = "" if self.valid else _join(f"{self.status}: {self.message}", self.advice)
         end = max(self.asked_until, float(self.t[-1]) if len(self.t) else 0.0)
@@ -291,17 +294,15 @@ def simulate(
         tell(f"warning: {warning}")
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {end:g} s")
     build_first(engine, [choice.settings], told)
-    run, truth, finer = run_twice(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, offered, limit)
-    samples = run.trajectory or run.reached
-    if samples is None:
-        return _without_samples(asked, run.status, run.message)
-    adaptive = choice.integrator in offered.adaptive
+    runs = run_twice(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, offered, limit)
+    if runs.samples is None:
+        return _without_samples(asked, runs.run.status, runs.run.message)
     with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
         try:
-            return Simulation(**asked, **_judge(mechanism, choice, run, samples, truth, finer, adaptive, at, forces))
+            return Simulation(**asked, **_judge(mechanism, choice, runs, runs.samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:
-            status = Status.ERROR if run.trajectory else run.status
-            return _without_samples(asked, status, _join(run.message, f"the motion cannot be judged: {error}"))
+            status = Status.ERROR if runs.run.trajectory else runs.run.status
+            return _without_samples(asked, status, _join(runs.run.message, f"the motion cannot be judged: {error}"))
 
 
 def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Simulation:
@@ -311,10 +312,34 @@ def _without_samples(asked: dict[str, Any], status: Status, message: str) -> Sim
     return Simulation(**asked, **states_at(mechanism, Trajectory(np.zeros(0), none, none, none, 0)), status=status, message=message)
 
 
-def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> tuple[Run, Reference | None, Run | None]:
-    """Return a run, its certified motion or None, and its repetition with a finer setting, which is None if it is not needed."""
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """A run, with the reference motion and the repetition with a finer setting by which the run is judged.
+
+    Attributes:
+        truth: the motion from the certificate, if there is one.
+        finer: the run repeated at half the step or a tighter tolerance, if that was needed.
+        adaptive: whether the integrator chooses its own steps.
+    """
+
+    run: Run
+    truth: Reference | None
+    finer: Run | None
+    adaptive: bool
+
+    @property
+    def samples(self) -> Trajectory | None:
+        """The samples of the run; of a failed run, the samples before its failure."""
+        return self.run.trajectory or self.run.reached
+
+
+def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
+    """Carry out a run within `limit` seconds, and repeat the run with a finer setting if the repetition is needed to judge it.
+
+    It is not needed if the motion is certified, and velocities and accelerations agree with the changes of the positions.
+    """
     truth, finer = None, None
-    worker = keep(request.engine)
+    worker = keep(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
         samples = run.trajectory or run.reached  # reached: the samples before a failure
@@ -326,31 +351,25 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
                 finer = at_samples(again, samples.t)
     finally:
         worker.stop()
-    return run, truth, finer
+    return Runs(run, truth, finer, request.choice.integrator in offered.adaptive)
 
 
-def _judge(
-    mechanism: Mechanism,
-    choice: Choice,
-    run: Run,
-    samples: Trajectory,
-    truth: Reference | None,
-    finer: Run | None,
-    adaptive: bool,
-    at: list[float],
-    forces: bool,
-) -> dict[str, Any]:
-    """Judge a run by its certified motion `truth` and its finer repetition; return the fields of `Simulation` from its samples."""
-    ended = run.trajectory is not None
-    evidence, undecided = evidence_of(mechanism, choice, samples, truth, finer, adaptive=adaptive)
+def _judge(mechanism: Mechanism, choice: Choice, runs: Runs, samples: Trajectory, at: list[float], forces: bool) -> dict[str, Any]:
+    """Judge a run, and return the fields of `Simulation` that are computed from its samples.
+
+    The returned states are those at the times `at` [s]; for a failed run, those before the failure and the last sample. Loads are
+    computed only with `forces`.
+    """
+    run, ended = runs.run, runs.run.trajectory is not None  # ended: the run reached its end
+    evidence, undecided = evidence_of(mechanism, choice, samples, runs.truth, runs.finer, adaptive=runs.adaptive)
     verdict, last = judge(evidence), float(samples.t[-1])
     status = (Status.OK if verdict.valid else Status.INVALID) if ended else run.status
     # the reason of the status comes first: the verdict's sentence for an invalid run, its own message for a failed one
     reasons = (run.message, verdict.sentence) if status is run.status else (verdict.sentence, run.message)
     until = last
     if not verdict.valid:
-        second = None if finer is None or finer.trajectory is None else as_truth(finer.trajectory)
-        until = trusted_until(Evaluator(mechanism), samples, truth, second)
+        second = None if runs.finer is None or runs.finer.trajectory is None else as_truth(runs.finer.trajectory)
+        until = trusted_until(Evaluator(mechanism), samples, runs.truth, second)
     times = np.array(at if ended else [*(x for x in at if x < last), last])
     nearest = np.abs(samples.t - times[:, None]).argmin(axis=1)
     return states_at(mechanism, samples[nearest]) | {
@@ -360,7 +379,7 @@ def _judge(
         "valid": status is Status.OK and verdict.valid,
         "objections": verdict.objections,
         "trusted_until": until,
-        "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", adaptive),
+        "advice": advice(verdict.objections, choice.step, choice.stabilization != "none", runs.adaptive),
         "trajectory": samples,
         "loads": loads_until(mechanism, samples, until, verdict) if forces else None,
     }
@@ -372,7 +391,10 @@ def _join(*sentences: str) -> str:
 
 
 def loads_until(mechanism: Mechanism, trajectory: Trajectory, until: float, verdict: Judgement) -> Loads:
-    """Return the largest and mean loads of joints, welds and drivers over the samples until the time `until` [s]."""
+    """Return the largest and mean loads of joints, welds and drivers over the samples until the time `until` [s].
+
+    The judge objects to later samples. Forces follow from accelerations: if the judge objects to these, the loads are empty.
+    """
     accelerations_are_wrong = any(x.subject is Subject.MODEL for x in verdict.objections)
     trusted = verdict.valid or (until > 0.0 and not accelerations_are_wrong)
     part = trajectory[: int(np.searchsorted(trajectory.t, until, "right")) if trusted else 0]
@@ -431,13 +453,17 @@ def point_levels(point: Point, x: Trajectory) -> tuple[Array, Array, Array]:
 
 def link_states(mechanism: Mechanism, x: Trajectory) -> dict[str, LinkState]:
     """Return name of a link -> motion of the link, for all links of a mechanism."""
-    keys = ("x", "y", "theta", "vx", "vy", "omega", "ax", "ay", "alpha")
-    levels = np.concatenate([bodies(level) for level in (x.q, x.v, x.a)], axis=-1)  # (k, links, 9)
-    return {link.name: cast(LinkState, dict(zip(keys, levels[:, i].T, strict=True))) for i, link in enumerate(mechanism.links)}
+    states: dict[str, LinkState] = {}
+    for i, link in enumerate(mechanism.links):
+        (px, py, theta), (vx, vy, omega), (ax, ay, alpha) = (bodies(level)[:, i].T for level in (x.q, x.v, x.a))
+        states[link.name] = LinkState(x=px, y=py, theta=theta, vx=vx, vy=vy, omega=omega, ax=ax, ay=ay, alpha=alpha)
+    return states
 
 
 def point_states(points: tuple[Point, ...], x: Trajectory) -> dict[str, PointState]:
     """Return name of a point -> motion of the point."""
-    keys = ("x", "y", "vx", "vy", "ax", "ay")
-    levels = {point.name: np.concatenate(point_levels(point, x), axis=-1) for point in points}  # (k, 6) each
-    return {name: cast(PointState, dict(zip(keys, level.T, strict=True))) for name, level in levels.items()}
+    states: dict[str, PointState] = {}
+    for point in points:
+        (px, py), (vx, vy), (ax, ay) = (level.T for level in point_levels(point, x))
+        states[point.name] = PointState(x=px, y=py, vx=vx, vy=vy, ax=ax, ay=ay)
+    return states

@@ -50,7 +50,10 @@ class Result:
         return self.as_dict()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return name -> field, in order, as plain data and arrays, then the properties in `computed`."""
+        """Return name -> field, in order, as plain data and arrays, then the properties in `computed`.
+
+        A field is left out if it is marked HIDDEN, or if it is empty and marked UNLESS_EMPTY.
+        """
         by_name = {}
         for x in fields(self):  # type: ignore[arg-type]
             value, shown = getattr(self, x.name), x.metadata.get("told")

@@ -221,6 +221,9 @@ def find_reference(
 ) -> tuple[float, Truth]:
     """Return the end of the runs [s], and the reference motion until this end.
 
+    If `until` is None, shorter durations are tried until the error bars are at most KNOWN times the required errors. If they never
+    are, the last reference is returned.
+
     Raises:
         ExchangeError: no reference could be computed, for any of the durations.
     """
@@ -243,13 +246,10 @@ def find_reference(
 
 
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
-    """Yield the changes (attribute -> value) that are tried at a timestep [s]."""
+    """Yield the changes (attribute -> value) that are tried at a timestep [s].
 
-    def has_other(key: str, wanted: Any) -> bool:
-        """Tell whether the file has another value of an option; an option of closures is a dictionary, closure -> value."""
-        value = file.settings[key]
-        return any(x != wanted for x in value.values()) if isinstance(value, dict) else bool(value != wanted)
-
+    The first ones keep the closures of the file; the later ones make them stiff. Values that the file already has are left out.
+    """
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
     at = {} if step == file.settings["timestep"] else {"timestep": step}
@@ -258,17 +258,28 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     for closures in ({}, stiff):
         for integrator in integrators:
             changes = at | {"integrator": integrator} | closures
-            yield {key: x for key, x in changes.items() if key == "timestep" or has_other(key, x)}
+            yield {key: x for key, x in changes.items() if key == "timestep" or not is_set(file.settings[key], x)}
+
+
+def is_set(value: Any, wanted: Any) -> bool:
+    """Return whether an option already has the wanted value.
+
+    `value` is a dictionary, name of a closure -> value, if each closure has its own value of the option.
+    """
+    return all(x == wanted for x in value.values()) if isinstance(value, dict) else bool(value == wanted)
 
 
 def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> Tried:
-    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors."""
+    """Return the first accurate setting at the longest timestep; if there is none, the setting with the smallest errors.
+
+    A setting is accurate if its `share` is at most ACCEPTED_SHARE; `before` is the file's own.
+    """
     best, step = before, float(judge.file.settings["timestep"])
     for _ in range(HALVINGS if allow_step else 1):
         for changes in list_settings(judge.file, step):
             if judge.budget.remaining() <= 0:
                 return best
-            tried = judge.try_setting(changes) if changes else before
+            tried = judge.try_setting(changes) if changes else before  # without changes it is the setting of the file
             told(f"{describe_changes(changes)}: {describe_errors(tried)}")
             if tried.share < best.share:
                 best = tried
@@ -284,6 +295,7 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     Raises:
         ExchangeError: an attribute does not take effect, something else changed, included files are not found from the
             result's folder, or the written file does not meet the requirement.
+        OSError: the file cannot be written.
     """
     source = judge.file.path
     content = read_bytes(source, MAX_BYTES)
@@ -321,7 +333,10 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:
-    """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`."""
+    """Return {"ratio": ...}: processor time per second of motion with the model file `after`, divided by that with `before`.
+
+    It runs in a worker process. Blocks of steps of both models alternate, so that disturbances affect both alike.
+    """
     engine, steps = get(ENGINE), (step_before, step_after)
     blocks = []
     for k, path in enumerate((before, after)):

@@ -37,15 +37,18 @@ def write_out(document: dict[str, Any]) -> dict[str, Any]:
     links, joints = dict(document["links"]), dict(document.get("joints", {}))
     for name, cylinder in cylinders.items():
         for part, sense, at in zip((BARREL, ROD), (1, -1), cylinder["between"], strict=True):
-            table = cylinder[part]  # a bar from its pin at the origin along sense * x
-            link = {key: table[key] for key in ("mass", "kg_per_m", "inertia") if key in table}
-            if "com" in table:
-                link["com"] = [sense * table["com"], 0]
-            points = {PIN: [0, 0], END: [sense * table["length"], 0]}
-            links[f"{name}_{part}"] = link | {"points": points, "bars": [[PIN, END]]}
+            links[f"{name}_{part}"] = _cylinder_part(cylinder[part], sense)
             joints[f"{name}_{part}"] = {"type": "revolute", "at": [at, f"{name}_{part}.{PIN}"]}
         joints[name] = {"type": "prismatic", "guide": f"{name}_{BARREL}.{PIN}", "block": f"{name}_{ROD}.{PIN}"}
     return {key: x for key, x in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
+
+
+def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
+    """Return the table of barrel or rod: a bar from its pin at the origin along +x (`sense` 1, barrel) or -x (`sense` -1, rod)."""
+    link: dict[str, Any] = {key: part[key] for key in ("mass", "kg_per_m", "inertia") if key in part}
+    if "com" in part:
+        link["com"] = [sense * part["com"], 0]
+    return link | {"points": {PIN: [0, 0], END: [sense * part["length"], 0]}, "bars": [[PIN, END]]}
 
 
 class Mass(NamedTuple):
@@ -107,7 +110,7 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
-    # points "to.P", "link.Q" that coincide, in the frames of both links
+    # points "to.P", "link.Q" that coincide: their places in the frames of both links
     points = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
     on_to, on_link = points[0]
     if len(points) == 2:  # the second pair gives the angle
@@ -120,31 +123,39 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
 
 
 def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
-    """Return one link for each body, with the points, bars and masses of its members, in the order of its first link."""
-    found = []
-    for root in dict.fromkeys(poses[name].root for name in links):
-        members = {name: x for name, x in poses.items() if x.root == root}
-        if len(members) == 1:
-            found.append(links[root])
-            continue
-        points: dict[str, Array] = {}
-        bars, masses = [], []
-        for name, pose in members.items():
-            link = links[name]
-            renamed = {key: key if name == root else f"{name}.{key}" for key in link.points}
-            points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
-            bars += [(renamed[a], renamed[b]) for a, b in link.bars]
-            masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
-        whole = together(masses)
-        found.append(Link(root, whole.mass, whole.inertia, whole.com, points, tuple(bars)))
-    return tuple(found)
+    """Return one link for each body, in the order in which the file first names a link of the body."""
+    roots = dict.fromkeys(poses[name].root for name in links)
+    return tuple(_body(links[root], {name: x for name, x in poses.items() if x.root == root}, links) for root in roots)
+
+
+def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
+    """Return a group of welded links as one link, in the frame and with the name of `root`.
+
+    `members` are the links of the group with their poses in the root's frame; points, bars and masses are those of all members.
+    """
+    if len(members) == 1:
+        return root
+    points: dict[str, Array] = {}
+    bars, masses = [], []
+    for name, pose in members.items():
+        link = links[name]
+        renamed = {key: key if name == root.name else f"{name}.{key}" for key in link.points}
+        points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
+        bars += [(renamed[a], renamed[b]) for a, b in link.bars]
+        masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
+    whole = together(masses)
+    return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
 
 
 def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
-    """Return every link of the file as a `Part` of its body."""
+    """Return every link of the file as a `Part`: the index of its body, and the pose of the link in the body."""
     index = {body.name: i for i, body in enumerate(bodies)}  # a body has the name of its root link
-    placed = [(link, index[poses[name].root], poses[name]) for name, link in links.items()]
-    return tuple(Part(x.name, i, p.origin + turn_vector(x.com, p.turn) - bodies[i].com, p.turn) for x, i, p in placed)
+    found = []
+    for name, link in links.items():
+        root, origin, turn = poses[name]
+        i = index[root]
+        found.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
+    return tuple(found)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:

@@ -20,7 +20,10 @@ from gauss_bench.terms import Array
 
 
 def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, Array]:
-    """Return name -> position (2,) [m] of every point in the link's frame; polar and relative points are resolved."""
+    """Return name -> position (2,) [m] of every point in the link's frame; polar and relative points are resolved.
+
+    `number` converts decimal text to the type of the numbers; `exact` and `radians` apply it to a value.
+    """
     positions: dict[str, Array] = {}
 
     def resolve(name: str) -> Array:
@@ -163,7 +166,7 @@ class Resolver:
     def build_joint(self, name: str, table: dict[str, Any]) -> list[model.Joint]:
         """Return the kinematic pairs of one joint; a pin through m links is m - 1 pairs NAME, NAME.001, ... in list order."""
         if table["type"] == "prismatic":
-            # in the frames of the bodies that carry the links
+            # the file gives the angles of the axis in the frames of links; here they are in those of the bodies
             angle = self.angle(table, "angle") + self.turn(table["guide"])
             block_angle = self.angle(table, "block_angle") + self.turn(table["block"])
             guide, block = self.point(table["guide"]), self.point(table["block"])
@@ -201,7 +204,7 @@ class Resolver:
     def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
         """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
-        `assemble` replaces the angle of the first link by the first coordinate that can move.
+        Without drivers, crank and `measure`, `assemble` replaces the angle of the first link by the first coordinate that can move.
         """
         match drivers:
             case (model.SlideDriver() as first, *_):
@@ -244,8 +247,8 @@ def build_mechanism(
 ) -> model.Mechanism:
     """Return the mechanism of one scenario, with all numbers in one type; it is not assembled yet: q0 and v0 are empty.
 
-    Links that are welded to each other become one body unless `unwelded`; `Mechanism.apart` then has every link as a body of its
-    own.
+    Links that are welded to each other become one body, and `Mechanism.apart` has every link as a body of its own (None without
+    welds); with `unwelded`, this mechanism itself has.
 
     Raises:
         BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.

@@ -38,14 +38,19 @@ MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole t
 
 @dataclass(frozen=True)
 class Held:
-    """The k coordinates whose values (`target`) [m, rad] and rates (k,) the start of a scenario prescribes ("holds")."""
+    """The k coordinates that the start of a scenario prescribes ("holds").
+
+    Attributes:
+        target: (k,) values that the coordinates must take [m, rad].
+        rate: (k,) rates that they must take [m/s, rad/s].
+    """
 
     coordinates: list[Coordinate]
     target: Array
     rate: Array
 
     def of(self, q: Array) -> tuple[Array, Array]:
-        """Return the values (k,) of the held coordinates at q (n,), and their gradients (k, n)."""
+        """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
@@ -76,12 +81,13 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     closed = replace(closed, warnings=tuple(check_springs(closed)))
     if closed.apart is None:
         return closed
+    # in `apart`, welded links are separate bodies
     start = motion_of_links(closed, Trajectory(np.zeros(1), q[None], v[None], np.zeros((1, mechanism.n)), 0))
     return replace(closed, apart=replace(closed.apart, q0=start.q[0], v0=start.v[0]))
 
 
 def joint_constraints(mechanism: Mechanism) -> Constraints:
-    """Return the rows of the joints alone."""
+    """Return the rows of the joints alone, without drivers and knife edges."""
     return Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
 
@@ -134,8 +140,10 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 def check_springs(mechanism: Mechanism) -> Iterator[str]:
     """Yield a warning about each spring with a force at zero length, whose end points can coincide in some position.
 
+    As a generator it checks nothing until it is read. Motions that do not follow from forces give no warning.
+
     Raises:
-        AssemblyError: the end points of such a spring coincide at the start, so that its force has no direction.
+        AssemblyError: the end points of a spring with a rest length or a bias coincide at the start: its force has no direction.
     """
     loads = [(force.name, load) for force in mechanism.forces for load in force.to_loads() if isinstance(load, Law)]
     springs = [(name, law, law.coordinate) for name, law in loads if isinstance(law.coordinate, Distance)]
@@ -159,7 +167,8 @@ def check_springs(mechanism: Mechanism) -> Iterator[str]:
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
     """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|, infinite if it diverged.
 
-    It ends if a step is shorter than `enough` [m, rad], or than the rounding of large coordinates.
+    residual(q) returns F (m,) and J (m, n). It ends if a step is shorter than `enough` [m, rad], or than the
+    rounding of large coordinates.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
@@ -272,6 +281,9 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
 
+    The steps are small enough to keep the assembly mode. Three attempts: through closed positions; the same after whole turns have
+    been added to links; and through positions in which the joints cannot be closed.
+
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
@@ -283,6 +295,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
 
         With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
         """
+        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
         gap, error = held.of(state)[0] - held.target, np.inf
         steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
         for part in np.linspace(1.0, 0.0, steps + 1)[1:]:

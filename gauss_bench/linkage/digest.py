@@ -39,7 +39,7 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
 
 
 def content_digest(*values: Any) -> str:
-    """Return the SHA-256 of the content of values, with everything nested in them but NO_EFFECT.
+    """Return the SHA-256 of the content of values, with everything nested in them but fields of NO_EFFECT.
 
     Raises:
         TypeError: a value contains an object whose content cannot be read, such as a function.

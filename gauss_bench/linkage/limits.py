@@ -1,6 +1,7 @@
 """Limits on counts, magnitudes and characters of a linkage file; `limits.toml` lists each limit with its reason.
 
-They are checked before anything else, in one pass without recursion, so that an oversized file is refused at once.
+They are checked before anything else, in one pass without recursion, so that an oversized file is refused at once. Values in a
+scenario's override have the limits of the values that they replace.
 """
 
 import tomllib
@@ -40,7 +41,7 @@ ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
     """List at most SHOWN values that are too large, too small or not printable; if there are none, too long chains of points.
 
-    A table or list that has too many entries or is nested too deeply ends the search at once.
+    A table or list that has too many entries or is nested too deeply ends the search at once; only this fault is listed.
     """
     faults: list[Fault] = []
     entries = 0
@@ -75,7 +76,7 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
-    """Return the fault of a text that is too long or not printable, in a list."""
+    """Return a list with the fault of a text that is too long or not printable; empty without a fault."""
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
@@ -84,7 +85,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
-    """Return the fault of a number that is out of the range of its key, in a list."""
+    """Return a list with the fault of a number that is out of the range of its key; empty without a fault."""
     if x - x != 0:
         return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)

@@ -101,6 +101,8 @@ def generate(name: str) -> dict[str, Any] | None:
 def decimal_document(name_or_path: str | Path) -> dict[str, Any]:
     """Return the document with every fractional number of a file as its exact Decimal, not the nearest double.
 
+    A linkage without a file keeps the doubles with which it is generated.
+
     Raises:
         LinkageError: the file cannot be read.
     """
@@ -127,7 +129,7 @@ def load_document(
 
     Args:
         source, sha256: name of the file for messages, and digest of its bytes.
-        stem: the name that the linkage must have; None if there is no file.
+        stem: name of the file without its suffix, which must be the name of the linkage; None if there is no file.
         place: function that finds the positions and velocities at the start of the mechanism.
 
     Raises:

@@ -54,7 +54,10 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
 
 
 def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each entry of x whose key matches `part`, one component of a pattern of `places`."""
+    """Yield path and value of each entry of x whose key matches `part`, one component of a pattern.
+
+    "[*]" is all entries of a list; "*" all values of a table; "~" all keys of a table as values; anything else one key.
+    """
     if part == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
@@ -68,7 +71,7 @@ class Names:
     """The names that a document defines, and the faults that the checks have found so far.
 
     Attributes:
-        bodies: link -> the link at the end of its chain of welds: the root of its body.
+        bodies: link -> the link at the end of its chain of welds: the root of its body; itself if it is not welded.
         points: link, or "ground" -> names of its points.
     """
 
@@ -166,21 +169,7 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for key in IN_DEGREES:
             if {key, f"{key}_deg"} <= entry.keys():
                 names.fault(f"{path}.{key}", f"given together with {key}_deg")
-    for path, joint in places(document, "joints.*"):
-        if joint.get("type") == "prismatic":
-            names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
-    for path, rows in places(document, "forces.*.over_time.rows", *(f"{driver}.rows" for driver in GRAMMAR["tables"]["driver"])):
-        times = [row[0] for row in rows if row and row[0] is not None]
-        if any(b <= a for a, b in pairwise(times)):
-            names.fault(path, "times must increase")
-    for path, name in places(document, "assembly.sketch.~"):
-        names.check(path, name, "point" if "." in name else "joint")
-    for path, scenario in places(document, "scenarios.*"):
-        active = sequence(scenario, "forces")
-        for i, force in enumerate(active):
-            if force in names.forces and force in active[:i]:
-                names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
-    # the rules that take a function
+    # the rules that only a function can express
     for pattern, check in CHECKS.items():
         for path, entry in places(document, pattern):
             check(names, path, entry)
@@ -257,6 +246,12 @@ def _check_welds(names: Names, path: str, welds: dict[str, Any]) -> None:
             names.fault(f"{place}.angle_deg", "given together with two pairs of points, which fix it")
 
 
+def _check_joint(names: Names, path: str, joint: dict[str, Any]) -> None:
+    """Check that guide and block of a slide are different links."""
+    if joint.get("type") == "prismatic":
+        names.check_different_links(f"{path}.block", [joint.get("guide"), joint.get("block")])
+
+
 def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     """Check the names of a force, that it acts between different links, and that friction has a radius in a pin only."""
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
@@ -280,10 +275,30 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
+def _check_times(names: Names, path: str, rows: list[Any]) -> None:
+    """Check that the times in the rows of a table of values over time increase."""
+    times = [row[0] for row in rows if row and row[0] is not None]
+    if any(b <= a for a, b in pairwise(times)):
+        names.fault(path, "times must increase")
+
+
+def _check_sketch(names: Names, path: str, name: str) -> None:
+    """Check that the sketch places an existing joint or point "link.point"."""
+    names.check(path, name, "point" if "." in name else "joint")
+
+
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     """Check that a driver has a travel if its law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
         names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
+
+
+def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:
+    """Check that a scenario names no force twice."""
+    active = sequence(scenario, "forces")
+    for i, force in enumerate(active):
+        if force in names.forces and force in active[:i]:
+            names.fault(f"{path}.forces[{i}]", f"{force!r} appears twice")
 
 
 def _check_angles(names: Names, path: str, owner: dict[str, Any]) -> None:
@@ -317,10 +332,15 @@ CHECKS: dict[str, Callable[[Names, str, Any], None]] = {  # pattern -> the check
     "links.*.points": _check_points,
     "links.*": _check_link,
     "welds": _check_welds,
+    "joints.*": _check_joint,
     "crank": Names.check_turns_on_ground,
     "forces.*": _check_force,
+    "forces.*.over_time.rows": _check_times,
     "assembly": _check_angles,
+    "assembly.sketch.~": _check_sketch,
+    "scenarios.*": _check_scenario,
     "scenarios.*.start": _check_start,
     **dict.fromkeys(GRAMMAR["tables"]["driver"], _check_driver),
+    **{f"{driver}.rows": _check_times for driver in GRAMMAR["tables"]["driver"]},
     **{f"{driver}.link": Names.check_turns_on_ground for driver in GRAMMAR["tables"]["driver"]},
 }

@@ -43,7 +43,7 @@ class Table(BaseModel):
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.
         second: keys that only the second edition of the grammar has.
-        units: key -> unit of its numbers, "1" if they have none; angles KEY_deg and KEY need no entry.
+        units: key -> unit of its numbers, "1" if they have none; angles KEY_deg [deg] and KEY [rad] need no entry.
 
     Raises:
         TypeError: a class argument lists a key that the table does not have.
@@ -368,20 +368,18 @@ class LinkageTable(Table, other="format name title expect observe measure", seco
 
 
 def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]]:
-    """Return every fault of keys and values, and the document with None in place of each refused value."""
+    """Return every fault of keys and values, and the document with None in place of each refused value.
+
+    A key that only the second edition has is a fault in a file of the first.
+    """
     try:
         linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
         faults, accepted = [], copy.deepcopy(document)
         for one in error.errors(include_url=False):
             keys = _keys_to(one["loc"], document)
-            path = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
-            faults.append(Fault(path, _text(dict(one))))
-            place: Any = accepted
-            for key in keys[:-1]:
-                place = place[key]
-            if place is not None:
-                place[keys[-1]] = None
+            faults.append(Fault(_path(keys), _text(dict(one))))
+            _put_none(accepted, keys)
         return faults, accepted
     if linkage.format == SECOND:
         return [], document
@@ -422,6 +420,20 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
     return keys
 
 
+def _put_none(document: Any, keys: list[Any]) -> None:
+    """Replace the value at a place in a document by None."""
+    *parents, last = keys
+    for key in parents:
+        document = document[key]
+    if document is not None:
+        document[last] = None
+
+
+def _path(keys: list[Any]) -> str:
+    """Return keys and indices as the text of a path, such as joints.A.at[1]."""
+    return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
+
+
 def _text(error: dict[str, Any]) -> str:
     """Return the sentence for one of pydantic's errors."""
     kind, context = error["type"], error.get("ctx", {})
@@ -459,7 +471,7 @@ def _physics(item: Any) -> Any:
     """
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key not in item.other}
+        return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):

@@ -51,20 +51,26 @@ class _Placing:
         for name, angle in angles.items():
             body, turn = mechanism.find_body(name)  # `turn` is the constant angle of the named link in its body
             self.given[body] = angle - turn
-        # all points of a joint get the position that the sketch gives for the joint, else that of the joint's point on the ground
-        drawing, points = assembly.get("sketch", {}), dict[str, Any]()
+        self.drawn = self._read_points(document, assembly.get("sketch", {}))
+        self.theta: dict[int, float] = {GROUND: 0.0}
+        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
+        self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
+
+    def _read_points(self, document: dict[str, Any], drawing: dict[str, Any]) -> dict[str, Array]:
+        """Return name of a point -> world position (2,) [m] that the file gives.
+
+        All points of a joint get the position that `drawing` gives for the joint, else that of the joint's point on the ground.
+        """
+        points: dict[str, Any] = {}
         for name, joint in write_out(document).get("joints", {}).items():
             references = joint.get("at") or [joint["block"]]
             on_ground = next((x.partition(".")[2] for x in references if x.startswith("ground.")), None)
             if name in drawing:
                 points |= dict.fromkeys(references, drawing[name])
             elif on_ground is not None:
-                points |= dict.fromkeys(references, mechanism.ground_points[on_ground])
+                points |= dict.fromkeys(references, self.mechanism.ground_points[on_ground])
         points |= {reference: x for reference, x in drawing.items() if "." in reference}
-        self.drawn = {mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
-        self.theta: dict[int, float] = {GROUND: 0.0}
-        self.centre: dict[int, Array] = {GROUND: np.zeros(2)}
-        self.pin_ends = [ends for pin in mechanism.pins for ends in (pin.ends, pin.ends[::-1])]
+        return {self.mechanism.find_point(reference).name: np.array(x, dtype=float) for reference, x in points.items()}
 
     def world(self, point: Point) -> Array:
         """Return the world position (2,) [m] of a point of a placed body."""
@@ -120,7 +126,7 @@ class _Placing:
     def _angle_by_line(self, i: int) -> float | None:
         """Return the angle [rad] of body i from its first slide whose guide and block points are known; None without such a slide.
 
-        The block is taken to be on the positive side of the guide point.
+        The block is taken to be on the positive side of the guide point, so that the coordinate of the slide is positive.
         """
         for joint in self.mechanism.slides:
             guide, block = self._find(joint.guide), self._find(joint.block)

@@ -113,7 +113,11 @@ class Autosave:
 
 
 def _parse(file: Path, content: dict[str, Any]) -> Unsaved:
-    """Return the unsaved work from the content of a file that `Autosave.keep` has written."""
+    """Return the unsaved work from the content of a file that `Autosave.keep` has written.
+
+    Raises:
+        KeyError, TypeError, ValueError: the content is damaged.
+    """
     text, locks, given = content["text"], content["locks"], content.get("picture")
     if not isinstance(text, str) or not isinstance(locks, list) or not all(isinstance(x, str) for x in locks):
         raise TypeError("neither text nor locks")

@@ -43,7 +43,7 @@ def is_driven(scenario: Mapping[str, Any]) -> bool:
 
 
 def parse_text(text: str) -> Document:
-    """Parse a text into tables."""
+    """Parse a text into tables; refuse one that is larger than a linkage file may be."""
     if len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise Refused(f"larger than {MAX_BYTES} bytes; not a linkage file")
     try:
@@ -94,7 +94,7 @@ def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: t
 
 
 def _rank(key: str) -> int:
-    """Return the number by which the top-level keys of a newly written file are sorted."""
+    """Return the number by which the top-level keys of a new file are sorted; plain values come first, before any table."""
     return ORDER.index(key) if key in ORDER else -1
 
 

@@ -71,7 +71,7 @@ def closed_mechanism(reading: Reading, word: str) -> Mechanism:
 
 
 def inputs(reading: Reading) -> list[str]:
-    """Return the names of the input links."""
+    """Return the names of the input links: of the first scenario that drives links, else the crank, else a link on the ground."""
     document = reading.document
     for scenario in document.get("scenarios", {}).values():
         names = [x["link"] for x in drivers_of(scenario) if "link" in x]

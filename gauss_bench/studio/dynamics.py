@@ -26,7 +26,10 @@ def engines_here() -> list[dict[str, Any]]:
 
 
 def write_released(session: Session, message: Message) -> tuple[str, float]:
-    """Return the file's text with the scenario "released", and the end time of the simulation [s]."""
+    """Return the file's text with the scenario "released", and the end time of the simulation [s].
+
+    The end time is `until` of the message, by default the scenario's duration in the file.
+    """
     closed_mechanism(session.reading, "let go")  # raises if the drawing does not assemble
     document = session.document
     scenarios = document.setdefault("scenarios", {})

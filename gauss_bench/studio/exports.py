@@ -51,7 +51,10 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
 
 
 def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str, Any]:
-    """Return the reply that has the drawing as a model for another program: the name and the text of a file of one of `KINDS`."""
+    """Return the reply that has the drawing as a model for another program: the name and the text of a file.
+
+    The model has the first scenario without drivers, or the first scenario if all have drivers.
+    """
     scenarios = reading.document.get("scenarios", {})
     free = next((k for k, x in scenarios.items() if not is_driven(x)), None)
     chosen = free or next(iter(scenarios), None)

@@ -90,7 +90,13 @@ def open_document(folder: Path, name: str) -> tuple[str, Path | None]:
 
 
 def save(path: Path, text: str, replace: bool, own: Path | None, known: str) -> None:
-    """Write the text to a file in one atomic step."""
+    """Write the text to a file in one atomic step.
+
+    Args:
+        replace: whether to overwrite the file in any case.
+        own: file of the open document, which is overwritten without `replace` if its content is still `known`; or None.
+        known: content of `own` when it was read or written last.
+    """
     if path.stem in built_in():
         reason = "is the name of a built-in linkage, which commands would take instead of the file: choose another"
         raise Refused(f"{path.stem} {reason}", field="path")

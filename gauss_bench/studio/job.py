@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-Send = Callable[[dict[str, Any]], None]
+Send = Callable[[dict[str, Any]], None]  # sends an event to the studio
 
 FRAMES = 60  # poses of a motion per second that are sent
 MOST = 3000  # largest number of poses of a motion that are sent
@@ -69,6 +69,7 @@ def compare(engine: str, t: Any, q: Any, whole: Any, other_t: Any, other: Any) -
 
     Args:
         t, q: times (k,) and positions (k, n) of the links in the first motion.
+        whole: the mechanism in which every link of the file is a body of its own.
         other_t, other: times (j,) and positions (j, n) of the links in the second motion.
     """
     times = t[t <= other_t[-1] + 1e-12]

@@ -37,7 +37,7 @@ class Jobs:
         self.count, self.lock = 0, threading.Lock()
 
     def start(self, text: str, request: dict[str, Any], done: str) -> int:
-        """Start a job and return its number."""
+        """Start the job `request`, as `job.py` reads it, on a linkage file; return its number. Its last event is `done`."""
         with self.lock:
             if len(self.running) >= MOST:
                 raise Refused(f"{MOST} jobs are running already: stop one, or wait")

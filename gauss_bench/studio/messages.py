@@ -12,7 +12,7 @@ FARTHEST = 1e5  # [m] largest coordinate of a place
 
 
 class Refused(ValueError):
-    """The refusal of a request.
+    """The refusal of a request: any function that reads a message or a drawing may raise it, and its text is shown to the user.
 
     Attributes:
         where: ids of the parts of the drawing that the refusal concerns: `links.NAME`, `pins.ID`, `slides.NAME`, `forces.NAME`.
@@ -25,7 +25,7 @@ class Refused(ValueError):
 
 
 def value_of(message: Message, key: str, kind: type, otherwise: Any = None) -> Any:
-    """Return a value of a message, or `otherwise` if it is missing."""
+    """Return a value of a message, or `otherwise` if it is missing; None makes the value required."""
     value = message.get(key, otherwise)
     if value is None and otherwise is None:
         raise Refused(f"{key} is missing", field=key)
@@ -51,7 +51,7 @@ def place(x: Any, field: str = "at") -> complex:
 
 
 def check_message(message: Message) -> None:
-    """Check all values of a message."""
+    """Check that numbers of a message fit into a double, that texts can be written, and that it is not nested too deep."""
     level: list[Any] = [message]  # all values at one level of nesting
     for _ in range(DEEPEST):
         inner: list[Any] = []

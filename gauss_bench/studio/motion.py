@@ -29,7 +29,14 @@ SAMPLES, MOST = 120, 2000  # default and largest number of intervals of a motion
 
 
 def load_driven(text: str, reading: Reading, scenario: Any) -> Mechanism:
-    """Return the mechanism with the drivers of a scenario."""
+    """Return the mechanism with the drivers of a scenario.
+
+    None takes the first driven scenario; if there is none, the first coordinate that can be driven moves at its default law.
+
+    Raises:
+        Refused: no coordinate can be driven, or the drivers leave a coordinate free.
+        LinkageError, ChoiceError: the file or the driver cannot be used.
+    """
     document = reading.document
     if not isinstance(scenario, (str, type(None))):
         raise Refused("a scenario is given by its name", field="scenario")
@@ -63,6 +70,8 @@ def move(text: str, reading: Reading, message: Message) -> tuple[Mechanism, Traj
 
 def motion(text: str, reading: Reading, message: Message) -> tuple[Mechanism, dict[str, Any]]:
     """Return the driven mechanism, and the reply that describes its motion.
+
+    Singular positions are not in it: they come later, as an event.
 
     Raises:
         Refused, LinkageError, ChoiceError: the drawing cannot be moved.
@@ -110,7 +119,10 @@ def forces(mechanism: Mechanism, x: Trajectory) -> dict[str, Any]:
 
 
 def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
-    """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n)."""
+    """Return the part of the reply on velocity ratios and mechanical advantages at states q (k, n).
+
+    The list is empty unless the linkage has one degree of freedom.
+    """
     try:
         pairs = advantages(mechanism, q)
     except ValueError:
@@ -120,7 +132,10 @@ def ratios(mechanism: Mechanism, q: Array) -> dict[str, Any]:
 
 @np.errstate(all="ignore")  # `answer` sets this for its own thread only, and the search runs in another thread
 def singular(mechanism: Mechanism, ended: Event | None = None) -> tuple[list[dict[str, Any]], str]:
-    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else ""."""
+    """Return limits of motion and dead centres with their poses, and the reason if they cannot be listed, else "".
+
+    Another thread sets `ended` to end the search.
+    """
     try:
         positions = singular_positions(mechanism, ended)
     except (ValueError, ChangePoint) as error:
@@ -134,6 +149,9 @@ def instant_centres(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
     Args:
         given: the poses {link: [x, y, theta]} that the page gives; None for the poses in which the links are drawn.
+
+    Raises:
+        Refused: nothing is drawn, a link has no valid pose, or the linkage has no free motion there, or more than one.
     """
     mechanism = reading.mechanism
     if mechanism is None:
@@ -168,7 +186,10 @@ def centres_along(reading: Reading, given: Any) -> list[dict[str, Any]]:
 
 
 def state_of(reading: Reading, given: Any) -> Array:
-    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page."""
+    """Return the positions q (n,) that belong to poses {link: [x, y, theta]} given by the page.
+
+    A pose has the origin of a link's frame, q its centre of mass.
+    """
     mechanism, q = reading.mechanism, list[float]()
     for link in mechanism.links if mechanism else ():
         pose = given.get(link.name) if isinstance(given, dict) else None

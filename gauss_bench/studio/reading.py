@@ -87,7 +87,7 @@ class Reading:
 
     @cached_property
     def rank(self) -> int:
-        """The number of independent constraints of the joints, at a position near the drawn one that is not singular."""
+        """The number of independent constraints of the joints, near the drawn position but not at a singular one; 0 if unknown."""
         if self.mechanism is None:
             return 0
         with suppress(np.linalg.LinAlgError, ValueError):
@@ -118,7 +118,7 @@ def poses(mechanism: Mechanism, q: Array) -> dict[str, list[float]]:
 
 @np.errstate(all="ignore")
 def read(document: Document, starts: bool = True) -> Reading:
-    """Read a document, which may be faulty."""
+    """Read a document, which may be faulty; `starts`: test if scenarios assemble, which takes most of the time."""
     problems: list[Problem] = []
 
     def report(level: str, text: str, *where: str) -> None:
@@ -181,7 +181,10 @@ def find_part(document: Document, path: str) -> tuple[str, ...]:
 
 
 def lone_pins(document: Document) -> dict[str, list[float]]:
-    """Return name -> [x, y] of the pins that join nothing."""
+    """Return name -> [x, y] of the pins that join nothing.
+
+    They are the entries of the sketch that name neither a joint or cylinder nor a point "LINK.POINT".
+    """
     named = {*table(document, "joints"), *table(document, "cylinders")}
     sketch = table(table(document, "assembly"), "sketch")
     return {k: x for k, x in sketch.items() if "." not in k and k not in named and is_place(x)}
@@ -260,7 +263,10 @@ def leave_out(document: Document, fault: Fault) -> None:
 
 
 def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple[str, ...]]:
-    """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place."""
+    """Return the positions q (n,) of the links in the sketch, and the names of the links that the sketch does not place.
+
+    Such a link gets the angle 0. It is placed by the place of one of its points in the sketch, else with its frame at the origin.
+    """
     unplaced: list[str] = []
     document = copy.deepcopy(document)
     assembly = document.setdefault("assembly", {})
@@ -285,7 +291,7 @@ def _place_links(mechanism: Mechanism, document: Document) -> tuple[Array, tuple
 
 
 def _describe_gap(mechanism: Mechanism, q: Array) -> Problem:
-    """Return the problem that describes why a drawing does not assemble at positions q (n,)."""
+    """Return the problem that describes why a drawing does not assemble at q (n,): the open loop, else the largest gap."""
     with suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
         loop = find_open_loop(replace(mechanism, q0=q, v0=0 * q))
         if loop is not None:

@@ -110,7 +110,11 @@ def recover(session: Session, message: Message) -> None:
 
 
 def make_edit(session: Session, message: Message) -> Reply:
-    """Make an edit."""
+    """Make an edit.
+
+    With `trial`, the move of a pin is only tried: the reply has the scene as it would be, and the drawing does not change. With
+    `continues`, this edit and the one before become one step of the history.
+    """
     if message.get("do") == "move" and message.get("trial"):
         return {"trial": session.scene() | scene(steps.try_move(session, message), session.locks)}
     before = session.text
@@ -132,7 +136,7 @@ def drag(session: Session, message: Message) -> Reply:
 
 
 def drag_end(session: Session, message: Message) -> None:
-    """End the drag, and redraw the linkage at the position that the drag has reached."""
+    """End the drag, and redraw the linkage at the position that it has reached; with `keep` false the drawing stays as it was."""
     ended, session.drag = session.drag, None
     if ended is not None and message.get("keep", True):
         steps.redraw(session, ended.q)
@@ -159,7 +163,10 @@ def branch(session: Session, message: Message) -> None:
 
 
 def read_locked(session: Session) -> tuple[str, Reading]:
-    """Return the text of the drawing, and the reading of this same text."""
+    """Return the text of the drawing, and the reading of this same text.
+
+    Requests in APART need it: they are answered while other requests may change the drawing.
+    """
     with session.lock:
         return session.text, session.reading
 
@@ -173,7 +180,7 @@ def move_by_law(session: Session, message: Message) -> Reply:
 
     def search() -> None:
         """Find the singular positions of the motion, and send them as an event to the studio's pages in browsers."""
-        if session.text != text or session.ended.is_set():
+        if session.text != text or session.ended.is_set():  # the drawing has changed meanwhile, or nobody waits
             return
         try:
             positions, reason = motion.singular(mechanism, session.ended)

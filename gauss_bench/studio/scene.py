@@ -25,7 +25,11 @@ FORCES = tomllib.loads((Path(__file__).parent / "forces.toml").read_text(encodin
 
 
 def scene(reading: Reading, locks: Iterable[str] = ()) -> dict[str, Any]:
-    """Return the scene: the data that the page draws for a reading."""
+    """Return the scene: the data that the page draws for a reading.
+
+    `locks` are ids of locked parts: of a pin or slide; `links.NAME` for the angle of a link; `links.NAME:a-b` for the distance of
+    two points of a link; `joints.NAME` for the angle between the links of a pin.
+    """
     document, locked = reading.document, {*locks}
     return {
         "name": _text(document, "name"),

@@ -1,7 +1,7 @@
 """The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
 
-Threads answer requests. Requests of one page are answered in their order, except long ones; changes by different pages are made
-one after the other.
+Threads answer requests. Requests of one page are answered in their order, except long ones;
+changes by different pages are made one after the other.
 """
 
 import asyncio
@@ -152,20 +152,14 @@ class Studio:
     async def socket(self, socket: WebSocket) -> None:
         """Serve a page until it disconnects: answer its messages in order, and long requests beside them."""
         if not self.guard.knows(socket.query_params.get("token")) or len(self.pages) >= SOCKETS:
-            await socket.close(1008)
+            await socket.close(1008)  # policy violation
             return
-
-        async def send_queued() -> None:
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
-                while True:
-                    await socket.send_text(await page.get())
-
         page, rate = Unread(UNREAD), Rate()
         self.pages[page] = asyncio.current_task()
         tasks: set[asyncio.Task[None]] = set()  # the sender, and long requests beside it
         try:
             await socket.accept()
-            tasks.add(asyncio.create_task(send_queued()))
+            tasks.add(asyncio.create_task(self._send(socket, page)))
             while True:
                 message = parse_message(await socket.receive_text())
                 while not rate.allows():  # slow down a page that sends too fast
@@ -187,6 +181,12 @@ class Studio:
                 task.cancel()
             with contextlib.suppress(RuntimeError, WebSocketDisconnect, asyncio.TimeoutError):
                 await asyncio.wait_for(socket.close(1003), 1.0)  # unsupported data: the reason if the page sent bytes
+
+    async def _send(self, socket: WebSocket, page: Unread) -> None:
+        """Send the queued messages of a page until it disconnects."""
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect, OSError):
+            while True:
+                await socket.send_text(await page.get())
 
     async def _answer(self, message: dict[str, Any], page: Unread) -> None:
         """Answer a page's message, and send the new scene to the other pages if the drawing has changed."""
@@ -245,7 +245,7 @@ def _refuse_constant(word: str) -> float:
 
 
 def session_of(linkage: str | None, folder: Path) -> Session:
-    """Return a session with a linkage, which is a name or a file; the folder of a file becomes the working folder.
+    """Return a session with a linkage, by name or file, or an empty drawing; the folder of a file becomes the working folder.
 
     Raises:
         LinkageError, Refused: the linkage cannot be read.
@@ -258,13 +258,13 @@ def session_of(linkage: str | None, folder: Path) -> Session:
     if path.suffix == ".toml" and path == Path(linkage):  # the path of a file: work in the folder of this file
         folder, linkage = path.resolve().parent, path.name
     session = Session(folder)
-    text, own = files.open_document(session.folder, linkage)
+    text, own = files.open_document(session.folder, linkage)  # own: None for a template
     session.open(text, own, is_template=own is None)
     return session
 
 
 def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Callable[[str], object]) -> None:
-    """Serve the studio until it is interrupted.
+    """Serve the studio until it is interrupted; port 0 is any free port.
 
     Raises:
         ExchangeError: the port is not available, or the file to open is refused.
@@ -282,8 +282,8 @@ def serve(linkage: str | None, folder: Path, port: int, browser: bool, tell: Cal
     except (OSError, OverflowError) as error:
         listening.close()
         raise ExchangeError(f"--port {port}: is not available: {error}") from error
-    remove_orphans()
-    sys.setswitchinterval(SWITCH)
+    remove_orphans()  # temporary folders of studios that were killed
+    sys.setswitchinterval(SWITCH)  # short, so that a drag stays smooth while other threads compute
     guard = Guard(int(listening.getsockname()[1]))
     studio = Studio(session, guard)
     session.tell = studio.tell

@@ -22,13 +22,14 @@ class Session:
     Attributes:
         folder: folder in which files may be opened and saved.
         lock: lock of threads, which every use of the state must hold.
+        path: file from which the text was opened, or to which it was saved; or None.
         saved: text that exists elsewhere, so that it cannot be lost: of the file or template, EMPTY, or "" for a pasted text.
         done, undone: states (text, locks) before the present state and after it, for undo and redo.
         locks: ids of pins, slides, links and lengths that a drag must not change.
         revision: number of changes of the document so far.
         motions: number of motions computed so far.
         searches: thread that searches for singular positions, one motion after the other.
-        ended: event that is set when the session ends.
+        ended: event that is set when the session ends, so that a running search ends.
         tell: function that sends an event to all pages.
     """
 
@@ -128,7 +129,7 @@ class Session:
         self._change()
 
     def _change(self) -> None:
-        """Complete a change of the document: count it, end a drag in progress, and write unsaved work to the autosave file."""
+        """Complete a change of the document: count it, end a drag, and write unsaved work to the autosave file or delete it."""
         self.revision += 1
         self.drag = None
         if self.is_unsaved or self.picture:  # a linkage file cannot hold the picture, which therefore counts as unsaved here
@@ -149,7 +150,7 @@ class Session:
         return state | scene(self.reading, self.locks)
 
     def close(self) -> bool:
-        """End the session, and return whether there are unsaved changes."""
+        """End the session, and return whether there are unsaved changes, which stay in the autosave file."""
         self.jobs.stop_all()
         self.ended.set()
         # wait for a running search: a thread in native code while the interpreter ends would abort the process

@@ -48,7 +48,7 @@ class Environments:
 
 
 def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Environments]:
-    """List engines in environments of their own (`action` "list"), or install or remove the engine `name`.
+    """List engines in environments of their own (`action` "list"), or install (`yes`: without asking) or remove the engine `name`.
 
     Raises:
         BadInput: the arguments do not fit together, or the engine cannot be installed or removed.
@@ -62,16 +62,8 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
         remove(name)
         return Answer(_list_environments(f"{name} is removed"))
     require_free(name)  # raises InstallationFault if the engine is installed already
-    offered = read_offered(name)
-    tell(f"{offered.library}, for {offered.pythons}")
-    tell(f"licence   {offered.licence}")
-    tell(f"size      {offered.download:g} MB to download, {offered.installed:g} MB in {home() / name}")
-    if not yes:
-        if not (sys.stdin and sys.stdin.isatty()):
-            raise BadInput("there is no terminal to ask for confirmation; --yes installs without")
-        print(f"Install {name}? [y/N] ", end="", file=sys.stderr, flush=True)
-        yes = sys.stdin.readline().strip().lower() in ("y", "yes")
-    if not yes:
+    _print_contents(name)
+    if not (yes or _confirm(name)):
         return Answer(_list_environments("nothing is installed"), succeeded=False)
     install(name, lambda installed: offer(installed).reason, told)
     return Answer(_list_environments(f"{name} is installed: {offer(name).version}"))
@@ -86,3 +78,19 @@ def _list_environments(done: str) -> Environments:
         python = named[name].python if name in named else ""
         listed[name] = ListedEnvironment(**offered, python=python, removable=is_installed_here(name))
     return Environments(done, str(home()), listed)
+
+
+def _print_contents(name: str) -> None:
+    """Print what would be installed: library, licences and sizes."""
+    offered = read_offered(name)
+    tell(f"{offered.library}, for {offered.pythons}")
+    tell(f"licence   {offered.licence}")
+    tell(f"size      {offered.download:g} MB to download, {offered.installed:g} MB in {home() / name}")
+
+
+def _confirm(name: str) -> bool:
+    """Ask the user whether to install an engine; raise BadInput without a terminal."""
+    if not (sys.stdin and sys.stdin.isatty()):
+        raise BadInput("there is no terminal to ask for confirmation; --yes installs without")
+    print(f"Install {name}? [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")

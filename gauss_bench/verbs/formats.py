@@ -81,7 +81,7 @@ class FileSchema(GenerateJsonSchema):
 
 
 def describe_file(kind: type[BaseModel], title: str) -> Schema:
-    """Return the schema of a file."""
+    """Return the schema of a file that the class `kind` checks."""
     schema = kind.model_json_schema(schema_generator=FileSchema)
     # kind.__mro__[1], the direct base of `kind`, is the common base of the classes of all tables in the file
     classes = {x.__name__: x for x in list_subclasses(kind.__mro__[1])}
@@ -182,6 +182,7 @@ def describe_rows(kind: Any, columns: Table | Mapping[str, Table]) -> Schema:
     """Return the schema of one row, a list of rows, or a dictionary from a table's name to its rows; every column may be absent.
 
     Args:
+        kind: type of the data: list or list[...] means several rows, and any other type a single row.
         columns: the table that describes the columns; or name of a table -> table, if the data is a dictionary of tables.
     """
     if not isinstance(columns, Table):

@@ -55,7 +55,7 @@ def draw_run(result: Simulation, files: Files) -> None:
 
 
 def draw_motion(result: Kinematics, files: Files) -> None:
-    """Write the plot, the animation and the table of a motion."""
+    """Write the plot, the animation and the table of a motion; if `out` is "csv", print the table."""
     whole, x, points = result.model.whole, result.trajectory, result.shown
     contents: dict[Path, str | bytes] = {}
     if "out" in files:  # this notice is printed in one release only, after which it is removed

@@ -43,6 +43,8 @@ def releases(
     """Install several releases of an engine's library, run the same computations with each, and write what changed.
 
     Args:
+        only: the releases that are compared; None for the range from `first` to `last`, or for the list in `releases.toml`.
+        new: compare the newest release of `releases.toml` with all later ones that the index of packages offers.
         budget: time [s] for the computations with one release.
     """
     library = read_library(engine)

@@ -64,7 +64,11 @@ def sweep(options: Namespace, told: Told) -> Answer[SweepSummary]:
 
 
 def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any]], TABLES["atlas"]]]:
-    """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes."""
+    """For each axis of the atlas and each engine, find the hardest value on the axis at which the engine still passes.
+
+    An axis is a family of linkages that become harder to simulate as one number, the value, changes.
+    `options.into` gets the table alone.
+    """
     for folder in filter(None, (options.out, options.into)):
         usable_folder(folder)
         refuse_foreign({folder / "atlas.csv": table.HEAD})

@@ -111,7 +111,7 @@ def with_authors(suite: Suite, files: Sequence[Path]) -> Suite:
 
 
 def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
-    """Run suites, and write their tables and pages."""
+    """Run suites, and write their tables and pages; all options are checked first, before hours of computing."""
     usable_folder(options.out, LOCAL)
     if options.report:
         refuse_pages_of_others(options.out)
@@ -140,7 +140,7 @@ def format_run(tables: Tables, folder: Path) -> str:
     """Return the summary of a run as text: how its cases ended, and which targets were missed."""
     results, targets, missed = tables.get("results", ()), 0, []
     for name, rows in tables.items():
-        names = [c.name for c in TABLES[name].key if c.kind == "text"]
+        names = [c.name for c in TABLES[name].key if c.kind == "text"]  # distinguish rows
         judged = [x for x in rows if isinstance(x.get("met"), bool)]
         targets += len(judged)
         missed += [" ".join(str(row[key]) for key in names if row.get(key)) for row in judged if not row["met"]]

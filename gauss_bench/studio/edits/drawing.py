@@ -1,8 +1,8 @@
 """The document that an edit changes, with the poses of its links. Every edit is a function of a `Drawing`.
 
-Tables and poses determine the places of all points; after the edit, the file's sketch (`assembly.sketch`) is written anew. Places
-are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name of its joint, the reference of
-its point if it has no joint, or its name in the sketch if it joins nothing yet.
+Tables and poses determine the places of all points; after the edit, the file's sketch (`assembly.sketch`, from which joints are
+closed) is written anew. Places are complex numbers x + i y [m]. A reference is the text "LINK.POINT". The id of a pin is the name
+of its joint, the reference of its point if it has no joint, or its name in the sketch if it joins nothing yet.
 """
 
 import math
@@ -92,7 +92,7 @@ class Drawing:
         self.poses = {"ground": (0j, 0.0)} | {name: (complex(x, y), theta) for name, (x, y, theta) in poses.items()}
 
     def check(self, where: tuple[str, ...] = ()) -> None:
-        """Check that the edit has not made the file faulty."""
+        """Check that the edit has not given the file a new fault, which would concern the parts `where`."""
         faults = new_faults(self.reading.document, self.document)
         if faults:
             raise Refused("; ".join(str(x) for x in faults[:3]), where, faults[0].path.rpartition(".")[2])
@@ -164,7 +164,10 @@ class Drawing:
     # names
 
     def fresh(self, word: str, *groups: str) -> str:
-        """Return a new name: the word followed by the smallest number for which no entry of the groups has this name."""
+        """Return a new name: the word followed by the smallest number for which no entry of the groups has this name.
+
+        Groups are tables of the file, by default joints and cylinders. An empty word gives a number that names no pin or point yet.
+        """
         taken = {name for group in groups or ("joints", "cylinders") for name in table(self.document, group)}
         if not word:
             taken = taken.union(table(table(self.document, "assembly"), "sketch"), table(table(self.document, "ground"), "points"))
@@ -214,7 +217,7 @@ class Drawing:
         return None
 
     def name_at(self, pin: Pin, taken: Any) -> str:
-        """Return a name for a new point at a pin: the name of the pin's joint, or else of the first point at the pin."""
+        """Return a name for a new point at a pin: that of its joint or first point, or a number if that is taken."""
         wanted = self.joint_of(pin) or (tail(pin.members[0]) if pin.members else pin.id)
         return wanted if wanted not in taken and NAME.fullmatch(wanted) else self.fresh("")
 
@@ -247,12 +250,12 @@ class Drawing:
         if joint is not None:
             joints[joint]["at"].append(reference)
             id = pin.id
-        elif written:
+        elif written:  # a second point makes a joint
             id = tail(written[0])
             if id in joints or id in self.group("cylinders"):
                 id = self.fresh("")
             joints[id] = {"type": "revolute", "at": [written[0], reference]}
-        else:
+        else:  # a single point is a pin without a joint
             self.remove_from_sketch(pin)
             id = reference
         self.made = [f"pins.{id}" if x == f"pins.{pin.id}" else x for x in self.made]
@@ -260,7 +263,7 @@ class Drawing:
         return self.pins[id]
 
     def ends(self, a: Any, b: Any) -> list[str]:
-        """Return the references of two points of different links: one point at a, the other at b."""
+        """Return the references of two points of different links: one at a, the other at b (ids of pins, or references)."""
         for x, y in product(self.points_at(str(a)), self.points_at(str(b))):
             if owner(x) != owner(y):
                 self.place(x)  # raises if there is no such point
@@ -270,7 +273,10 @@ class Drawing:
         raise Refused("two points of different links are needed", where, "b")
 
     def points_at(self, point: str) -> list[str]:
-        """Return the references "LINK.POINT" of all points at the pin with the id `point`, with points of the ground last."""
+        """Return the references "LINK.POINT" of all points at the pin `point`, with points of the ground last.
+
+        If no pin has this id, `point` is itself a reference, and is returned alone.
+        """
         members = self.pins[point].members if point in self.pins else (point,)
         return sorted(members, key=lambda reference: owner(reference) == "ground")
 
@@ -293,7 +299,10 @@ class Drawing:
         self.made.insert(0, f"links.{name}")  # before pins, because the first made part is the one of which callers ask
 
     def is_aligned(self, link: str) -> bool:
-        """Tell whether a link's frame lies along its first bar, and only points are given in this frame."""
+        """Tell whether a link's frame lies along its first bar, and only points are given in this frame.
+
+        Only then can `align` turn the frame: no centre of mass, point mass, weld or force is given in it.
+        """
         given = {} if link == "ground" else self.link(link)
         bars, points = sequence(given, "bars"), self.points(link)
         welded = any(link in (x.get("link"), x.get("to")) for _, x in items(self.document, "welds"))
@@ -304,7 +313,7 @@ class Drawing:
         return abs(a) < SAME and abs(b.imag) < SAME and b.real > 0
 
     def align(self, link: str) -> None:
-        """Put a link's frame at the first point of its first bar, along this bar, and rewrite the link's points in this frame."""
+        """Put a link's frame at the first point of its first bar, along this bar, and rewrite its points in this frame."""
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
@@ -349,7 +358,7 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return the references of points that place a link, and whether these points determine the link's angle."""
+        """Return the references of points that place a link, and whether these determine its angle."""
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
         apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]

@@ -84,7 +84,15 @@ def observe(d: Drawing, message: Message) -> None:
 
 
 def add_slide(d: Drawing, message: Message) -> None:
-    """Add a slide along a guide, and a block that slides along it and is pinned at a pin."""
+    """Add a slide along a guide, and a block that slides along it and is pinned at a pin.
+
+    Keys of the message:
+        guide: link that carries the axis, by default the ground.
+        pin, or at: id of the pin at the block, or the place of a new pin.
+        angle_deg: direction of the axis in the world [deg]; by default from `through` to the pin, else along the guide's first bar,
+            else along its frame.
+        through: place on the axis; by default the pin on the ground, else the first point of the guide's first bar.
+    """
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
     bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
@@ -132,7 +140,10 @@ def _guide_point(d: Drawing, guide: str, at: complex) -> str:
 
 
 def join(d: Drawing, message: Message) -> None:
-    """Move a pin onto another pin, and join all points of both pins in one joint."""
+    """Move a pin onto another pin, and join all points of both pins in one joint.
+
+    The pin `pin` of the message moves onto the pin `to`, or `to` onto `pin` if this is fixed to the ground.
+    """
     a, b = d.pin(message.get("pin")), d.pin(message.get("to"))
     if a.id == b.id:
         raise Refused("a pin cannot be joined to itself", (f"pins.{a.id}",))
@@ -155,7 +166,7 @@ def join(d: Drawing, message: Message) -> None:
             joints[joint] = {"type": "revolute", "at": [*a.members]}
         return
     for reference in a.members:
-        if d.is_written(owner(reference)):
+        if d.is_written(owner(reference)):  # no joint can name points of the parts of a cylinder, which have no table in the file
             b = d.join_at_pin(b, reference)
     kept = d.joint_of(b)
     if joint is not None and kept is not None:
@@ -187,7 +198,10 @@ def _fix(d: Drawing, pin: Pin) -> None:
 
 
 def _release(d: Drawing, pin: Pin) -> None:
-    """Release a pin from the ground: remove its points of the ground, except points that a slide uses."""
+    """Release a pin from the ground: remove its points of the ground, except points that a slide uses.
+
+    A pin that then joins nothing keeps its place in `assembly.sketch`; a joint with one point is removed.
+    """
     points, joints, joint = d.written_points("ground"), d.group("joints"), d.joint_of(pin)
     for reference in (x for x in pin.members if owner(x) == "ground"):
         name = tail(reference)

@@ -57,8 +57,11 @@ def set_key(d: Drawing, message: Message) -> None:
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
     """Return a copy of a value of a parsed file, in which `change` has replaced every text and every key of a table.
 
+    Free texts, the values of the keys in TEXTS, stay.
+
     Args:
         change: function (text, key) -> new text, where `key` is the key of the table or value in which the text was found.
+        key: key of x in its table; empty for the file itself and for an entry of a group, whose key is only its name.
     """
     if isinstance(x, dict):
         has_entries = key in GROUPS  # x is a table of named entries, such as `links`
@@ -69,7 +72,10 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it."""
+    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it.
+
+    Ids are those of the page: a slide is a joint of the file, and a cylinder has the id of a force.
+    """
     id, to = str(message.get("what")), str(message.get("to"))
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
@@ -113,7 +119,10 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
 
 
 def _rename_pin(d: Drawing, name: str, to: str) -> None:
-    """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name."""
+    """Rename the pin with the id `name`: its joint, and the points at the pin that have the joint's name.
+
+    A point stays if its link has another one with the new name. After a refusal the caller discards all changes.
+    """
     pin = d.pin(name)
     joint, where = d.joint_of(pin), (f"pins.{name}",)
     if to in {*d.group("joints"), *d.group("cylinders"), *lone_pins(d.document)} - {joint}:
@@ -125,7 +134,7 @@ def _rename_pin(d: Drawing, name: str, to: str) -> None:
     old = joint or tail(pin.members[0])
     for reference in pin.members:
         link, point = owner(reference), tail(reference)
-        if d.is_written(link) and point == old:
+        if d.is_written(link) and point == old:  # a part of a cylinder has no table in the file
             if to not in d.points(link):
                 _rename_point(d, link, point, to)
             elif joint is None:
@@ -253,7 +262,10 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
-    """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders."""
+    """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders.
+
+    It is refused if the file has a damper that would act differently in the second edition.
+    """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
     # barrel and rod overlap by a fifth of the distance of the points

@@ -11,7 +11,10 @@ from gauss_bench.studio.messages import Message, Refused, number, place
 
 
 def find_four_bar(message: Message) -> tuple[FourBar, Pose]:
-    """Return the four-bar whose coupler passes through the three poses in a message, and the first pose."""
+    """Return the four-bar whose coupler passes through the three poses [x, y, degrees] in a message, and the first pose.
+
+    The message has the places of two moving `pins` at the first pose, or of two fixed `pivots`.
+    """
     listed = message.get("poses")
     if not isinstance(listed, list) or len(listed) != 3 or not all(isinstance(x, list) and len(x) == 3 for x in listed):
         raise Refused("three poses [x, y, degrees] are needed", field="poses")
@@ -46,7 +49,10 @@ def describe_four_bar(message: Message) -> dict[str, Any]:
 
 
 def synthesize(d: Drawing, message: Message) -> None:
-    """Draw the four-bar that `find_four_bar` finds, at the first of the three poses: the coupler, and two bars or slides."""
+    """Draw the four-bar that `find_four_bar` finds, at the first of the three poses: the coupler, and two bars or slides.
+
+    The origin of the pose becomes an observed point of the coupler, unless it is a pin.
+    """
     found, (origin, _) = find_four_bar(message)
     first, second = (x.places[0] for x in found.connections)
     add_bar(d, {"from": {"at": pair(first)}, "to": {"at": pair(second)}})

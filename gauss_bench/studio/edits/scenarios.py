@@ -29,7 +29,10 @@ UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> 
 
 
 def drive(d: Drawing, message: Message) -> None:
-    """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing."""
+    """Prescribe the motion of a coordinate in the scenario "driven", starting at its value in the drawing.
+
+    `off: true` removes the driver instead, and the scenario with its last driver.
+    """
     scenarios = d.group("scenarios")
     scenario, coordinate = scenarios.get(DRIVEN, {}), _find_coordinate(d, message.get("coordinate"))
     drivers = [x for x in drivers_of(scenario) if not coordinate.items() <= x.items()]
@@ -147,7 +150,10 @@ def free_start(reading: Reading, drivers: list[Any]) -> dict[str, Any]:
 
 
 def release(document: Document, reading: Reading) -> None:
-    """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position."""
+    """Let the scenario "released", in which the linkage moves without drivers, start at rest in the drawn position.
+
+    It is added if the file has no scenario but "driven". If the drawn joints do not close, the present start stays.
+    """
     is_wanted = {*table(document, "scenarios")} <= {DRIVEN} or RELEASED in document["scenarios"]
     if reading.mechanism is None or not is_wanted:
         return
@@ -158,7 +164,7 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Set start values that were those of the old drawing to those of the new one; leave others, which the user chose."""
+    """Set start values that were those of the old drawing (but for whole turns, which stay) to the new ones; leave the user's."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)

@@ -36,7 +36,7 @@ def edit_document(session: Session, change: Callable[[Drawing], object], moves: 
     change(d)
     if moves:
         _check_locks(session.locks, d)
-        d.sketch()
+        d.sketch()  # writes the changed places into the document, from which `read` closes the joints
     else:
         d.tidy()
     after = read(d.document, starts=False)
