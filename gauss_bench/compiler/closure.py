@@ -1,7 +1,8 @@
 """The kinematics of a linkage as native code: positions, velocities and accelerations at thousands of samples of its inputs.
 
-closure = compile_closure(mechanism) turn = closure.turn(3600)             # derivatives by the crank angle sweep =
-closure.sweep(angles, speeds, accelerations)
+closure = compile_closure(mechanism)
+turn = closure.turn(3600)             # derivatives by the crank angle
+sweep = closure.sweep(angles, speeds, accelerations)
 """
 
 from dataclasses import dataclass, replace
@@ -119,7 +120,10 @@ class Closure:
         return Sweep(q, v, a, status[::divided], loss)
 
     def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K)."""
+        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K).
+
+        Without first derivatives, those of a single input are 1 (results are derivatives by it), and those of several are 0.
+        """
         K, u = len(self.inputs), self._columns(inputs)
         if u.ndim != 2 or u.shape[-1] != K or not u.size:
             raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")

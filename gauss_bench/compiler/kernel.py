@@ -267,7 +267,10 @@ class Kernel:
         return samples[..., : self._n], samples[..., self._n :]
 
     def legs(self, t0: float, dt: float, n: int) -> tuple[Leg, ...]:
-        """Return the n steps of a rollout as legs: runs of equal steps during which no force has a kink or a jump in time."""
+        """Return the n steps of a rollout as legs: runs of equal steps during which no force has a kink or a jump in time.
+
+        A step with a kink or a jump is divided there.
+        """
         # max(1, n): the only sample is after the last step
         return tuple(legs(float(t0), float(dt), int(n), max(1, n), self._kinks))
 
@@ -411,5 +414,8 @@ class Kernel:
 
 
 def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty."""
+    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty.
+
+    No force has a kink inside a leg, so that number arguments at its middle are valid for all of its steps.
+    """
     return parts[0].middle if parts else float(t)

@@ -56,7 +56,10 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted."""
+    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted.
+
+    It is trusted if it belongs to the user and nobody else may enter it.
+    """
     path = trusted_folder()
     if path is None:
         return False

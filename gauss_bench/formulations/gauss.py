@@ -50,7 +50,11 @@ def gauss(terms: Terms) -> Solution:
         raise np.linalg.LinAlgError("the mass matrix is not positive definite")
 
     def least_constraint(load: Array, rhs: Array) -> Array:
-        """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|."""
+        """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|.
+
+        J^T[:, order] = Y R, the columns of N are a basis of the null space of J, M = L L^T. Y y satisfies the constraints, N h
+        makes the norm least.
+        """
         a: Array = Y @ least_squares(R.T, rhs[order])
         if N.shape[1]:
             a = a + N @ least_squares(L.T @ N, dtrtrs(L, load, lower=True)[0] - L.T @ a)

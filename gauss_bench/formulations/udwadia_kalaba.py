@@ -14,7 +14,7 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def udwadia_kalaba(terms: Terms) -> Solution:
-    """Return accelerations (n,) by Udwadia and Kalaba's equation, and the rank of J L^-T, where M = L L^T."""
+    """Return accelerations (n,) by Udwadia and Kalaba's equation, and the rank of J L^-T, where M = L L^T; no multipliers."""
     L = np.linalg.cholesky(terms.M)
     free = np.linalg.solve(terms.M, terms.Q)
     weighted = np.linalg.solve(L, terms.J.T).T  # J L^-T

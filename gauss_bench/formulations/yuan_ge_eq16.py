@@ -16,7 +16,10 @@ RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:
-    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint."""
+    """Return accelerations (n,) by eq. (16) of Yuan and Ge (2016), which are wrong although they satisfy every constraint.
+
+    The projection of M^-1 Q ignores the masses. It is kept as an example of an error that tests of the constraints cannot detect.
+    """
     J_pinv = np.linalg.pinv(terms.J, rcond=RANK_TOLERANCE)
     free = np.linalg.solve(terms.M, terms.Q)
     a = J_pinv @ terms.gamma + free - J_pinv @ (terms.J @ free)

@@ -87,7 +87,8 @@ def dop853_estimates() -> tuple[Array, Array]:
 def gauss_legendre(acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
     """Take a step of Gauss's collocation with three stages: order 6, implicit, stable with arbitrarily stiff springs and dampers.
 
-    Newton's method finds the accelerations of all stages at once.
+    Newton's method finds the accelerations of all stages at once, with derivatives by finite differences at the beginning of the
+    step.
 
     Raises:
         LinAlgError: Newton's method does not converge.
@@ -161,6 +162,7 @@ class Equal(NamedTuple):
 
     Attributes:
         row: index of the sample before the first sample of this group.
+        steps, size: number of steps between two samples, and size of a step [s].
         samples: number of samples of this group.
     """
 
@@ -171,7 +173,10 @@ class Equal(NamedTuple):
 
 
 def equal_runs(times: Array, step: float) -> list[Equal]:
-    """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps."""
+    """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps.
+
+    Every interval is divided into equal steps, none longer than `step` [s].
+    """
     groups: list[Equal] = []
     row = 0
     # sizes are rounded to 1e-15 s, so that those of equally long intervals are equal
@@ -202,7 +207,8 @@ class Stretch(NamedTuple):
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
     """Yield stretches, which are runs of equal steps, from the first to the last of the sample times `times` (k,) [s].
 
-    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s].
+    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s], which
+    end a stretch.
     """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))  # [s] a kink this near to a sample counts as being at the sample

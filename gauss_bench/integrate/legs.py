@@ -16,7 +16,12 @@ from gauss_bench.integrate.fixed_step import ROUNDING
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a run: consecutive equal steps, inside which no acceleration has a kink or jumps."""
+    """A part of a run: n equal steps of h from t [s], inside which no acceleration has a kink or jumps.
+
+    Attributes:
+        every: number of steps from sample to sample.
+        slots: number of samples of the run up to the start of this part, and up to its end.
+    """
 
     t: float
     h: float
@@ -26,7 +31,7 @@ class Leg:
 
     @property
     def middle(self) -> float:
-        """The time [s] in the middle of this part of the run."""
+        """The time [s] in the middle of this part, at which the code's arguments that depend on time are evaluated."""
         return self.t + self.h * self.n / 2
 
 
@@ -64,7 +69,10 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
-    """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs."""
+    """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs.
+
+    These end at the first stored sample, at the last one, and at `end`.
+    """
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample
     for a, b in ((begin, first), (first, last), (last, end)):
@@ -74,5 +82,5 @@ def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: i
 
 
 def _slots(step: int, every: int, n: int) -> int:
-    """Return the number of samples that a run of n steps has stored after its first `step` steps."""
+    """Return the number of samples after the first `step` of n steps: one after every `every` steps, and one after the last."""
     return step // every + (step == n and n % every > 0)

@@ -25,7 +25,7 @@ from gauss_bench.terms import Array, largest
 
 TRIES = 6  # searches for the nearest position: one from the drawing, the others from drawings with randomly turned links
 TURNED = 1.0  # [rad] largest random turn of a link
-STEPS = 200
+STEPS = 200  # largest number of steps of a search
 ALONG = 0.5  # smallest cosine of the angle between a link and the gap if a change of its length is to close the gap
 GENERIC = 0.03  # [sizes of the linkage, rad] distance to a neighbouring position, at which J has its usual rank
 MOVED = 0.5  # smallest displacement of a linkage that moves, as a share of the attempted step
@@ -128,7 +128,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
     local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:
+    if chord.slides:  # only if there is no pin at which the loop could be cut
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -190,7 +190,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
     for _ in range(3):
-        motion = place.free @ rng.normal(size=place.free.shape[1])
+        motion = place.free @ rng.normal(size=place.free.shape[1])  # in scaled coordinates
         size = largest(motion) or 1.0
         step = motion * (GENERIC * freedom.size / size) / freedom.scale
         neighbour = freedom.close(place.q + step)
@@ -198,7 +198,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
         if neighbour is None or np.abs((neighbour.q - place.q) * freedom.scale).max() < MOVED * np.abs(step * freedom.scale).max():
             continue
         is_generic, rank = True, max(rank, _rank(neighbour))
-    if is_generic or rank == len(place.J):
+    if is_generic or rank == len(place.J):  # the rank cannot exceed the number of rows
         return rank
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
@@ -207,5 +207,5 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
 
 
 def _rank(place: Place) -> int:
-    """Return the rank of the Jacobian of the joints."""
+    """Return the rank of the Jacobian of the joints: the number of coordinates minus that of free motions."""
     return len(place.q) - int(place.free.shape[1])

@@ -8,8 +8,8 @@ Let p be the coordinates of the unknown points, x the inputs, phi(p, x) = 0 the 
     accelerations:  J p'' = gamma = -(known points' part of phi'') - (products of velocities)
 
 Redundant equations are solved in the least-squares sense. With A, B the places of two points of a link in the world, a, b those in
-its frame, and E = (B - A) / (b - a), the angle of the link is arg E plus whole turns, and its rates are omega = Im(E' conj E) and
-alpha = Im(E'' conj E).
+its frame, and E = (B - A) / (b - a), the angle of the link is arg E plus the whole turns that bring it nearest to its predicted
+value, and its rates are omega = Im(E' conj E) and alpha = Im(E'' conj E).
 
 A step is halved if the search fails, or ends far from the prediction or on the other side of a singular position. The motion
 therefore follows an input up to its limit, and never changes to another assembly.
@@ -31,7 +31,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
 LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
-LARGEST_SLIDE = 0.1
+LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
 STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
@@ -77,7 +77,8 @@ def branch_of(mechanism: Mechanism, q: Array) -> Branch:
     """Return group of points -> side (+1 or -1) at the position q (n,); sides distinguish assemblies.
 
     The side of a group of `find_groups` is the sign of the determinant of its equations: for a dyad, the side of the line between
-    its known joints. A larger group may have several assemblies with the same sign.
+    its known joints. A larger group may have several assemblies with the same sign. Groups with one assembly, or with more
+    equations than unknowns, are left out.
     """
     model = PointModel(mechanism)
     _, J = model.residual(model.points.inputs_at(q))(model.points.unknown_at(q))
@@ -123,7 +124,7 @@ class _Follower:
         start, change = self.x, goal - self.x
         # smallest number of equal steps in which no input changes by more than its `max_change`; 1e-9: rounding must not add a step
         count = max(1, int(np.ceil(largest(change / self.max_change) - 1e-9)))
-        max_share = 1 / count
+        max_share = 1 / count  # the largest step, as a share of the whole change
         self.corrections = 0
 
         def advance(share: float) -> None:
@@ -131,7 +132,7 @@ class _Follower:
 
         try:
             walk(advance, SHORTEST * max_share, max_share)
-        except _StepTooLong as error:
+        except _StepTooLong as error:  # even the shortest step failed: find out why
             raise self._failure(max_share * change) from error
 
     def _step(self, x: Array) -> None:
@@ -144,9 +145,10 @@ class _Follower:
         # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
         Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
-        r = model.rows(Z[0])
+        r = model.rows(Z[0])  # complex derivatives of phi by z
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
         Z[1] = model.fill(Z[1], dp)
+        # correction: a root search from the prediction, which must end near it
         root = gauss_newton(model.residual(x), self.p + dp, self.tolerance)
         self.corrections += root.iterations
         max_correction = STRAY * largest(Z[1, model.points.first :]) + np.sqrt(self.tolerance)
@@ -154,7 +156,7 @@ class _Follower:
             raise _StepTooLong
         # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
-        near = self.theta + (dE * E.conj()).imag
+        near = self.theta + (dE * E.conj()).imag  # predicted angles
         turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
@@ -180,7 +182,7 @@ class _Follower:
             SingularPosition: J has lost rank, so that the rates are undetermined.
         """
         model = self.model
-        Z = model.points.known(self.x, rate, second)
+        Z = model.points.known(self.x, rate, second)  # rows z, z', z'', to which `fill` adds the unknown points
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)
@@ -190,6 +192,7 @@ class _Follower:
             raise self._singular(J) from error
         Z[1] = model.fill(Z[1], -inverse @ (r @ Z[1]).real)
         Z[2] = model.fill(Z[2], -inverse @ ((r @ Z[2]).real + model.bias(Z[1])))
+        # (3, links) each: exp(i theta) and centres of mass, with two derivatives
         E, centre = Z @ model.directions.T, Z @ model.centres.T
         turns = (self.theta, *(E[1:] * E[0].conj()).imag)
         return np.stack([centre.real, centre.imag, turns], axis=-1).reshape(3, -1)
@@ -200,6 +203,7 @@ class _Follower:
         At a limit the equations have no solution for inputs moved on by a small part of `step` (i,), the largest step in their
         direction.
         """
+        # a solution just ahead counts only if it is near the present points, in the same assembly;
         # Levenberg-Marquardt comes as near as the links reach, where Gauss-Newton would diverge
         ahead = levenberg_marquardt(self.model.residual(self.x + PROBE * step), self.p, self.tolerance)
         same_branch = largest(ahead.x - self.p) < LARGEST_SLIDE * self.model.size

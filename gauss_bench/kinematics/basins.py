@@ -27,7 +27,7 @@ class Basin:
 
     Attributes:
         spread: largest distance of a start from the solution in any coordinate [m, or rad for angles].
-        right, other: shares of the starts from which the search ended at the solution, or at another root.
+        right, other: shares of the starts from which the search ended at the solution, or at another root; others did not converge.
         iterations: mean number of iterations to the solution; NaN if no search ended there.
     """
 

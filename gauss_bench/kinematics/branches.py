@@ -17,7 +17,7 @@ from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angles
 from gauss_bench.terms import Array
 
-MOST = 300
+MOST = 300  # largest number of starts
 PATIENCE = 40  # number of starts without a new assembly after which the search ends
 NEAR = 1e-6  # [sizes of the linkage] residual at which Gauss-Newton takes over
 SAME = 1e-5  # [sizes of the linkage, rad] distance below which two assemblies are the same: far above the error of a search

@@ -73,12 +73,15 @@ def _undriven(mechanism: Mechanism) -> Freedom:
 def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     """Return the instant centre of every pair of links (bodies, if some are welded) in the free motion at q (n,).
 
+    A centre that is infinitely far away has the direction of the relative translation instead of a place.
+
     Raises:
         ValueError: the joints leave no motion free, or more than one.
     """
     v, size = free_motion(mechanism, q), mechanism.size
+    # a turn of one radian counts as a displacement of the linkage's own size
     fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
-    pins = {}
+    pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
     for name in {pin.joint for pin in mechanism.pins}:
         for pair in pins_of_all_pairs(tuple(x for x in mechanism.pins if x.joint == name)):
             links = sorted(end.link for end in pair.ends)
@@ -88,7 +91,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
         if (a, b) in pins:
             centres.append(Centre((a, b), pins[a, b]))
             continue
-        # sorted by c, the equation is  i turn c = -slip, with the relative velocity slip of the points of both links at the origin
+        # sorted by c, the equation is  i turn c = -slip, with the relative angular speed `turn`, and the relative velocity `slip`
+        # of the points of both links at the origin
         turn = float(angle_at(v, b) - angle_at(v, a))
         slip = _velocity_at_origin(q, v, b) - _velocity_at_origin(q, v, a)
         if abs(turn) * size > STILL * fastest and abs(slip) < FARTHEST * size * abs(turn):

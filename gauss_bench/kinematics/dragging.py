@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
-HALVINGS = 12
+HALVINGS = 12  # largest number of halvings of a step
 MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
 NEAR = 1e-13  # a distance from the target that is smaller is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
@@ -57,7 +57,12 @@ class Locks:
 
 @dataclass(frozen=True, eq=False)
 class Dragged:
-    """The result of a drag: the position q (n,), whether the point is at its target, its distance [m], else the reason why."""
+    """The result of a drag: the position q (n,) that the linkage has reached.
+
+    Attributes:
+        reached, apart: whether the point is at its target, and its distance from there [m].
+        note: the reason why the point is not at its target; empty if it is.
+    """
 
     q: Array
     reached: bool
@@ -71,11 +76,11 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: the linkage has no part with a name in `locks`.
     """
-    pins, drivers = [], []
+    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
     for reference in locks.points:
         point = find_point(mechanism, reference)
         at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
-        if point.link != GROUND:
+        if point.link != GROUND:  # a point on the ground keeps its place in any case
             pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
     for name in locks.joints:
         own = [x for x in mechanism.pins if x.joint == name]
@@ -130,14 +135,15 @@ class Drag:
     Attributes:
         side: sign of det P, which must not change; 0, which forbids no step, until |det P| has exceeded MARGIN, and if P is not
             square.
-        directions: number of directions in which the point could move at the beginning, at least 1.
+        directions: number of directions in which the point could move at the beginning, at least 1: a point that could not move
+            counts as a point at its limit.
     """
 
     def __init__(self, mechanism: Mechanism, q: Array, point: str | Point, locks: Locks = Locks(), onto: Point | None = None):
         """Begin to drag the point "link.point" of a linkage that is assembled at the position q (n,).
 
-        If a point `onto` of another link is given, the targets are values of the vector from `onto` to the dragged point, else
-        places.
+        If a point `onto` of another link is given, the targets are values of the vector from `onto` to the dragged point (0
+        brings both together), else places of the point in the world.
 
         Raises:
             ValueError: the point is on the ground, a name is unknown, or the joints are open at q.
@@ -162,7 +168,7 @@ class Drag:
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
-        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]
+        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]  # stuck if there is no free motion
         for _ in range(most):
             if apart <= NEAR * size or is_stuck:
                 break
@@ -196,7 +202,7 @@ class Drag:
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
                 self.place = place
-                self.side = self.side or self._side()
+                self.side = self.side or self._side()  # fixed as soon as |det P| exceeds MARGIN
                 return not is_tiny
             if is_tiny:
                 break
@@ -224,13 +230,13 @@ class Drag:
             bends: (f, f, n) second derivatives of the scaled coordinates with respect to y.
         """
         P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
-        N = self.place.free / self.freedom.scale[:, None]
+        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
         states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
         # second derivatives (f, f, 2) of the point by y: `velocity` is linear in the rates, here those of the coordinates
         bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
         if self.onto:
             bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r
+        gradient, H = P.T @ r, P.T @ P + bent @ r  # derivatives of |r|^2 / 2 by y
         curvature, V = np.linalg.eigh(H)
         largest = float(np.abs(curvature).max())
         # mu raises a negative smallest curvature to its absolute value, one near zero to at least FLAT * largest
@@ -258,9 +264,9 @@ class Drag:
         least = MARGIN - self.side * float(np.linalg.det(P))
         # d det P / dy_k: one column of P at a time is replaced by its derivative
         d = self.side * np.array([np.linalg.det([bent[k, 0], P[:, 1]]) + np.linalg.det([P[:, 0], bent[k, 1]]) for k in (0, 1)])
-        if d @ y >= least or not d.any():
+        if d @ y >= least or not d.any():  # d = 0: to first order no step changes det P
             return y
-        base, along = d * least / (d @ d), np.array([-d[1], d[0]])
+        base, along = d * least / (d @ d), np.array([-d[1], d[0]])  # a point of the line, and its direction
         # minimum on the line base + t along; FLAT keeps the curvature in the denominator away from zero
         curved = abs(float(along @ H @ along))
         return np.asarray(base - along * float(along @ (gradient + H @ base)) / max(curved, FLAT * float(along @ along)))
@@ -268,7 +274,7 @@ class Drag:
     def _try_step(self, y: Array, bends: Array) -> Place | None:
         """Return the position after a step y (f,), or None if the linkage might have jumped to another assembly."""
         N, scale = self.place.free, self.freedom.scale
-        move = N @ y
+        move = N @ y  # (n,) in scaled coordinates
         guess = self.q + (move + np.einsum("i,ijk,j->k", y, bends, y) / 2) / scale
         place = self.freedom.close(guess)
         if place is None or place.free.shape[1] > N.shape[1]:
@@ -300,12 +306,15 @@ class Drag:
 
     def _point_jacobian(self, place: Place) -> Array:
         """Return P (2, f): the derivatives of `at(place)` by the amplitudes of the f free motions at `place`."""
-        motions = place.free.T / self.freedom.scale
+        motions = place.free.T / self.freedom.scale  # (f, n); the derivative by an amplitude is the velocity in its motion
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)
         return (rates if self.onto is None else rates - velocity(states, motions, self.onto)).T
 
     def _centripetal(self, N: Array, point: Point) -> Array:
-        """Return omega_i omega_j arm (f, f, 2), with the rotations of the point's link in the free motions N (n, f)."""
+        """Return omega_i omega_j arm (f, f, 2), with the rotations of the point's link in the free motions N (n, f).
+
+        This is minus the centripetal part of the second derivatives of the point.
+        """
         turns = N[angle_slot(point.link)]  # for the ground this is a meaningless row, but its arm is zero
         return np.outer(turns, turns)[..., None] * arm(self.q, point)

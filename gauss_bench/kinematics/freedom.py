@@ -62,7 +62,7 @@ class Freedom:
         phi, J = self.rows(q)
         if not len(J):
             return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
-        U, s, Vt = np.linalg.svd(J)
+        U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
         rank = int((s > RANK_TOLERANCE * s[0]).sum())
         return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
 
@@ -80,7 +80,7 @@ class Freedom:
         return None
 
     def bend(self, place: Place, directions: Array) -> Array:
-        """Return the second derivatives J^+ gamma (k, n) of the scaled coordinates along k free motions (k, n)."""
+        """Return the second derivatives J^+ gamma (k, n) of the scaled coordinates along k free motions (k, n), scaled too."""
         positions = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, positions, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)

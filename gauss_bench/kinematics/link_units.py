@@ -37,6 +37,7 @@ class Element:
     """The half of a pair (a joint of two links) that belongs to one link.
 
     Attributes:
+        pair: name of the pair.
         node: name of the joint, the same for all pairs of a multiple joint.
         kind: PIN, GUIDE, BLOCK, or ROD_END for the pin that an active bar pushes out.
         at: position r in the frame of the link [m].
@@ -77,13 +78,16 @@ class Way:
 
     @cached_property
     def moving(self) -> list[tuple[float, Element]]:
-        """The elements of this path that have a coordinate s, sorted by its name, with the sign of s u in A."""
+        """The elements of this path that have a coordinate s, with the sign of s u in A: +1 where the loop leaves, else -1.
+
+        They are sorted by the name of s, so that the reverse path has the same columns.
+        """
         ends = [(-1.0, self.enter), (1.0, self.leave)]
         return sorted(((sign, x) for sign, x in ends if x.kind in MOVING), key=lambda end: end[1].slide)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """The names of the coordinates s of this path, in the order of their columns in J."""
+        """The names of the coordinates s of this path, in the order of their columns in J, after that of the angle."""
         return tuple(element.slide for _, element in self.moving)
 
     def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
@@ -94,10 +98,10 @@ class Way:
             places, speeds: coordinates s [m] and their rates [m/s], in the order of `slides`.
         """
         E = cmath.exp(1j * angle)
-        w = self.leave.at - self.enter.at
+        w = self.leave.at - self.enter.at  # from element to element in the frame of the link
         w_rate = 0j
         columns: list[complex] = []  # columns of J
-        rates: list[complex] = []
+        rates: list[complex] = []  # columns of J'
         for (sign, element), s, s_rate in zip(self.moving, places, speeds, strict=True):
             w += sign * s * element.along
             w_rate += sign * s_rate * element.along
@@ -122,6 +126,7 @@ def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     guide, if it is the only slide of a moving link. The code of the frame ends in 0. An active bar has the code S. A multiple joint
     counts as one pin.
     """
+    # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())
     if ROD_END in kinds:
         return "S"

@@ -83,7 +83,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
         _End: the motion ends before, even with the shortest step.
     """
     first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]
+    inputs = first[len(equations.unknown) :]  # values at the start
     change = goal - inputs
     size = largest(change)
 
@@ -96,7 +96,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
 
     if size:
         try:
-            walk(advance, SMALLEST_PART / size)
+            walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
             raise _end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)
@@ -109,6 +109,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
         Stopped: the step is too long, or leads to no regular position.
     """
     unknowns, x = len(equations.unknown), state.x
+    # prediction of second order: derivatives of x by a parameter from 0 to 1, with which the inputs change linearly
     first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
     guess = x + first + second / 2
     guess[unknowns:] = target
@@ -131,7 +132,7 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     the links; else it is a limit of motion.
 
     Args:
-        first: (TU + TK,) the state at the last sample time that was reached.
+        first: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
         direction: (TK,) change of the inputs to the next sample time, divided by its largest entry.
         why: the reason why the last step failed.
     """

@@ -16,7 +16,8 @@ The rows of all loops, stacked, are the matrices A, J, B, J', B' of the linkage.
     velocities:                                   J phi' = -B q'
     accelerations:                                J phi'' = -B q'' - B' q' - J' phi'
 
-All are solved in the least-squares sense, because redundant joints make the equations of the loops dependent.
+All are solved in the least-squares sense, which gives the exact solution of a square J, because redundant joints make the equations
+of the loops dependent.
 
 Source: Wang et al. (2010), eqs. (1)-(5), (9)-(15). The paper prints the stacked matrices of (13)-(15) as a transposed row, in which
 the blocks of the loops would be beside, not below, each other.
@@ -50,7 +51,7 @@ class Stopped(ArithmeticError):
 
 @dataclass(frozen=True)
 class Variable:
-    """The angle of a link (with its index; slides make further links share it), or the coordinate along a slide or active bar."""
+    """The angle of a link (slides make further links share it), or the coordinate along a slide or active bar (link None)."""
 
     name: str
     link: int | None = None
@@ -126,6 +127,7 @@ class LoopEquations:
             self._refuse(f"has {mechanism.dof} degrees of freedom, but the inputs are {len(self.drivers)}")
         self.bars = [d for d in self.drivers if isinstance(d, LengthDriver)]
         self.graph = find_graph(mechanism, self.bars)
+        # link -> (root, phase); a bar shares its angle with no other link
         frames = shared_angles(mechanism) | {i: (i, 0.0) for i in range(len(mechanism.links), self.graph.links)}
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
@@ -143,7 +145,7 @@ class LoopEquations:
         self.is_angle = np.array([x.link is not None for x in self.variables])
         self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
         self.ways = [[self._place(p) for p in loop.passages] for loop in self.graph.loops]
-        # length of the longest vector through a moving link [m]
+        # length of the longest vector through a moving link [m]; 1 m if there is none
         vectors = (p.way.leave.at - p.way.enter.at for loop in self.ways for p in loop if p.way.link != GROUND)
         size = max(map(abs, vectors), default=0.0) or 1.0
         self.lengths = np.where(self.is_angle, 1.0, size)[: len(self.unknown)]
@@ -169,6 +171,7 @@ class LoopEquations:
         # in the order of the columns of the link unit: the angle of the link's root, then slides
         own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[link]]
         own += [Variable(name) for name in way.slides]
+        # the shape is given because `own` may be empty
         factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
         return PlacedWay(way, [self.column[name] for name in way.slides], factors)
 
@@ -183,6 +186,7 @@ class LoopEquations:
         prescribed = np.moveaxis(np.array(levels).reshape(len(levels), 3, len(times)), 0, -1)
         if not np.isfinite(prescribed).all():
             self._refuse("has an input that is not finite")
+        # a law gives the angle of the driven link, but the variable is that of its root
         return prescribed[0] - self.offsets, prescribed[1], prescribed[2]
 
     def input_values(self, x: Array) -> dict[str, float]:
@@ -196,10 +200,10 @@ class LoopEquations:
         values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
-        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):
+        for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
             x, y = position(q, bar.b) - position(q, bar.a)
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
-        return np.array([values[key] for key in self.column])
+        return np.array([values[key] for key in self.column])  # `column` has the order of x
 
     def at(self, x: Array, x_rate: Array) -> Matrices:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
@@ -222,7 +226,7 @@ class LoopEquations:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
         x, zero_rates, unknowns = x.copy(), np.zeros_like(x), len(self.unknown)
-        count, last = 0, np.inf
+        count, last = 0, np.inf  # number of Newton steps, size of the last one
         while count < NEWTON_STEPS and last >= SETTLED:
             here = self.at(x, zero_rates)
             step = solve_rows(here.J, -here.A)

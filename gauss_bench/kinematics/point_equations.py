@@ -64,19 +64,19 @@ def link_equations(p: Points, link: int) -> Iterator[Equation]:
     if link == owner:
         L = abs(p.local(link, B) - p.local(link, A))
         bar = (p.unit(B) - p.unit(A)) / np.sqrt(2 * L)  # a = b = bar: the product conj(a z) (b z) is |B - A|^2 / 2 L
-        yield bar, bar, -L / 2 * p.unit(0)
+        yield bar, bar, -L / 2 * p.unit(0)  # (|B - A|^2 - L^2) / 2 L = 0; entry 0 of z is 1
     # every further point C: neither the anchor A, from which the others are computed, nor known already, nor the point B above
     for k in p.entries_of[link]:
         if k != anchor and p.placed_by.get(k) != link and (link != owner or k != B):
             row = p.unit(k) - p.point(link, p.local(link, k))  # C minus its place computed from A and the direction of the link
-            yield zeros, zeros, row
-            yield zeros, zeros, -1j * row
+            yield zeros, zeros, row  # real part of C - A - ... = 0
+            yield zeros, zeros, -1j * row  # imaginary part
 
 
 def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
     """Yield the equation that keeps the block on the line of a slide and, if it is driven, that of its coordinate s."""
-    u = exp(1j * slide.angle) * p.direction(slide.guide.link)
-    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))
+    u = exp(1j * slide.angle) * p.direction(slide.guide.link)  # along the line
+    gap = p.unit(p.block(slide)) - p.point(slide.guide.link, place(slide.guide))  # P - G, from guide to block
     yield u, -1j * gap, -slide.offset * p.unit(0)  # Re(conj(u) (-i) gap) is the cross product u x gap
     if slide.name in p.pushed:
         yield u, gap, -p.unit(p.pushed[slide.name])  # Re(conj(u) gap) is the dot product u . gap
@@ -85,7 +85,7 @@ def slide_equations(p: Points, slide: Prismatic) -> Iterator[Equation]:
 def bar_equation(p: Points, name: str) -> Equation:
     """Return the equation (|B - A|^2 - L^2) / 2 size = 0 of an active bar from A to B, with L^2 an entry of z."""
     bar, root = p.bars[name], np.sqrt(2 * p.size)
-    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root
+    gap = (p.point(bar.b.link, place(bar.b)) - p.point(bar.a.link, place(bar.a))) / root  # (B - A) / sqrt(2 size)
     return gap, gap, -p.unit(p.stretched[name]) / root**2
 
 
@@ -148,7 +148,7 @@ class PointModel:
         return np.asarray(((self.a @ z).conj() * (self.b @ z) + self.c @ z).real)
 
     def rows(self, z: Vectors) -> Vectors:
-        """Return the complex matrix r (m, N) of dphi = Re(r dz)."""
+        """Return the complex matrix r (m, N) with which a change dz (N,) changes the residual by dphi = Re(r dz)."""
         return np.asarray((self.b @ z).conj()[:, None] * self.a + (self.a @ z).conj()[:, None] * self.b + self.c)
 
     def jacobian(self, r: Vectors) -> Array:
@@ -185,7 +185,7 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     """
     # the pattern of J at random points, where no entry is zero by chance
     z: Vectors = np.random.default_rng(0).normal(size=(model.points.N, 2)) @ np.array([1.0, 1.0j])
-    z[0] = 1.0
+    z[0] = 1.0  # the constant entry of z
     J = model.jacobian(model.rows(z))
     m, n = J.shape
     pattern = np.abs(J) > SAME * largest(J)
@@ -193,7 +193,7 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
     tops = sorted(node for node in graph if node[0] == "row")
     matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
-    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}
+    row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
     # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
     redundant: set[int] = set()  # unknowns in equations without a match, and those on which they depend

@@ -73,7 +73,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
                 add(end.name, end)
-    for slide in slides:
+    for slide in slides:  # every guide needs a point
         if not any(slide.guide.link in x.at for x in basic):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
@@ -169,10 +169,10 @@ class Points:
 
     def direction(self, link: int) -> Vectors:
         """Return the row (N,) of exp(i theta) of a link, which follows from an input or from two points."""
-        root, phase = self.frames[link]
+        root, phase = self.frames[link]  # theta of the link is theta of the root plus `phase`
         if root in self.turned:
             return self.unit(self.turned[root]) * exp(1j * phase)
-        owner, A, B = self.base[root]
+        owner, A, B = self.base[root]  # `owner` is the link with this root whose points show the direction
         turn = exp(1j * (phase - self.frames[owner][1]))
         return (self.unit(B) - self.unit(A)) * turn / (self.local(owner, B) - self.local(owner, A))
 
@@ -195,11 +195,13 @@ class Points:
         A link whose direction is an input is determined by one known point, which becomes its anchor.
         """
         link: int | None = GROUND
+        # links whose direction is an input, and none of whose points is placed yet
         waiting = {i for i, (root, _) in self.frames.items() if root in self.turned and i != GROUND}
         while link is not None:
             for k in self.entries_of[link]:
                 if k not in self.placed_by:
                     self.rows[k], self.placed_by[k] = self.point(link, self.local(link, k)), link
+            # next comes a link of known direction with a point that is placed
             link = next((i for i in sorted(waiting) if self.placed_by.keys() & set(self.entries_of[i])), None)
             if link is not None:
                 self.anchor[link] = next(k for k in self.entries_of[link] if k in self.placed_by)
@@ -210,9 +212,14 @@ class Points:
 
         A known point A wins first, then the larger distance, then the smaller entry B.
         """
+
+        def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
+            link, A, B = pair
+            return A in self.placed_by, abs(self.local(link, B) - self.local(link, A)), -B
+
         members = [link for link, (r, _) in self.frames.items() if r == root]
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
-        return max(pairs, key=lambda x: (x[1] in self.placed_by, abs(self.local(x[0], x[2]) - self.local(x[0], x[1])), -x[2]))
+        return max(pairs, key=rank)
 
     def known(self, x: Array, rate: Array, second: Array) -> Vectors:
         """Return z and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
@@ -221,7 +228,7 @@ class Points:
         square.
         """
         Z = np.zeros((3, self.N), dtype=complex)
-        Z[0, 0] = 1.0
+        Z[0, 0] = 1.0  # the constant of z
         for k, driver in enumerate(self.drivers):
             match driver:
                 case AngleDriver():
@@ -241,6 +248,6 @@ class Points:
 
     def unknown_at(self, q: Array) -> Array:
         """Return the coordinates (2 u,) [m] of the unknown points at a state q (n,)."""
-        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]
+        owners = [next(iter(self.points[k - self.first].at.items())) for k in self.unknown]  # a link of each, and its place there
         places = [position(q, Point(link, np.array([s.real, s.imag]), "")) for link, s in owners]
         return np.array(places).reshape(-1)

@@ -22,8 +22,8 @@ from gauss_bench.terms import Array, largest
 
 Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
-TOLERANCE = 1e-13
-LIMIT = 100
+TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
+LIMIT = 100  # largest number of iterations
 RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
@@ -66,9 +66,17 @@ def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | N
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
 
 
+def full_step(F: Array, J: Array) -> Array | None:
+    """Solve J h = -F for h (n,) in least squares; None if the columns of J are dependent."""
+    if not J.size:
+        return None if J.shape[1] else np.zeros(0)
+    h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE)
+    return None if rank < J.shape[1] else h
+
+
 def newton_raphson(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
     """Search for a root from x (n,) by at most LIMIT full steps of Newton's method, until max |F| <= `tolerance`."""
-    return search_along(residual, x, tolerance, lengths=0)
+    return search_along(residual, x, tolerance, lengths=0)  # 0: no shorter step is tried
 
 
 def gauss_newton(residual: Residual, x: Array, tolerance: float = TOLERANCE) -> Root:
@@ -86,21 +94,22 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
         end = end_search(x, F, tolerance, iteration)
         if end:
             return end
-        h, _, rank, _ = np.linalg.lstsq(J, -F, rcond=RANK_TOLERANCE) if J.size else (np.zeros(0), None, 0, None)
-        if rank < J.shape[1]:
+        h = full_step(F, J)
+        if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
         # Armijo's condition: to first order the step part h reduces |F|^2 by 2 part |J h|^2; it must reduce it by a share
         # SUFFICIENT of this
         size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
         for part in 0.5 ** np.arange(max(1, lengths)):
-            G, K = residual(x + part * h)
+            G, K = residual(x + part * h)  # F and J after the step
             if not lengths or size - part * required >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if at_rest(x, part * h):
+        if at_rest(x, part * h):  # the step changes x only within rounding
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
         x, F, J = x + part * h, G, K
+    # x may be a root by now
     return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 
 

@@ -23,10 +23,10 @@ from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
-STEP = 0.02
+STEP = 0.02  # [rad, m] length of a step along the curve
 LONGEST = 4000  # largest number of steps: more than ten turns of the fastest link
 ENDS = (-0.1 * STEP, 1.1 * STEP)  # distances back along the tangent between which the last step has passed a reversal
-NEWTON_STEPS = 30
+NEWTON_STEPS = 30  # largest number of corrections of a position
 TOLERANCE = 1e-12  # [rad, m] largest last correction; |g . x| below it is zero
 REVERSED = 1e-9  # largest |g . x| at a root; at a fork of the curve the search ends at a jump of g . x instead
 SAME = 1e-6  # [rad, m] distance below which two positions are the same
@@ -62,7 +62,10 @@ class Singular:
 
 
 def input_coordinate(mechanism: Mechanism) -> Measured:
-    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank."""
+    """Return the driving coordinate: the crank's angle, or the measured coordinate of a linkage without crank.
+
+    If that is one of `driving_coordinates`, the member of that list is returned, which has a shorter name.
+    """
     if mechanism.crank is not None:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     for x in driving_coordinates(mechanism):
@@ -78,7 +81,7 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
         if GROUND in links:
-            turning = max(links)
+            turning = max(links)  # the other link: the ground has the smallest index, -1
             pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
             coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
     return coordinates
@@ -163,21 +166,19 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     coordinates, driving = driving_coordinates(mechanism), input_coordinate(mechanism)
     positions: list[Singular] = []
     q = mechanism.q0
-    tangent = curve.tangent(q, gradient(driving.coordinate, q))
+    tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
     first, side = tangent, curve.orientation(q, tangent)
-    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]
+    rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
         q = curve.step(q, tangent)
         tangent = curve.tangent(q, tangent)
         if curve.orientation(q, tangent) * side < 0:
-            x = float(value(driving.coordinate, q))
-            place = f" at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f" = {x:.4g} m"
-            raise ChangePoint(f"change point near {driving.name}{place}: the curve forks, the motion can go on in two ways")
+            raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
             rate = gradient(c.coordinate, q) @ tangent
-            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):
+            if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
                 at = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
@@ -189,6 +190,12 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
         if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first > 0:
             break
     return positions
+
+
+def _describe(driving: Measured, q: Array) -> str:
+    """Return the name and the value of the driving coordinate at a position."""
+    x = float(value(driving.coordinate, q))
+    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
 
 
 def _distance(q: Array, other: Array) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from math import pi
 
 Pose = tuple[complex, float]
-NAMES = ("first", "second")
+NAMES = ("first", "second")  # connections of the coupler to the ground
 ORDER = ("first", "second", "third")  # poses
 LINE = 1e-9  # height of a triangle, in lengths of its longest side, below which its corners lie on a line
 FARTHEST = 100.0  # largest distance to a pivot, in lengths of that side: a farther one moves by metres for a tiny change of a pose
@@ -105,6 +105,7 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin, its centre
         seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
+        # only the centre of the circle is used: the first argument is arbitrary
         circle = connect(0j, seen, f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
@@ -131,6 +132,7 @@ def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
+    # of the circle through a, b and c
     centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
@@ -169,7 +171,7 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
-        first_side = next(x for x in sides if x)
+        first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
         k = sides.index(-first_side)
         return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
@@ -178,6 +180,7 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
+    # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         ends = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
@@ -206,8 +209,8 @@ def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
 def list_travels(driven: Connection, values: list[float]) -> list[tuple[int, tuple[float, float]]]:
     """Return the ways in which the input can move from the first pose to the other two, as (sense +-1, two travels [rad, m]).
 
-    A slide has one pair of travels, returned once for each sense. A bar can turn to each pose in both directions. `values` are
-    those of the input at the three poses.
+    A slide has one pair of travels, returned once for each sense. A bar can turn to each pose in both directions, which gives four
+    pairs. `values` are those of the input at the three poses.
     """
     second, third = (x - values[0] for x in values[1:])
     if driven.direction is not None:
@@ -225,7 +228,7 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
     `end`, or where the pin is nearest or farthest between them.
     """
     tried = [start, end]
-    if driven.direction is None:
+    if driven.direction is None:  # a bar
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
         # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
         # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi

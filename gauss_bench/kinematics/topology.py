@@ -1,8 +1,8 @@
 """The links and pairs of a linkage as a graph, and its independent loops.
 
 The links are the nodes of the graph, and the kinematic pairs its edges. A joint of m links consists of m - 1 pairs J, J.001, ... at
-the same place, so that every pair joins two links. A spanning tree of the n links (frame included) has n - 1 of the p pairs. Each
-of the other
+the same place, so that every pair joins two links; two links may share several pairs. A spanning tree of the n links (frame
+included) has n - 1 of the p pairs. Each of the other
 
     L = p - n + 1
 
@@ -120,7 +120,7 @@ def _pair(joint: Joint) -> Pair:
         a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
         return Pair((joint.a.link, joint.b.link), (a, b))
     along = complex(np.cos(joint.angle), np.sin(joint.angle))
-    start = complex(*joint.guide.local) + 1j * along * joint.offset
+    start = complex(*joint.guide.local) + 1j * along * joint.offset  # the point of the line at which s is zero
     guide = Element(joint.name, node=joint.name, kind=GUIDE, at=start, along=along, slide=joint.name)
     block = Element(joint.name, node=joint.name, kind=BLOCK, at=complex(*joint.block.local))
     return Pair((joint.guide.link, joint.block.link), (guide, block))
@@ -141,7 +141,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        first = next(iter(net[parent][i].values()))
+        first = next(iter(net[parent][i].values()))  # of the pairs between both links
         tree.add_edge(parent, i, pair=first["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
     used = {pair.name for _, pair in edges.values()}
@@ -165,7 +165,7 @@ def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
 
 def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     """Return the linkage with a pin on the frame for every group of links that no joint connects to it; it closes no loop."""
-    while loose := loose_links(mechanism):
+    while loose := loose_links(mechanism):  # each pin takes a whole group out of this list
         name = f"loose {loose[0]}"
         pin = Revolute(name, name, Point(GROUND, np.zeros(2), "ground."), Point(loose[0], np.zeros(2), ""))
         mechanism = replace(mechanism, joints=(*mechanism.joints, pin))
@@ -176,7 +176,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
     """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links."""
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
-    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))
+    top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
     links = path[top::-1] + path[:top:-1]  # from there to one end of the chord, and from its other end back
     # crossed[k] is the pair between links[k] and the next link, cyclically
     crossed = [tree[a][b]["pair"] if tree.has_edge(a, b) else chord for a, b in pairwise([*links, links[0]])]

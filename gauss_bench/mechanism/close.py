@@ -1,6 +1,6 @@
 """Close a linkage by Gauss-Newton iteration: find the nearest position that satisfies its constraints.
 
-Each correction is the shortest dq with J dq = -F.
+Each correction is the shortest dq with J dq = -F; the caller solves for it, with its own rank tolerance and units.
 """
 
 from collections.abc import Callable

@@ -7,7 +7,7 @@ coordinate x at the value c, a constant or a law of time, has
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
 Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
-symbols in place of coordinates, and generates functions from them.
+symbols in place of coordinates, and generates functions of q, v and the values of the motion laws from them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +31,8 @@ LEVELS = 3  # numbers that a motion law has at a time: value, first and second t
 class Given(Placement):
     """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
-    They may be numbers of the file, parameters that stay symbols in a compiled program, or inputs of a program.
+    They have the placement's type of number; they may be numbers of the file, parameters that stay symbols in a compiled program,
+    or inputs of a program.
     """
 
     def held(self, joint: str, index: int, value: Any) -> Real:
@@ -50,7 +51,7 @@ class Row:
     Attributes:
         entries: entries of J that are not zero, by index in a state (n,).
         gamma: right-hand side of J a = gamma.
-        phi: residual of the constraint on positions; None for a knife edge.
+        phi: residual of the constraint on positions; None for a knife edge, which constrains velocities only.
         phi_t: partial derivative of the residual with respect to time.
     """
 
@@ -145,7 +146,10 @@ class Symbols(Given):
         return self.program.input(f"g{first}"), self.program.input(f"g{first + 1}"), self.program.input(f"g{first + 2}")
 
     def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
-        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k)."""
+        """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k).
+
+        It evaluates the motion laws at t itself.
+        """
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])
         laws = self.laws

@@ -53,7 +53,7 @@ class Constraints:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; the function for what varies is generated later."""
+        """Record all rows with symbols; constant entries of J are stored, the function for what varies is generated later."""
         self.mechanism, self.n = mechanism, mechanism.n
         at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
         rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
@@ -127,7 +127,7 @@ class Evaluator:
 
     @cached_property
     def _terms(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q, v for varying entries of J, Q of steady forces, gamma, phi and phi_t."""
+        """The generated function of t, q, v for varying entries of J, Q of steady forces (no factor), gamma, phi, phi_t."""
         symbols = self.constraints.symbols
         entries, *others = self.constraints.listed
         with RECORDING:
@@ -164,6 +164,8 @@ class Evaluator:
     def project(self, t: float, q: Array, v: Array, rank_tolerance: float = 1e-4) -> tuple[Array, Array]:
         """Return the state that satisfies the constraints at time t [s] and is nearest to the given state q, v (n,).
 
+        Gauss-Newton iteration corrects q, then one linear system corrects v.
+
         Singular values below `rank_tolerance` times the largest count as zero. Near a singular position, or if drift makes
         redundant rows contradict each other, a correction along their directions would move the state far in directions in which
         the linkage is free to move. A state that is not finite becomes NaN.
@@ -172,7 +174,7 @@ class Evaluator:
         rows: Rows  # at the latest position; the correction of v uses them
 
         def residual(x: Array) -> tuple[Array, Array]:
-            nonlocal rows
+            nonlocal rows  # all rows, for the correction of v
             rows = self.constraints(t, x, v)
             return rows.phi[:holonomic], rows.J[:holonomic]
 

@@ -81,7 +81,7 @@ class AppliedForces:
         return Q
 
     def potential(self, q: Array) -> Array:
-        """Return the potential energy (...) [J] at q (..., n), also of constant torques and forces of constant direction."""
+        """Return the potential energy (...) [J] at q (..., n), also of torques and directions that are constant."""
         potential, _ = self._energies(0.0, q, np.zeros_like(q))  # (..., 1), of all forces but gravity
         return np.asarray(potential[..., 0] - q @ self.gravity)
 
@@ -154,7 +154,7 @@ class JointFriction:
         return len(self.rows) > 0
 
     def directions(self, q: Array, v: Array) -> Array:
-        """Return W (..., n, p) at state(s) q, v (..., n)."""
+        """Return W (..., n, p) at state(s) q, v (..., n): column k is the generalised friction under a load of 1 N of pair k."""
         W = np.zeros((*q.shape, len(self.rows)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
         law = -self.lever * np.tanh(rates / self.speed)

@@ -1,4 +1,7 @@
-"""Bodies at a state, all in one type of number, and world components of points and vectors that are fixed in a body."""
+"""Bodies at a state, all in one type of number, and world components of points and vectors fixed in a body.
+
+The ground is a body at rest at the origin.
+"""
 
 from collections.abc import Sequence
 from functools import cached_property

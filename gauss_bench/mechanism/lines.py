@@ -1,8 +1,8 @@
 """Parameters of a compiled program for forces whose factor is piecewise linear in time: a level and a slope for each such force.
 
-The parameters forces.NAME.level and forces.NAME.slope are the last of a program. The code that integrates the motion sets them for
-the interval between two kinks of the factor, and ends a step at every kink. Therefore a table of a thousand rows costs no more than
-a ramp, and the last stage of a step that ends at a jump uses the value before the jump.
+The parameters forces.NAME.level and forces.NAME.slope are the last arguments of a program. The code that integrates the motion sets
+them for the interval between two kinks of the factor, and ends a step at every kink. Therefore a table of a thousand rows costs no
+more than a ramp, and the last stage of a step that ends at a jump uses the value before the jump.
 """
 
 import numpy as np

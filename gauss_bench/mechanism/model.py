@@ -47,7 +47,8 @@ class Along:
 
     Attributes:
         angle: angle of the axis in the frame of the body in which the axis is fixed [rad].
-        across: whether the axis is turned by a further 90 degrees (without rounding).
+        across: whether the axis is turned by a further 90 degrees (without rounding): the coordinate is then the distance of
+            `point` to the left of the axis at `angle`.
         body: index of the body in which the axis is fixed; None for the body of the origin.
     """
 
@@ -224,7 +225,7 @@ class Prismatic:
 
     @property
     def held(self) -> tuple[tuple[Along, float], tuple[Angle, float]]:
-        """The coordinates that the slide keeps constant: distance from the line, and relative angle."""
+        """The coordinates that the slide keeps constant, with their values: distance from the line, and relative angle."""
         beside = Along(self.guide, self.block, self.angle, across=True)
         return (beside, self.offset), (Angle(self.guide.link, self.block.link), self.turn)
 
@@ -439,7 +440,10 @@ class RotationalSpringDamper:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
-        """Return the spring and damper of a table, with the rest angle between the bodies that carry the links."""
+        """Return the spring and damper of a table, with the rest angle between the bodies that carry the links.
+
+        The file gives that between the links, from which their constant angles `turn` in the bodies are subtracted.
+        """
         a, b = (names.link(x) for x in table["links"])
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
         return cls(name, a, b, names.number(table, "k"), names.number(table, "c"), names.angle(table, "rest") - turn)

@@ -81,8 +81,12 @@ def cosine(s: Any, pi: Any = np.pi) -> Motion:
 
 
 def poly345(s: Any, pi: Any = np.pi) -> Motion:
-    """Return the 3-4-5 polynomial and its first and second derivative at s in 0..1; `pi` is there for equal arguments."""
-    return s * s * s * (10 - 15 * s + 6 * s * s), 30 * s * s * (1 - s) * (1 - s), 60 * s * (1 - s) * (1 - 2 * s)
+    """Return 10 s^3 - 15 s^4 + 6 s^5 and both derivatives at s in 0..1; `pi` is unused: all RISE_LAWS have the same arguments."""
+    return (
+        s * s * s * (10 - 15 * s + 6 * s * s),
+        30 * s * s * (1 - s) * (1 - s),
+        60 * s * (1 - s) * (1 - 2 * s),
+    )
 
 
 RISE_LAWS: dict[str, Callable[..., Motion]] = {"sine": sine, "cosine": cosine, "poly345": poly345}
@@ -96,7 +100,7 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
     pi, zero, one = number(PI), number("0"), number("1")
 
     def motion(t: Any) -> Motion:
-        """Return the value and both derivatives at t, by the chain rule with s = t / time in [0, 1]."""
+        """Return the value and both derivatives at t, by the chain rule with s = t / time in [0, 1]; `moving` is 0 outside."""
         s, moving = clip(t / time, zero, one)
         x, rate, second = RISE_LAWS[name](s, pi)
         return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
@@ -200,7 +204,10 @@ class Factor:
 
 
 def read_factor(table: Mapping[str, Any]) -> Factor | None:
-    """Return the factor of a force from its table; None if it has neither `over_time` nor `against`."""
+    """Return the factor of a force from its table; None if it has neither `over_time` nor `against`.
+
+    `over_time` is a function of time, `against` applies while the point of application moves against the force.
+    """
     if "over_time" not in table and "against" not in table:
         return None
     factor = _read_over_time(table["over_time"]) if "over_time" in table else Factor()

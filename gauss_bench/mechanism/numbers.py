@@ -1,6 +1,7 @@
 """Numbers of any precision: a linkage is built from the decimals of its file in the type in which it will be computed.
 
 A `Number` is a function that converts decimal text to the type of the computation: float, numpy.longdouble, or a 128-bit type.
+This file has the operations that numpy would round to double.
 """
 
 from collections.abc import Callable, Mapping

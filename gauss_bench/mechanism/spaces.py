@@ -1,7 +1,7 @@
 """Vectors of the plane, and the parts of a state that belong to one body.
 
 The components of a vector are numbers of any kind with + - * (floats, arrays, nodes of the compiler, CasADi's symbols), so that
-every formula of mechanics is written once.
+every formula of mechanics is written once. An angular speed or a moment is one number, about the normal of the plane.
 """
 
 from typing import Any

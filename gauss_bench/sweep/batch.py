@@ -1,4 +1,8 @@
-"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other."""
+"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other.
+
+Every sample gives a row. If its numbers make no valid linkage, or its start cannot be assembled, or the engine fails, the row's
+message has the reason.
+"""
 
 import json
 import threading
@@ -44,6 +48,7 @@ class SweepCase:
 
     Attributes:
         text: the linkage document with one scenario, as JSON; scenario: name of the scenario.
+        until: end of each motion [s]; choices: name and setting of every engine.
         paths: paths in the linkage file of the d numbers that vary, such as `links.rod.mass`.
         limit: longest time of one sample in a worker [s].
         jobs: number of threads of a call of the kernel, on which no row depends.
@@ -65,7 +70,7 @@ class SweepCase:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The steps of a motion."""
+    """The steps of a motion: length [s], number, number between two samples, and times t (k,) of the samples [s]."""
 
     h: float
     count: int
@@ -101,7 +106,12 @@ def family(case: SweepCase) -> Family:
 
 @lru_cache(maxsize=4)
 def kernel(case: SweepCase, engine: str) -> Kernel:
-    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine."""
+    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine.
+
+    Raises:
+        MissingExtra: there is no compiler.
+        SweepError: a varied number cannot be an input of a kernel, or there is no kernel for the linkage.
+    """
     require("llvmlite")
     linkages, choice = family(case), case.choice(engine)
     if reason := linkages.not_open:
@@ -122,6 +132,7 @@ def rows_of(case: SweepCase, engine: str, numbers: Numbers, values: Array, parts
     Args:
         numbers: (k,) indices of the k samples among all samples of the sweep.
         values: (k, d) values of the d varied numbers in the k samples.
+        parts: number of equal parts into which each step of the engine's setting is divided.
     """
     run = _run_batch if in_batches(engine) else _run_one_by_one
     varied = {path: values[:, j] for j, path in enumerate(case.paths)}
@@ -176,7 +187,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
 
 
 def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Return status and message of a motion."""
+    """Return status and message of a motion; the mechanism is loaded, which takes long, only if energy lost to damping decides."""
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
         # the sample times may be too far apart to resolve the energy that damping takes between them. First ask cheaply whether
@@ -215,6 +226,8 @@ def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> 
 
 def _run_single(case: SweepCase, engine: str, values: Sequence[float], parts: int) -> tuple[str, str, Mapping[str, Array]]:
     """Simulate one sample; return its status, its message, and name of a figure (a number of a row) -> array (1,) with its value.
+
+    There are no figures if the sample has no motion.
 
     Args:
         values: (d,) values of the d varied numbers in the sample.

@@ -2,7 +2,8 @@
 
 A kernel is a compiled program for one linkage. Most numbers of the linkage are constants of the kernel; those that remain open are
 its inputs. A sample is one choice of values for the varied numbers, the numbers of the file that the sweep varies. The varied
-numbers determine the values of the kernel's inputs.
+numbers determine the values of the kernel's inputs. Many linkages are evaluated at once: in one mechanism each input becomes an
+array (batch,) (`with_parameters`).
 
 The start of a sample is its initial state q, v. It is found by continuation from the assembled initial state of the linkage in the
 file. The kernel's inputs, and the coordinates that the scenario's start and drivers prescribe at t = 0, change in small steps from
@@ -47,6 +48,7 @@ class Starts:
 
     Attributes:
         columns: name of an input of the kernel -> its values (k,).
+        q, v: (k, n) initial states; NaN for a sample that cannot be assembled.
         reasons: index of a sample that cannot be assembled -> the reason.
     """
 
@@ -60,6 +62,7 @@ class Family:
     """One linkage in one scenario, some of whose numbers vary.
 
     Attributes:
+        document: document with this scenario alone, its overrides merged; nominal: the mechanism with the numbers of the file.
         paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
         heads: keys of a table that contains varied numbers, such as ("links", "rod") or ("gravity",) -> indices in `paths` of the
             varied numbers in this table. Such a table is read anew for each sample.
@@ -128,7 +131,8 @@ class Family:
     def open_numbers(self) -> tuple[str, ...]:
         """The names of the kernel's inputs: all numbers of the mechanism that depend on at least one of the varied numbers.
 
-        These numbers are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3.
+        These numbers are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3. Two
+        are needed, as one changed value may be invalid, or leave a dependent number equal by chance.
         """
         changed = set[str]()
         for head, places in self.heads.items():
@@ -143,6 +147,8 @@ class Family:
 
     def _numbers(self, head: tuple[str, ...], document: Document) -> dict[str, float]:
         """Return name in kernels -> value, for all numbers that follow from one table of a document.
+
+        `head` are the keys of the table, such as ("links", "rod"). A vector counts as two numbers, NAME.x and NAME.y.
 
         Raises:
             ValidationError, BuildError: the table is not valid in a linkage.
@@ -169,7 +175,10 @@ class Family:
         return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
 
     def starts(self, values: Array) -> Starts:
-        """Return the values of the kernel's inputs and the initial states of k samples."""
+        """Return the values of the kernel's inputs and the initial states of k samples.
+
+        All joints are closed together; a sample whose joints do not close in this way is read and assembled individually.
+        """
         columns, goals, is_faulty = self._read_samples(values)
         q, v = self._close_joints(columns, goals)
         q[is_faulty] = v[is_faulty] = np.nan
@@ -188,7 +197,8 @@ class Family:
         """Return the numbers of k samples: columns of kernel inputs, goals (k, 2, h), and a mask (k,) of the faulty samples.
 
         The columns are a dictionary, name of an input of the kernel -> its values (k,). The goals are, for each sample, the values
-        and the rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`).
+        and the rates of the h coordinates that its scenario prescribes at t = 0 (`_goals`). A sample is faulty if its numbers make
+        no valid linkage; its columns then have the numbers of the file.
         """
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
@@ -220,6 +230,8 @@ class Family:
     def _close_joints(self, columns: Columns, goals: Array) -> tuple[Array, Array]:
         """Return states q, v (k, n) that satisfy the constraints and have the prescribed values and rates of coordinates.
 
+        Samples for which Newton's method fails get NaN.
+
         Args:
             columns: name of an input of the kernel -> its values (k,).
             goals: (k, 2, h) values and rates of the h coordinates that the samples' initial states must have.
@@ -240,7 +252,7 @@ class Family:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
             The kernel's inputs and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
-            samples (`part` = 1).
+            samples (`part` = 1), which are taken themselves, because the interpolation would round.
             """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)
@@ -265,15 +277,7 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                # still: the last corrections of all samples that have not failed are rounding
-                q = project(
-                    q,
-                    constraints_at(part),
-                    _solve,
-                    NEWTON,
-                    still=lambda _, size: not (size[np.isfinite(size)] > 1e-14).any(),
-                    longest=LONGEST,
-                )
+                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
             phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
@@ -287,6 +291,11 @@ class Family:
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
     """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
+
+
+def _is_still(_: Array, size: Array) -> bool:
+    """Tell whether the last corrections, of sizes (k,), are rounding in all samples that have not failed, whose size is finite."""
+    return not (size[np.isfinite(size)] > 1e-14).any()
 
 
 def _solve(J: Array, right: Array) -> Array:

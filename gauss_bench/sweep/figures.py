@@ -54,7 +54,10 @@ def figures(
 
 
 def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
-    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined."""
+    """Return name of a figure -> largest force (batch,) in the joint [N]; empty if redundant rows leave forces undetermined.
+
+    `multipliers` (k, batch, rows) are those at k times.
+    """
     if mechanism.redundant:
         return {}
     largest, row = dict[str, Array](), 0  # row: first multiplier of the joint
@@ -78,8 +81,8 @@ def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
 def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
     """Return three arrays on the energy [J] of each motion: the gain (k, batch), its error bar (batch,), and a scale (batch,).
 
-    The gain is the energy gained beyond the work of drivers and forces at k times. Gain and scale are defined as in
-    `metrics.energy_error` and `metrics.energy_scale`.
+    The gain is the energy gained beyond the work of drivers and forces at k times, and the error bar is that of this work. Gain and
+    scale are defined as in `metrics.energy_error` and `metrics.energy_scale`.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)

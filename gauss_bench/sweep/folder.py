@@ -4,7 +4,8 @@
     samples/part-00000.parquet, ...:   the rows of each batch and engine, in the order of the sweep's plan
     summary.json, summary.svg:         the summary and its picture, written at the end
 
-A part is written under another name, synced, and renamed, so that it is either complete or absent.
+A part is written under another name, synced, and renamed, so that it is either complete or absent. If the part file of a batch
+cannot be read, the batch is run again.
 """
 
 import fcntl

@@ -26,6 +26,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     """Repeat some samples of the status ok, and return how much their figures change; None if no sample is ok.
 
     The limits for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
+    `values` (N, d) are the varied numbers of all N samples; `rows` are those of this engine, as a pandas DataFrame.
     """
     choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")

@@ -118,7 +118,7 @@ def _key(item: Any, key: str) -> Any:
 
 @dataclass(frozen=True)
 class Bar:
-    """The first bar of a link."""
+    """The first bar of a link: the link's table, its points (2,) by name, the names of the bar's ends, and its length [m]."""
 
     link: dict[str, Any]
     points: dict[str, Any]
@@ -144,7 +144,7 @@ def _bar(document: Document, path: str) -> Bar:
 
 
 def _stretch(document: Document, path: str, length: float) -> None:
-    """Give the first bar of a link another length [m], as described at the top of this file."""
+    """Give the first bar of a link another length [m], as described at the top of this file; the bar's first point stays."""
     bar = _bar(document, path)
     origin, end = (bar.points[x] for x in bar.ends)
     along = (end - origin) / bar.length

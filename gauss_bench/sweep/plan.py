@@ -118,7 +118,9 @@ def _number(text: str, value: str) -> float:
 
 
 def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:
-    """Plan the samples of a sweep.
+    """Plan the samples of a sweep from the --vary options; `sampling` is "random" or "sobol".
+
+    `samples` may be None if there are only grids.
 
     Raises:
         SweepError: the options do not make a plan.

@@ -109,9 +109,11 @@ def sweep(
     """Simulate a linkage with many values of some of its numbers, store rows and summary in a folder, and return the summary.
 
     Args:
+        linkage: name of a built-in linkage, or a path.
         vary: varied numbers, each as PATH=VALUES (`plan.py`).
         out: path of the folder. If it holds a part of the same sweep, only the missing batches are run.
         samples, sampling, seed: arguments of `plan`.
+        how: setting of each sample; where: processes that run batches.
         tell: called with each sentence of progress.
 
     Raises:
@@ -187,7 +189,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
 
 
 def _choice(engine: str, how: Options, until: float) -> Choice:
-    """Return the setting of an engine, with the defaults that `Options` describes.
+    """Return the setting of an engine, with the defaults that `Options` describes, and no default step longer than `until` [s].
 
     Raises:
         SweepError, ChoiceError: the engine cannot be used, or does not offer the setting.

@@ -45,7 +45,13 @@ from gauss_bench.terms import Array
 
 @dataclass(frozen=True, eq=False)
 class ClosingProgram:
-    """The functions that close one linkage at given inputs; the symbols are those of the module's docstring."""
+    """The functions that close one linkage at given inputs; the symbols are those of the module's docstring.
+
+    Attributes:
+        correction: function (q, u) -> Newton's correction z (n) of positions q.
+        motion: function (q, u, w, b, g) of a closed position -> the guards, which must not change their signs; the step (n) from q
+            to the guess at the next sample; and q, v, a (3n). g is the change of the inputs to the next sample.
+    """
 
     driven: Mechanism
     correction: Function
@@ -73,7 +79,12 @@ class ClosingProgram:
 
 
 class Driven(Links):
-    """Positions and velocities of the links as expressions, with the values of drivers as inputs instead of functions of time."""
+    """Positions and velocities of the links as expressions, with the values of drivers as inputs instead of functions of time.
+
+    Attributes:
+        levels: value, first and second time derivative of each driver; the name of a driver's law is its index here.
+        rates: rates (n,) of all coordinates; with None they are inputs of the graph.
+    """
 
     levels: Sequence[Motion]
     rates: Sequence[Node] | None = None
@@ -104,7 +115,13 @@ def closing_program(mechanism: Mechanism) -> ClosingProgram:
 
 
 class _Equations:
-    """The constraint rows of a driven linkage as expressions, before elimination."""
+    """The constraint rows of a driven linkage as expressions, before elimination, with values at sampled positions.
+
+    Attributes:
+        kept, drop: indices of the rows that are eliminated (of joints, then of drivers), and the redundant rows left out.
+        u, w, b, g: one node per input, for its value, first and second time derivative, and change to the next sample.
+        rows: the kept rows for inputs with the values u and zero time derivatives.
+    """
 
     def __init__(self, driven: Mechanism, known: Study):
         """Write the constraint rows of a linkage as expressions, with values at sampled positions."""
@@ -162,7 +179,7 @@ class _Equations:
         return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
-        """Solve the equations by elimination; return the results of `ClosingProgram.correction` and of `ClosingProgram.motion`."""
+        """Return the results of `ClosingProgram.correction` and `ClosingProgram.motion`: [z], and [guards, step, (q, v, a)]."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
         factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)

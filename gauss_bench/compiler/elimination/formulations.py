@@ -60,6 +60,7 @@ class Terms:
     """The equations of motion as expressions, the terms M, J, Q and gamma of the module's docstring.
 
     Attributes:
+        mass: (n,) diagonal of M; Q: generalised force, index of a coordinate -> node.
         mixed: whether some of the rows are sums of several constraint rows, because redundant rows were added to them and left out.
     """
 
@@ -119,7 +120,7 @@ class Motions:
     def nearest(self, v: Sequence[Node], driven: Sparse) -> Sparse:
         """Return the velocities nearest to v (n,) that satisfy the constraint rows: v' = vp + N (y + (N^T N)^-1 N^T w).
 
-        vp, y and w are defined in the module's docstring.
+        vp, y and w are defined in the module's docstring; `driven` is vp, which satisfies the rows with the drivers' rates.
         """
         graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # off = v - vp
         # y: motion k alone moves independent coordinate u, so that vp + N y equals v in it
@@ -138,7 +139,10 @@ class Gauss:
     """Elimination of the equations of Gauss's principle, with n - m unknowns.
 
     Attributes:
+        factors, reduced: the factorisations of Jd, the columns of J for the dependent coordinates, and of N^T M N.
+        N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
+        correcting, directions: what corrections and free motions need besides these guards: no further ones.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
@@ -253,15 +257,16 @@ def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
 
 
 class Lagrange:
-    """Elimination of Lagrange's equations, with n + m unknowns.
+    """Elimination of Lagrange's equations, with n + m unknowns: the accelerations, then the multipliers.
 
     Attributes:
+        factors: the factorisation of the matrix [M J^T; J 0].
         single: whether `factors` serve for corrections too: there is at most one free motion, and its independent coordinate moves
             at every sample. Otherwise the equations with unit masses are factorised for corrections.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
-        """Factorise the equations."""
+        """Factorise the equations; `moving`: whether the independent coordinates determine the velocities at every sample."""
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
         self.factors = self._factors(terms.mass)
         self.single = moving and len(self.independent) <= 1
@@ -412,7 +417,7 @@ class Workspace:
         return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
-        """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node.
+        """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node; zeros lack.
 
         The state to be corrected is given by the inputs t_new and q_new, because the Jacobian of the correction may be evaluated at
         another state t, q.
@@ -449,7 +454,7 @@ class Workspace:
         """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.
 
         `self.links` cannot be used here: it gives both links of a slide the same angle up to a constant, which is true only where
-        the constraints are satisfied.
+        the constraints are satisfied. The links used here have angles of their own.
         """
         links = self.links
         plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)

@@ -47,6 +47,7 @@ class Instruction(NamedTuple):
             operand is at most the second, else 0.
         operands: indices of the instructions whose results are used; an INPUT has instead the index of the argument, and the index
             of the component in it.
+        number: the value of a CONST.
     """
 
     operation: str
@@ -114,7 +115,7 @@ class Function:
         return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """Return the time [cycles] at which a result is ready."""
+        """Return the time [cycles] at which the result of x is ready, from those of earlier results and the uses of each."""
         operation, operands, _ = x  # the number of a constant does not matter here
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
@@ -164,7 +165,10 @@ def costs_of(outputs: Sequence[Node]) -> Costs:
 
 
 def _choose_instruction(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
-    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x."""
+    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x.
+
+    The operand that is absorbed must have no other use.
+    """
     if node.op in ("INPUT", "CONST"):
         return node.op, ()
     if node.op == "MUL":

@@ -15,6 +15,9 @@ Row operations E make the matrix A upper triangular, E A = U, so that A x = b is
 If no remaining entry keeps its sign, for example because each is a sine or cosine of one angle that turns, the remaining equations
 S x = y may be replaced by their normal equations S^T S x = S^T y. The diagonal of S^T S is positive wherever the matrix S is
 regular, but the condition number of S^T S is the square of that of S.
+
+A right-hand side is a dict row -> node, a solution a dict column -> node; entries that are zero are left out.
+Source: Duff, Erisman and Reid, Direct Methods for Sparse Matrices (2nd ed., 2017), chapters 5 and 7.
 """
 
 from collections.abc import Iterable
@@ -66,6 +69,7 @@ class Factors:
     Attributes:
         steps: index of a matrix row -> the operations of the elimination on this row, in order.
         upper: row of a pivot -> (column, entry) for the entries of U in this row besides the pivot.
+        rest: the normal equations of the rows without a pivot, or None if every row has a pivot.
     """
 
     graph: ExpressionGraph
@@ -99,6 +103,8 @@ class Factors:
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
         """Apply the operations on one row to the row's entry b of the right-hand side; None stands for zero.
 
+        An operation subtracts factor * y[pivot_row] from b or, if it has a scale, from scale * b.
+
         Args:
             y: the results for the rows of earlier pivots.
         """
@@ -117,6 +123,7 @@ class NormalEquations:
 
     Attributes:
         rows, columns: indices, in the whole matrix A, of the rows and columns that make up the submatrix S.
+        factors: the factorisation of S^T S.
     """
 
     rows: tuple[int, ...]
@@ -176,6 +183,8 @@ class Search:
 
 class _Entry:
     """A matrix entry during elimination: a sum, kept as a list of nodes that are not added yet.
+
+    Its values at the graph's three random points off the constraints show whether summands cancel for all states.
 
     Attributes:
         generic: values of the sum at the three random points.
@@ -287,7 +296,7 @@ class _Markowitz:
         return np.abs(e.values[: self.graph.samples])
 
     def factors(self, squares: bool) -> Factors:
-        """Eliminate all rows."""
+        """Eliminate all rows; with `squares`, by normal equations from where no usable pivot keeps its sign at all samples."""
         rest = None
         while self.rows and rest is None:
             if squares and self._find_pivot(steady_only=True) is None:
@@ -314,6 +323,8 @@ class _Markowitz:
     def _trust_fewer(self) -> None:
         """Find the entry that is large enough for a pivot at the most samples, and restrict `trusted` to these samples.
 
+        At states like those of the other samples, programs with other pivots are used.
+
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
         """
@@ -331,7 +342,7 @@ class _Markowitz:
         """Return row and column of the cheapest pivot, and the absolute values of its row's largest entry; None if none is usable.
 
         First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
-        columns.
+        columns; then, unless `steady_only`, a pivot whose sign changes.
         """
         everywhere = len(self.rows)
         rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
@@ -431,7 +442,10 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division."""
+        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division.
+
+        They are, with the probability `search.crossing`, if all are short and none has been multiplied before.
+        """
         if not self.search.crossing or pivot.number is not None or not others:
             return False
         short = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
@@ -458,6 +472,7 @@ def lu(
     """Factorise a matrix of expressions.
 
     Args:
+        rows, columns: the rows and columns of A that are factorised; other entries are ignored.
         squares: whether the remaining rows are solved by normal equations, as soon as every usable pivot changes its sign between
             samples.
 

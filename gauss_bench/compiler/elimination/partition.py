@@ -37,10 +37,11 @@ from gauss_bench.trajectory import States
 def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | None = None) -> tuple[int, ...] | None:
     """Return the indices, in order, of `count` rows that are linearly independent in each of several matrices.
 
-    Return None if a row chosen in this way depends on the rows chosen before.
+    They are chosen one after another by the largest remaining norm. Return None if such a row depends on those chosen before.
 
     Args:
         bases: (k, n, c), at each of k samples a basis of c vectors (n,).
+        first: the row to begin with; None for the best.
     """
     if count == 0:
         return ()
@@ -114,7 +115,9 @@ class Study:
     """Results of the analysis of a linkage before elimination.
 
     Attributes:
-        drops: choices of redundant rows to leave out, the best first.
+        states: samples on the constraints at which J has its full rank.
+        drops: choices of redundant rows to leave out, the best first; several if none alone is well conditioned at every sample.
+        free: number of degrees of freedom of the velocities.
         left: (k, m, redundant) basis of the left null space of J at each sample.
         bases: (k, n, free) basis of the null space of J in scaled coordinates at each sample.
     """
@@ -222,7 +225,10 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned."""
+    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned.
+
+    At most MOST choices are returned; some samples may then have no well conditioned choice.
+    """
     # open_samples: at these no choice is well conditioned
     open_samples, choices = np.ones(len(bases), bool), list(chosen)
     for rows in choices:
@@ -250,8 +256,9 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
     """Return a few choices of independent coordinates, each of which is usable at every sample (its condition is above USABLE).
 
     Well conditioned choices have a least condition above NEAR times that of the best choice. A well conditioned choice with the
-    crank's angle comes first, then a usable choice of angles only. If drivers prescribe the whole motion, the only choice is the
-    empty tuple: no coordinate is independent.
+    crank's angle comes first, then a usable choice of angles only, then others at even spacing: in a long chain, choices near its
+    middle make the cheapest programs. A large linkage gets one choice only. If drivers prescribe the whole motion, the only choice
+    is the empty tuple: no coordinate is independent.
     """
     if study.free == 0:
         return [()]
@@ -280,7 +287,7 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 
 
 def covering(study: Study) -> list[tuple[int, ...]]:
-    """Return choices of independent coordinates such that at every sample at least one of them is usable."""
+    """Return choices of independent coordinates, one or more usable at each sample; the first has the crank's angle if possible."""
     chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition

@@ -8,8 +8,9 @@ The search tries independent coordinates and orders of pivots, and keeps those t
 rule for pivots many candidates are equally good. The choice among these pivots decides how many terms cancel later, and how long
 the longest chain of dependent operations is. Half of the attempts choose among equally good pivots by different rules, and the
 other half repeat the best of these rules with other seeds. The search is seeded, and its length depends on the linkage alone, so
-that a linkage always gives the same program. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search,
-but the generated code may then need more time per step.
+that a linkage always gives the same program. What it has found is stored on disk, so that a later process needs only one
+elimination. A small number in the environment variable GAUSS_BENCH_ATTEMPTS shortens the search, but the generated code may then
+need more time per step.
 """
 
 import json
@@ -100,7 +101,8 @@ def pick(attempts: Sequence[Best]) -> Best:
 def best_of(work: Workspace, count: int) -> Best:
     """Make `count` attempts to eliminate the equations, and return the cheapest one.
 
-    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone).
+    Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The others repeat the
+    best of these settings with other seeds.
     """
     settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
     order = np.random.default_rng(0).permutation(len(settings))
@@ -121,6 +123,7 @@ def cheapest(
     One plain attempt for each combination of formulation and coordinates decides which combinations are searched longer.
 
     Args:
+        drop: index in `Study.drops` of the redundant rows to leave out.
         formulation: "gauss", "lagrange", or "auto" for both.
         independent: the independent coordinates in Gauss's formulation; if None, all candidates are tried.
 
@@ -165,7 +168,7 @@ def _sources() -> str:
 
 
 def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination whose settings an earlier search has stored as `name`; return None if there is none that works."""
+    """Repeat the elimination whose settings an earlier search has stored as `name`; None if there is none that works."""
     stored = user_cache.load(name) if name else None
     if stored is None:
         return None
@@ -252,6 +255,9 @@ def generate(
     """Generate and check the program of a mechanism: straight-line functions for its accelerations, corrections and energy.
 
     Args:
+        formulation: "gauss", "lagrange", or "auto" for the one that costs less.
+        open_parameters: names of the mechanism's numbers that are inputs of the program.
+        independent: the independent coordinates in Gauss's formulation; with None the search chooses them.
         baumgarte: alpha, beta [1/s] of the function `stabilized`; with None the program has no such function.
         drop: index in `Study.drops` of the choice of redundant rows to leave out.
         remembered: whether the result of the search is read from and written to the user's cache.

@@ -5,6 +5,10 @@
 is the acceleration without constraints plus a correction: of all corrections for which J a = gamma, the smallest in the mass
 metric. At a change point J loses rank, and the constraints allow velocities in one more direction; the motion goes on along the
 velocity that it has.
+
+Generated programs are checked against these accelerations, which are derived independently of them, and which replace them where no
+program can be used.
+Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.17).
 """
 
 from collections.abc import Callable
@@ -82,7 +86,7 @@ class RankDecision:
         return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-        """Return q, v (n,) after one step of size h [s], projected onto the constraints."""
+        """Return q, v (n,) after one step of size h [s], projected; a force may jump at the end of the step, not within it."""
         # stages at the end of the step are evaluated just before it, so that a force that jumps there still has its old value
         last = (t + h) * (1 - ROUNDING) if self.mechanism.varying else np.inf
         return self.project(t + h, *STEPS[integrator](held_back(partial(self.acceleration, damped=True), last), t, q, v, h))
@@ -111,7 +115,7 @@ def _check_at(mechanism: Mechanism) -> States:
 
 
 def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[float, int]:
-    """Check accelerations at states on the constraints.
+    """Check accelerations at states on the constraints: return the largest relative error, and the number of valid states.
 
     The error is NaN if it is NaN at one state.
     """
@@ -124,7 +128,8 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array, Array], Array]) -> float:
     """Return the largest error of residuals, their rates and the energy at a state that violates the constraints.
 
-    Each error is relative to the larger of the quantity's magnitude and 1 in SI units.
+    `evaluate` (t, q, v) returns phi of holonomic rows, phi_dot of all rows and the energy as one vector. Each error is relative to
+    the larger of the quantity's magnitude and 1 in SI units.
     """
     evaluator, states = Evaluator(mechanism), _check_at(mechanism)
     t, v = float(states.t[-1]), states.v[-1]

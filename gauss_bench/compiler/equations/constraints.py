@@ -18,7 +18,8 @@ from gauss_bench.mechanism.equations import Row
 def rows_of(links: Links) -> list[Row]:
     """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
 
-    The entries of a row of J are a dict from column to node, without zeros.
+    The entries of a row of J are a dict from column to node, without zeros. If `links.exact` is true, the rows are also valid at
+    states that violate the constraints.
     """
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):

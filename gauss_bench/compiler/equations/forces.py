@@ -1,5 +1,7 @@
 """Applied forces and their energy as expressions: force laws on coordinates, and forces at points, as in `mechanism/equations.py`.
 
+The force of a spring with a rest length is not finite where its two points coincide; the evaluation in numpy returns zero there.
+
 A force that varies is a steady force times a time factor and a direction factor (`mechanism/motion_laws.py`). The time factor is a
 sine, or a straight line level + slope t, whose level and slope are parameters that are set at run time (`mechanism/lines.py`). The
 direction factor differs between motion along the force and motion against it, with a smooth transition by the hyperbolic tangent of
@@ -51,8 +53,8 @@ def _weights(links: Links) -> Iterable[dict[int, Node]]:
 def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
     """Return the generalised force of a force that varies, as a dict from the index of a coordinate to a node.
 
-    d is 1 for motion along the force and `factor.share` for motion against it, with a smooth transition of the width
-    `factor.speed`.
+    It is Q f(t) d(w), with the steady force's Q, and the speed w along the force. d is 1 for motion along the force and
+    `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
     """
     (load,) = force.to_loads()
     graph = links.graph

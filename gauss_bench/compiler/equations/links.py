@@ -70,7 +70,10 @@ def force_numbers(force: Force) -> dict[str, float | Array]:
 
 
 def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechanism:
-    """Return the mechanism with some of its numbers replaced; arrays (k,) of numbers describe k linkages at once."""
+    """Return the mechanism with some of its numbers replaced; arrays (k,) of numbers describe k linkages at once.
+
+    `numbers` maps names such as "links.crank.mass" (see `parameter_values`) to new values.
+    """
     if not numbers:
         return mechanism
     # zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones
@@ -119,7 +122,10 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants."""
+    """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants.
+
+    `names` are the parameters in the order of the input p (n_p,); `all` has the values of the file of all numbers.
+    """
 
     names: tuple[str, ...]
     all: dict[str, float]
@@ -159,7 +165,7 @@ class Tie:
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     """Return for every link how its angle follows from the angle of another link, its root, if slides connect the two.
 
-    The root is the ground if slides connect the link with the ground.
+    The root is the ground if slides connect the link with the ground. A link without slides is its own root.
     """
     ties = list(free_angles(mechanism))
     for slide in mechanism.slides:
@@ -180,7 +186,7 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The input nodes of an expression graph that represent a state of the linkage, and their values at k sampled states."""
+    """The names of the inputs of an expression graph for time, positions and velocities, and their values at k sampled states."""
 
     t: str
     q: str

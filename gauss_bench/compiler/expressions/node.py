@@ -7,11 +7,12 @@ everywhere is zero almost nowhere. A new expression is therefore first compared 
 points. In this way c^2 + s^2 becomes 1, terms that cancel become 0, and a multiple k x of an existing node x becomes the product of
 k and that node, whatever operations gave the multiple.
 Source: Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27 (1980).
+
+Signs and constant factors are moved out of products, so that sums can absorb them: -(x y) is stored, not (-x) y.
 """
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import partialmethod
 from heapq import heapify, heappop, heappush
 from typing import Any
 
@@ -48,6 +49,7 @@ class Node:
     Attributes:
         op, args: operation and operands; the args of an input are its name and index.
         generic: values at the GENERIC random points, by which equal expressions are recognised.
+        number: value of a constant node, None for any other node.
         ready: earliest time [cycles] at which a processor has the value, if all inputs are there at 0.
     """
 
@@ -63,7 +65,10 @@ class Node:
         ready: float,
         at: Array | None = None,
     ):
-        """Make a node without entering it into the graph's tables `known` and `ratios`."""
+        """Make a node without entering it into the graph's tables `known` and `ratios`.
+
+        `at` has the values at samples, then random points, (samples + GENERIC,); with None they are computed on first use.
+        """
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
         self._at = at
         self.index = graph.count
@@ -210,7 +215,7 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return the product of a and b."""
+        """Return the product of a and b: signs and constants in front, factors in order of index, so that a b and b a are one."""
         if a.number is not None:
             return self.scale_by(a.number, b)
         if b.number is not None:
@@ -245,6 +250,15 @@ class ExpressionGraph:
         own, base = factor_out(a)
         return self.scale_by(1.0 / own, self._make("INV", base))
 
+    def sqrt(self, a: Node) -> Node:
+        return self._unary("SQRT", a)
+
+    def sin(self, a: Node) -> Node:
+        return self._unary("SIN", a)
+
+    def cos(self, a: Node) -> Node:
+        return self._unary("COS", a)
+
     def _unary(self, op: str, a: Node) -> Node:
         """Return the node of an operation with the single operand `a`: its square root, sine or cosine."""
         # `a.at` has samples and random points, and numpy gets them in one call: in two calls, the last digits of numpy's results
@@ -255,10 +269,11 @@ class ExpressionGraph:
         at = VALUE[op](a.at)
         return self._make(op, a, at=at)
 
-    sqrt, sin, cos = partialmethod(_unary, "SQRT"), partialmethod(_unary, "SIN"), partialmethod(_unary, "COS")
-
     def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
-        """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node."""
+        """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
+
+        `at` has the values (samples + GENERIC,) of the operation; if None, they are computed from those of the operands.
+        """
         key = (op, *[a.index for a in args])
         old = self.known.get(key)
         if old is not None:
@@ -280,6 +295,7 @@ class ExpressionGraph:
         """Return the node for an expression that is a constant or a multiple of an existing node; return None for any other.
 
         Args:
+            ratio: `_ratio_key` of the values g, which is equal for all multiples of one expression.
             summand: values of one of the two terms if the expression is a sum, else None. A sum that is tiny relative to one of its
                 terms is treated as zero.
         """
@@ -304,7 +320,7 @@ class ExpressionGraph:
     def _new(
         self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
     ) -> Node:
-        """Make a node, and enter it into the tables `known` and `ratios`."""
+        """Make a node, and enter it into the tables `known` (under `key`) and `ratios`; `trail` notes it for `forget`."""
         made = Node(self, op, args, g, None, ready, at)
         if ratio not in self.ratios:
             self.ratios[ratio] = made
@@ -318,7 +334,10 @@ class ExpressionGraph:
         return node
 
     def forget(self, mark: int) -> None:
-        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`."""
+        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`.
+
+        After each attempt of a search this restores the same nodes.
+        """
         while len(self.trail) > mark:
             table, key = self.trail.pop()
             del table[key]
@@ -352,7 +371,7 @@ class ExpressionGraph:
         return [x for x in scaled if not x.zero]
 
     def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
-        """Return a list of terms with the same sum, in which pairs of terms are replaced by single nodes where possible."""
+        """Return terms with the same sum; two whose places differ by at most `distance` become one node if their sum is known."""
         left, done = list(terms), []
         while left:
             a = left.pop(0)
@@ -427,7 +446,7 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """Remove rounding errors from a short number: a factor 0.4999999999999999 becomes 0.5."""
+    """Remove rounding errors from a number of at most eight characters: a factor 0.4999999999999999 becomes 0.5."""
     text = f"{x:.12g}"
     short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x

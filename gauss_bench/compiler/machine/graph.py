@@ -2,8 +2,11 @@
 
 Value numbering by hash-consing: an operation with the same operands is stored once. Functions that are written into the graph with
 the same arguments therefore share values, such as sines, entries of the Jacobian, and the factors of its elimination. Minus signs
-are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative.
+are moved to the front of expressions, so that a - b and b - a share one value, of which the second is the negative. Operands have
+smaller indices than the values that use them.
 Source: Briggs, Cooper and Simpson, Value numbering, Software: Practice and Experience 27 (1997).
+
+A value is a double or a mask (a boolean) for each trajectory, or the same for all: an integer (count) or a boolean (truth).
 """
 
 from collections.abc import Callable, Iterable, Sequence

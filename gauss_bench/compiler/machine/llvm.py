@@ -70,7 +70,7 @@ class Listing:
 
 
 def write_listing(routine: Routine, lanes: int) -> Listing:
-    """Write the module of a routine that computes `lanes` trajectories at once."""
+    """Write the module of a routine that computes `lanes` trajectories at once; with one lane it also has NAME_packed."""
     text, packed = Writer(routine, lanes).text(), ""
     if lanes == 1:
         # it takes the address of a block of arguments, because ctypes converts a single argument faster than many
@@ -88,6 +88,8 @@ class Writer(Emitter):
     """Writes the lines of one function.
 
     Attributes:
+        lanes: number W of trajectories in a vector.
+        places: addresses at which `Scatter` stores the numbers of each lane.
         block: label of the basic block that is being written.
         base: name of an array -> address of the part of the array that belongs to the group of trajectories being computed.
     """
@@ -233,7 +235,7 @@ class Writer(Emitter):
                 self._if(s)
 
     def _row_address(self, array: str, start: int | None) -> str:
-        """Return the address of a row of an array, in the part that belongs to the group of trajectories being computed."""
+        """Return the address of row `start` (None: 0) of an array, in the part of the group of trajectories being computed."""
         return self.base[array] if start is None else self.at(self.base[array], self.need(start))
 
     def _type_of(self, leaf: int) -> str:
@@ -263,7 +265,7 @@ class Writer(Emitter):
         )
 
     def _if(self, s: If) -> None:
-        """Write a branch."""
+        """Write a branch; phi instructions after it select the value of each variable in `s.merged`."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
         self.line(f"  br i1 {condition}, label %{then}, label %{join}")

@@ -1,7 +1,8 @@
 """Machine code of this host: parse LLVM's text, generate object code, load it, and call it.
 
-Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is compiled once on a machine. The arithmetic of
-a routine has already been regrouped (`rewrite.py`): LLVM only generates code, and runs no pass that could change rounding.
+This is the only file that imports llvmlite. Object code is kept in the user's cache folder (`user_cache.py`), so that a linkage is
+compiled once on a machine. The arithmetic of a routine has already been regrouped (`rewrite.py`): LLVM only generates code, and
+runs no pass that could change rounding.
 """
 
 import ctypes
@@ -52,6 +53,8 @@ class NativeCode:
             released while the function runs.
         packed: a variant of `call` with one argument, the address of a block with all arguments; None if the compiled text has no
             such variant.
+        seconds: time [s] that was needed to compile or to load the function.
+        owner: object that keeps the machine code in memory.
     """
 
     call: Any
@@ -193,7 +196,7 @@ class Single:
     """A routine in native code with memory for its arguments, for calls that compute one trajectory.
 
     The arguments stand in a block of 8-byte words, whose address is passed to the code: addresses of arrays, then real numbers,
-    then counts (integers).
+    then counts (integers). A caller changes them in place, because to convert arguments anew takes as long as several steps.
 
     Attributes:
         q, v: views of the two halves of the first array, which is a state: positions and velocities.
@@ -232,7 +235,7 @@ CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed co
 
 @dataclass(frozen=True)
 class Target:
-    """The target for which code is generated."""
+    """The target of code: "llvm" or "numpy", trajectories in a SIMD vector, and whether object code is kept on disk."""
 
     backend: str
     lanes: int
@@ -240,7 +243,7 @@ class Target:
 
 
 def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target:
-    """Choose the target of code.
+    """Choose the target of code: by default llvm if it is installed, else numpy, and lanes for the widest vector register.
 
     Raises:
         KernelError: the backend is unknown or not installed, or the number of lanes is no power of 2.
@@ -258,6 +261,8 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
 
 class Loaded:
     """A routine that can be called: as machine code, or as a Python function if the backend is numpy.
+
+    Machine code has one lane for a single trajectory, and those of the target for several; `make` takes True for several lanes.
 
     Attributes:
         codes: number of lanes -> machine code for it, which is compiled, or loaded from the cache, when it is first needed.
@@ -278,7 +283,10 @@ class Loaded:
         return 1 if count == 1 else self.target.lanes
 
     def call(self, lanes: int) -> Any:
-        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call."""
+        """Return the function that computes groups of `lanes` trajectories; its machine code is compiled at the first call.
+
+        Its arguments are those of the routine, followed by the number of groups.
+        """
         if self._plain:  # the Python function computes any number of trajectories
             return self._plain
         with self._lock:
@@ -291,7 +299,7 @@ class Loaded:
         return list(arrays) if self._plain else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's buffers for the arguments of one trajectory, `sizes` doubles each, allocated in its first call."""
+        """Return this thread's buffers for one trajectory, of `sizes` doubles (always the same), allocated in its first call."""
         one = self.singles.one
         if one is None:
             self.call(1)  # compiles the code with one lane, if it is not there yet

@@ -1,7 +1,7 @@
 """Rewriting of a graph of machine arithmetic, so that its values are ready earlier.
 
-Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. The
-rules are:
+Sums and products are regrouped according to the times at which their operands are ready, and products are fused with additions. No
+compiler does this, so that a trajectory has bitwise the same results alone and in the lanes of a vector. The rules are:
 
   sums:       the two terms that are ready earliest are added, again and again, as in Huffman's code
   products:   the two factors that are ready earliest are multiplied, again and again
@@ -89,7 +89,7 @@ class _Rewriter:
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
     def _terms(self, x: int) -> list[Summand]:
-        """Return the signed terms of the sum x of the old graph, as values of the new graph."""
+        """Return the signed terms of the sum x of the old graph, as values of the new graph; parts (see the class) are expanded."""
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
             y, negative = waiting.pop()
@@ -109,7 +109,7 @@ class _Rewriter:
     def _reduce_to_two(self, x: int) -> Pair:
         """Return two values of the new graph whose product equals the product x of the old graph.
 
-        The factors that are ready first are multiplied first, until two factors are left.
+        The factors that are ready first are multiplied first, until two factors are left, whose product the caller may fuse.
         """
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:

@@ -3,7 +3,8 @@
 A routine is a function with loops and branches, independent of the target machine: a list of statements that use the values of one
 graph of arithmetic (`graph.py`). A value is computed immediately before the first statement that uses it, or where a `Compute`
 statement lists it. A leaf is a value without operands: an argument, an element that `Load` reads, or a variable that a loop or a
-branch sets.
+branch sets. A count (integer) or truth (boolean) is the same for all trajectories that are computed together. Values that do not
+change in a loop are computed before it.
 
     Compute(values): compute values in this order.
     Load(array, rows, start): read rows of an array into leaves.
@@ -12,8 +13,9 @@ branch sets.
     Loop(carried, body, again): execute the body, and repeat it with the next values of the variables while `again` is true.
     If(condition, body, merged): execute the body if the condition is true; variables get one value if it is, another if not.
 
-The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows.
-Each group of trajectories has its own part of an array. The emitters are in `llvm.py` and `source.py`.
+The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows,
+with neighbouring numbers for the trajectories of a group. Each group of trajectories has its own part of an array. The emitters are
+in `llvm.py` and `source.py`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,7 +47,7 @@ class Compute:
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Read leaves from an array: the leaf x is in the row with the index start + rows[x]."""
+    """Read leaves from an array: the leaf x is in the row with the index start + rows[x]; a `start` of None stands for 0."""
 
     array: str
     rows: Mapping[int, int]
@@ -54,7 +56,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Store:
-    """Write values to consecutive rows of an array, the first value to the row whose index is the count `start`."""
+    """Write values to consecutive rows of an array, the first to the row with the index `start` (None: 0)."""
 
     array: str
     values: Sequence[int]
@@ -77,7 +79,10 @@ class Scatter:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Execute `body`, and repeat it as long as the boolean `again` is true at its end."""
+    """Execute `body`, and repeat it as long as the boolean `again` is true at its end.
+
+    `carried` maps each variable (a leaf) to its value in the first iteration, and to that in the next iteration.
+    """
 
     carried: Mapping[int, tuple[int, int]]
     body: Sequence["Statement"]
@@ -86,7 +91,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class If:
-    """Execute `body` if the boolean `condition` is true."""
+    """Execute `body` if the boolean `condition` is true; `merged`: variable (a leaf) -> its value after `body`, and without it."""
 
     condition: int
     body: Sequence["Statement"]
@@ -131,7 +136,7 @@ def flatten(statements: Sequence[Statement]) -> Iterator[Statement]:
 
 
 def list_needed(r: Routine) -> set[int]:
-    """Return all values of the graph on which results of the routine depend."""
+    """Return all values of the graph on which results of the routine depend; other loads and variables can be omitted."""
     roots = [r.sound]  # a routine in C returns this mask
     for s in flatten(r.body):
         match s:
@@ -161,7 +166,11 @@ def find_changing(g: Graph, loop: Loop) -> set[int]:
 
 
 class Emitter:
-    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text."""
+    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text.
+
+    Attributes:
+        first: for the loop that is written next: names of its variables' first values, in the order of `select_carried`.
+    """
 
     def __init__(self, routine: Routine) -> None:
         """Prepare to write a routine, with nothing written yet."""

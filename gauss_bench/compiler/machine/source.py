@@ -107,7 +107,10 @@ class Source(Emitter):
             self.line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
-        """Write a line that assigns the expression `text` to a variable for value x of the graph; return the variable's name."""
+        """Assign the expression `text` to a variable for value x of the graph; return its name, `letter` and x.
+
+        The letter is r for a result, v for a variable of a loop or branch, n for a copy before its assignment.
+        """
         name, operation = f"{letter}{x}", self.graph.operation[x]
         self.variables[name] = "double"
         if operation in COUNTS:
@@ -197,7 +200,7 @@ def in_c(routine: Routine) -> str:
 
 
 def in_python(routine: Routine) -> Callable[..., None]:
-    """Return a routine as a Python function.
+    """Return a routine as a Python function of arrays, numbers and counts, then the number of groups of trajectories.
 
     Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement writes has only
     one axis.

@@ -6,8 +6,8 @@ of the remainder r. The two lowest bits of k tell which of sin r and cos r is th
     k = round(2 x / pi),   r = ((x - k P1) - k P2) - k P3,   P1 + P2 + P3 = pi/2
     sin r = r + r z S(z),   cos r = 1 - z/2 + z^2 C(z),   z = r^2
 
-To round 2 x / pi to the integer k, 1.5 * 2^52 is added and then subtracted: the lowest bits of the sum hold k. No compiler may
-remove this addition and subtraction.
+P1 and P2 have 33 bits, so that k P1 and k P2 are exact while k < 2^20. To round 2 x / pi to the integer k, 1.5 * 2^52 is added and
+then subtracted: the lowest bits of the sum hold k. No compiler may remove this addition and subtraction.
 
 From a neighbouring angle: with d small, sin d = d + d z P(z) and 1 - cos d = z Q(z), z = d^2, and
 
@@ -71,7 +71,10 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Return `if_odd` where the mask `odd` is true, else `if_even`, with the sign that belongs to quarter turn number k."""
+    """Return `if_odd` where the mask `odd` is true, else `if_even`, with the sign that belongs to quarter turn number k.
+
+    Bit 1 of k, shifted left by 62, is the sign bit of a double.
+    """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
     return g.make("real", g.make("xor", chosen, sign))
@@ -96,6 +99,8 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
 @cache
 def short_series(reach: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the shortest polynomials P and Q that give sine and cosine of a rotation |d| <= reach [rad] exact to rounding.
+
+    sin d = d + d^3 P(d^2) and 1 - cos d = d^2 Q(d^2); coefficients begin with the lowest degree.
 
     Raises:
         ValueError: SERIES_TERMS coefficients are not enough.

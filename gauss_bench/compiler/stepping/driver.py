@@ -74,7 +74,7 @@ class Driver:
         """Return the index of the program with the largest margin at a state (2n,), or None if no program is usable there.
 
         The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
-        margin is at least 1.
+        margin is at least 1. If none is, further programs are generated. Those in `without` are not considered.
         """
         # if programs leave out redundant rows, a change of the program may need a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
@@ -175,7 +175,9 @@ class Driver:
             yield state
 
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
-        """Integrate one trajectory with step size control.
+        """Integrate one trajectory from times[0] with step size control and (relative, absolute) `tolerances`.
+
+        Where a pivot is too small, another program continues, or one short step is taken by dense linear algebra.
 
         Returns:
             The states (k, 2n) at the times, NaN from where the trajectory cannot be continued; the number of accepted steps; the
@@ -213,7 +215,7 @@ class Driver:
         """Compute all trajectories to their end as `advance` does, with number arguments that change at the times `kinks` [s].
 
         At the times `kinks`, forces or their derivatives jump. The code's number arguments at the middle of a leg,
-        `numbers(leg.middle)`, are used for the whole leg.
+        `numbers(leg.middle)`, are used for the whole leg (`integrate/legs.py`), a run of equal steps without a kink inside.
         """
         samples = np.full((len(batch.states), batch.slots, batch.states.shape[1]), np.nan)
         states = batch.states.copy()

@@ -87,7 +87,8 @@ class Stepper:
 
     The code of a step is valid only if no link rotates in the step by more than a limit, called its reach (`steps.Reach`). The
     first routine contains only the code with the smallest reach. The routine `further`, if there is one, also contains code for
-    larger rotations per step, and takes longer to compile.
+    larger rotations per step, and takes longer to compile; it replaces the first one as soon as a link rotates by more, and all
+    trajectories of the call start again. `further` is None once it is in use.
     """
 
     def __init__(self, loaded: Loaded, further: Loaded | None = None):
@@ -153,7 +154,10 @@ LIMIT = 10**7  # number of steps of one call
 
 
 def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
-    """Integrate by a routine `integrate` (`rollout.adaptive`) from a state (2n,) at times[0] over the times (k,)."""
+    """Integrate by a routine `integrate` (`rollout.adaptive`) from a state (2n,) at times[0] over the times (k,).
+
+    If a guard fails (a pivot is too small), the routine stops early, at the last valid state.
+    """
     # arrays of the routine have the shape (1 group, rows, 1 lane); two times are added, because it reads ahead of the next sample
     y, p, at = state[None, :, None].copy(), parameters[None, :, None], np.append(times, [times[-1]] * 2)[None, :, None]
     samples, report = np.full((1, len(times) * len(state), 1), np.nan), np.zeros((1, 4, 1))
@@ -169,7 +173,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
 
 
 def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) -> tuple[Array, Flags]:
-    """Return accelerations (k, n) by a routine `accelerate` at states (k, 2n) and times (k,)."""
+    """Return accelerations (k, n) by a routine `accelerate` at states (k, 2n) and times (k,), and whether all guards hold (k,)."""
     count = len(states)
     lanes = loaded.lanes(count)
     y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
@@ -204,6 +208,8 @@ class Programs:
     """The programs of one mechanism, the preferred one first; more are generated when they are needed.
 
     Attributes:
+        plain: whether routines run as Python functions on numpy arrays, because there is no compiler.
+        codes: the programs generated so far; "program k" has the index k.
         values: (n_p,) number arguments of the code, with the values of the linkage file.
         native: routine for accelerations by program 0, which runs in numpy if `plain`.
         dropped: names of redundant constraint rows that program 0 leaves out; other programs may leave out different rows.
@@ -277,7 +283,7 @@ class Programs:
         return a, np.nan_to_num(margin.min(axis=1, initial=np.inf), nan=0.0, posinf=np.inf)
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
-        """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold."""
+        """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold, below 1 if unusable."""
         if self.plain:  # the second result of `margins` has the margin of the single state
             return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
         routine = self._routine(k, "none", margin_routine)
@@ -301,7 +307,10 @@ class Programs:
         return a, margin >= 1.0
 
     def acceleration(self, t: float, q: Array, v: Array, p: Array) -> Array | None:
-        """Return the acceleration (n,) at one state by program 0, the preferred one, with the least overhead."""
+        """Return the acceleration (n,) at one state by program 0, the preferred one, with the least overhead.
+
+        Return None if a pivot is too small at this state, or if there is no compiler.
+        """
         out = None if self.plain else evaluate_one(self.native, t, q, v, p, self.n)
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
@@ -332,7 +341,10 @@ class Programs:
         return [(code.seconds, code.from_cache) for routine in routines for code in routine.codes.values()]
 
     def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
-        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need."""
+        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need.
+
+        If `extended` is False, only the code for the smallest rotations of links per step is compiled.
+        """
         if integrator == "dop853":
             self.adaptive(0).call(1)
             return

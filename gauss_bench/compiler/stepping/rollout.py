@@ -61,7 +61,10 @@ class Body:
     """
 
     def __init__(self, code: Code, step: Step, plain: bool = False, into: Graph | None = None):
-        """Put the operations of a step in order, and make the statements that load its inputs and compute it."""
+        """Put the operations of a step in order, unless `plain`, and make the statements that load its inputs and compute it.
+
+        The operations are added to the graph `into`, which may have other bodies of the same routine; None for a new graph.
+        """
         self.step = step = step if plain else step.rewrite_into(into)
         self.graph, self.rows = step.graph, 2 * code.program.n
         g = self.graph
@@ -114,6 +117,10 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
 
 def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[Statement], int, int]:
     """Build the loop over time steps that uses the body with the index `level`.
+
+    Return the loop with the statements that store its results; the mask of trajectories of which all steps are done; and the mask
+    of those that stopped only because a link turned by more than the body's reach. Each later loop begins where the last one
+    stopped.
 
     The variables of the loop are the state, the time, the counts `i`, `due` and `slot`, the number `done` of steps done, and the
     masks `alive` and `far`.
@@ -189,7 +196,7 @@ def _either(g: Graph, a: int, b: int) -> int:
 
 
 def bodies(code: Code, integrator: str, reaches: Sequence[Reach]) -> list[Body]:
-    """Build the code of a step for each reach (largest rotation of links per step), all in one graph."""
+    """Build the code of a step for each reach (largest rotation per step), all in one graph; looped code is valid for any."""
     if is_looped(code, integrator):  # this code computes every sine from its angle, without rotations
         return [Body(code, rk4_looped(code))]
     graph = Graph()
@@ -204,9 +211,9 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
 
     DOP853 chooses its steps by the tolerances. A step ends at each of `count` sample times, where the state is stored. `times` has
     count + 2 entries, the last two equal to the last sample time, because the loop reads the sample time of the next step in
-    advance. The integration stops when a step becomes shorter than `least`, or after `limit` steps. Afterwards y has the state
-    reached, and `report` has the numbers of stored samples, accepted steps and attempted steps, and the time reached. If `plain`,
-    operations are neither regrouped nor put in another order.
+    advance. The first step is h0, and no step is longer than `longest`. The integration stops when a step becomes shorter than
+    `least`, or after `limit` steps. Afterwards y has the state reached, and `report` has the numbers of stored samples, accepted
+    steps and attempted steps, and the time reached. If `plain`, operations are neither regrouped nor put in another order.
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (1993), section II.10.
     """
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
@@ -229,10 +236,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     reached = g.both([good, g.make("le", g.make("sub", goal, t), h)])
     t_new = g.make("select", reached, goal, g.make("select", good, g.add(t, h), t))
     mark_due = If(g.make("any", reached), [], {due_later: (one, zero)})
-    # the next step: the time `left` to the next sample if left <= best, half of it if left < 2 best, so that no tiny step remains
-    left = g.make("sub", following, t_new)
-    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), g.mul(g.const(0.5), left), best)
-    planned = g.make("select", g.make("le", left, best), left, shorter)
+    planned = _plan_step(g, g.make("sub", following, t_new), best)
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
     # after SETTLED attempts, unless the last of them is refused
     branch, chosen, counter = _settle_regularly(body, g.make("sum", tried, one))
@@ -281,6 +285,16 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
     return g.minimum(best, g.leaf("%longest"))
 
 
+def _plan_step(g: Graph, left: int, best: int) -> int:
+    """Return the next step size: the time `left` to the next sample if left <= best, half of it if left < 2 best, else `best`.
+
+    A step thus ends at the next sample, and no tiny step remains before it.
+    """
+    half = g.mul(g.const(0.5), left)
+    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
+    return g.make("select", g.make("le", left, best), left, shorter)
+
+
 def plain_body(code: Code, integrator: str) -> Body:
     """Build the code of a step for C or Python; it is valid however far the links rotate in the step."""
     return Body(code, STEPS[integrator](code, REACHES[integrator][-1], library=True), plain=True)
@@ -290,6 +304,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     """Build the routine `accelerate`, which computes accelerations at a state.
 
     Args:
+        plain: whether sines are computed by functions of the target language, and operations are not put in another order.
         margin: if True, the last output of the routine is the smallest ratio of a pivot to its threshold, or 0 if an acceleration
             is not finite. If False, the last output is 1 if all guards are satisfied, else 0.
     """
@@ -304,7 +319,7 @@ def settling(code: Code) -> Routine:
     """Build the routine `settle`, which projects a state onto the constraint rows that the program keeps.
 
     Positions get EXACT.corrections Newton corrections, all with the Jacobian of the state that is given, and velocities get one
-    correction.
+    correction. `code` must have been read for the stabilisation "projection".
     """
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)  # adds to b.pivots that the last correction is at most LAST_CORRECTION

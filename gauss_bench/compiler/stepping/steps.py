@@ -1,5 +1,7 @@
 """One step of an integrator as a graph of arithmetic, with its guards and, under the stabilisation "projection", its projection.
 
+A guard is a condition that a valid step must satisfy: no pivot of the elimination is too small, and no link turns too far.
+
 Runge-Kutta. The method of order 4 for q'' = a(t, q, v) has the positions of the stages written out in accelerations (Nystroem's
 form). The results are the same but for rounding, and the position of a stage does not wait for its velocity. From q, v, the step
 computes q', v' by
@@ -19,6 +21,9 @@ At the beginning of a step, v is corrected with the Jacobian at q, whose factors
 is evaluated before the correction of v. The correction of v is of the order h^5, like the local error, and so does not change the
 order of the method. Samples have corrected states, and the velocities of all stages but the first start from the corrected
 velocity.
+
+If constraint rows are redundant and the steps do not project the state, the loop over the steps projects it after every
+`rollout.SETTLED` steps (`Builder.settle`).
 
 Gauss's collocation (`gauss_legendre`) is implicit: positions and velocities at the stages follow from the accelerations at all
 stages, which a fixed number of iterations computes. A guard checks that the accelerations of the stages have converged.
@@ -89,6 +94,8 @@ def order_eight() -> Tableau:
 class Reach:
     """The largest changes of the links' angles in a step for which the code of the step is valid.
 
+    A step in which the angles change by more is not accepted, and is repeated by code with a larger reach.
+
     Attributes:
         step: largest norm of h v over all angles [rad]; infinite for code that computes every sine and cosine from its angle.
         bend: largest norm of h^2/2 a over all angles and three stages [rad].
@@ -147,6 +154,7 @@ class Step:
     """The values that one integration step computes, as values (node indices) of a graph of arithmetic.
 
     Attributes:
+        carried: name of a leaf that changes from step to step, such as a coordinate -> its value at the next step.
         out: q, v (2n) at the beginning of the step, to be stored as a sample.
         regular: mask that is true where no pivot of the step is too small.
         regular_out: mask that is true where no pivot on which `out` depends is too small.
@@ -194,9 +202,11 @@ class Step:
 class Builder:
     """Writes the arithmetic of one integration step into a graph, and collects its guards: conditions for a valid step.
 
-    All int values, in all methods, are nodes of the graph and stand for a number or a mask.
+    All int values, in all methods, are nodes of the graph and stand for a number or a mask. Vectors are lists of n nodes; `pairs`
+    are sine and cosine of each angle in `code.angles`, empty if the step computes every sine from its angle.
 
     Attributes:
+        library: whether sines are computed by functions of the target language, such as those of C.
         n: number of coordinates.
         q, v, p, t, h: leaves (inputs of the step) of the state, the open numbers, the time and the step size.
         pivots: guards: masks that are true where a pivot of an elimination is at least its threshold.
@@ -249,7 +259,7 @@ class Builder:
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return the nodes of sine and cosine of an angle x, which are stored in `known`."""
+        """Return the nodes of sine and cosine of an angle x, which are stored in `known`; without a library |x| <= LARGEST."""
         if x not in self.known and self.library:
             self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
         elif x not in self.known:
@@ -274,6 +284,8 @@ class Builder:
 
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
         """Return sine and cosine of each angle after a change of the positions, by rotating sine and cosine before the change.
+
+        If the step computes every sine from its angle, the result is an empty list.
 
         Args:
             bound: largest change of an angle [rad] for which the result is valid; the caller ensures it by `limit`.
@@ -301,14 +313,14 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return for each independent coordinate its free motion: a velocity (n,) that the constraints allow."""
+        """Return for each independent coordinate its free motion (n,), in which it alone of them moves, with speed 1."""
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
-        """Return the accelerations (n,) that satisfy the constraint rows and whose independent components are z."""
+        """Return the accelerations (n,) that satisfy the constraint rows, as `a` does, and whose independent components are z."""
         for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
             a = self.along(a, self.g.sub(wanted, a[k]), motion)
         return a
@@ -393,7 +405,10 @@ class Builder:
         return g.make("select", finite, least, g.const(0.0))
 
     def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the nodes of the velocity at the beginning of the step, and add guards for the pivots of its correction."""
+        """Return the velocity at the beginning of the step, under "projection" projected at q (None: the positions there).
+
+        Guards for the pivots of this correction are added.
+        """
         if not self.code.projected:
             return self.v
         nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
@@ -431,7 +446,10 @@ class Builder:
         return g.both([score, g.make("le", g.abs(g.total(v)), g.const(FINITE))])
 
     def step(self, q: list[int], v: list[int], pairs: list[Pair], out_v: list[int], out_pivots: list[int]) -> Step:
-        """Return the step that ends at positions q and velocities v; `pairs` has sine and cosine of each angle of q."""
+        """Return the step that ends at positions q and velocities v; `pairs` has sine and cosine of each angle of q.
+
+        The sample at the beginning has the velocity `out_v`, valid where the masks `out_pivots` are true.
+        """
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)  # no pivot is too small; no angle has changed too much
         # variables of the next step if the state is projected before it
@@ -446,7 +464,10 @@ class Builder:
         return carried
 
     def settle(self, q: list[int], v: list[int], pairs: list[Pair]) -> tuple[list[int], list[int], list[Pair]]:
-        """Return positions, velocities, and sines and cosines at the end of the step, projected by one correction."""
+        """Return positions, velocities, and sines and cosines at the end of the step, projected by one correction.
+
+        The next step checks the pivots at the projected state, so that no guards are added here.
+        """
         g, end = self.g, self.g.add(self.t, self.h)
         # arguments: time and positions of the Jacobian, time and positions that are corrected (here the same), parameters
         dq, _ = inline(g, self.code.program.position_correction, ([end], q, [end], q, self.p), self.sincos)
@@ -574,7 +595,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return sines and cosines at positions x = q + moved, by a rotation of those at q + h/2 u, the middle of the step."""
+        """Return sines and cosines at x = q + moved, by a rotation of those at q + h/2 u, which is noted in `turned`."""
         from_middle = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
         turned.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)

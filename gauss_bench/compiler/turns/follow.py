@@ -1,5 +1,8 @@
 """The routine that computes the positions of a linkage for one sample of its inputs after the other.
 
+Several sequences of samples are computed side by side, each in its own lane (an element of a vector register, or of an array in
+numpy). Guards are pivots of the constraint Jacobian, which must not become small.
+
     follow(q, least, inputs, out, report; samples, shift, block, last)
 
 With n coordinates, K inputs, G guards and R numbers that are stored at each sample, the arrays have these rows, each with one
@@ -46,6 +49,8 @@ class _Sample:
         end: sine, cosine, sine, ... of the angles of the corrected position q + z.
         closed: (n,) the corrected position q + z.
         guards: (G,) the pivots of the constraint Jacobian at the corrected position.
+        following: (n,) the guess at the next sample.
+        stored: (R,) the numbers to be stored: positions, velocities and accelerations.
         norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next sample.
     """
 
@@ -124,7 +129,10 @@ def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """Build the routine in which each lane of a group computes one sample after the other."""
+    """Build the routine in which each lane of a group computes one sample after the other.
+
+    It ends after the last sample, or when no lane of the group has a closed sample and a near guess at the next one.
+    """
     g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)

@@ -61,8 +61,13 @@ class Loss:
 class Tracker:
     """Computes the motion of a linkage for samples of its inputs, beginning at its start.
 
+    Arrays `levels` (k, 3, K) are values, first and second time derivatives of K inputs at k samples. Arrays `rows` (k, R) receive
+    q, v and a of each sample, R = 3n.
+
     Attributes:
         q, u: position (n,) with closed loops, and inputs (K,), at the start.
+        least: (G,) lower bounds of the guards, with the signs that the guards have at the start.
+        per_stride: (K,) number of steps of the size STRIDE per unit change [rad, m] of each input.
     """
 
     def __init__(self, program: ClosingProgram, target: Target):
@@ -72,11 +77,8 @@ class Tracker:
             KernelError: the loops cannot be closed at the start, or the start is at a singular position.
         """
         self.program, self.driven = program, program.driven
-        self.loaded, self.lanes, self.n = (
-            Loaded(lambda many: follow(program, target.backend == "numpy"), target),
-            target.lanes,
-            program.driven.n,
-        )
+        self.loaded = Loaded(lambda many: follow(program, target.backend == "numpy"), target)
+        self.lanes, self.n = target.lanes, program.driven.n
         sizes = [1.0 if d.coordinate.unit == "rad" else typical_length(self.driven) for d in self.driven.drivers]
         # `follow` limits the norm over all angles of steps and corrections, which grows with the root of the number of angles:
         # linkages with more than MANY angles get shorter steps
@@ -92,8 +94,12 @@ class Tracker:
     def follow(self, q: Array, least: Array, inputs: Array, rows: Array) -> tuple[NDArray[np.integer[Any]], Array]:
         """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
 
+        Return the number of samples of each lane before the first that could not be closed (lanes,), and the guards at the last
+        sample that was computed (lanes, G).
+
         Args:
             q: (lanes, n) guesses at the first samples.
+            least: (lanes, G) smallest admissible magnitudes of the guards, with the guards' signs.
             inputs: (lanes, samples + 1, 3, K) values, first and second time derivatives. The last row is needed for a guess beyond
                 the last sample; only its values matter.
             rows: (any, R) array for the stored numbers. The array begins with the samples of the first lane, then come the samples
@@ -120,6 +126,7 @@ class Tracker:
         """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
+            stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
             status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
         """
@@ -140,7 +147,10 @@ class Tracker:
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:
-        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed."""
+        """Compute the motion in parts, one in each lane; return the number of samples before the first that cannot be closed.
+
+        All parts have the same number of samples, and the last one ends with the last sample, so that parts may overlap.
+        """
         k = len(rows)
         parts = self.lanes if k >= FEW * self.lanes else 1
         count = ceil(k / parts)  # samples of each part
@@ -180,6 +190,8 @@ class Tracker:
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
         """Compute samples in one lane, with the step to the first sample divided into 8 or 64 smaller steps (SUBDIVISIONS).
+
+        Return the number of samples that were closed before the first failure.
 
         Args:
             q, u: position (n,) with closed loops and inputs (K,) from which the step begins.
