@@ -31,7 +31,7 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`."""
+    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`, which ends with the solver."""
     import casadi as ca
 
     solver = name.rpartition(" ")[2]
