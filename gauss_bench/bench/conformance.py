@@ -115,8 +115,8 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
     """Return the fault of a run's velocities or accelerations, or an empty text, and whether it is a shift in time.
 
-    Both are compared with central differences of positions and of velocities. They are shifted if they belong to a slightly later or
-    earlier time than that of their sample.
+    Both are compared with central differences of positions and of velocities. They are shifted if they belong to a slightly later
+    or earlier time than that of their sample.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)

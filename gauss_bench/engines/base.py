@@ -1,7 +1,7 @@
 """The interface of every engine: it builds a mechanism as a model, runs the model, and reads the samples of the run.
 
-The bench times `run`, never `prepare` and `read`, and judges whether results are right. Only the engine translates between its own coordinates and the
-absolute coordinates of the mechanism. It reports failures as RunFailure.
+The bench times `run`, never `prepare` and `read`, and judges whether results are right. Only the engine translates between its own
+coordinates and the absolute coordinates of the mechanism. It reports failures as RunFailure.
 """
 
 from collections.abc import Callable, Mapping, Sequence

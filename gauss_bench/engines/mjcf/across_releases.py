@@ -18,7 +18,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def new_spec(mujoco: Any) -> Any:
-    """Return an empty MjSpec whose angles are in radians; a RunFailure if the release has none with elements and properties."""
+    """Return an empty MjSpec whose angles are in radians; a RunFailure if the release has no such MjSpec."""
     # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
