@@ -7,7 +7,7 @@
     diagnose(name_or_path, engine, ...) -> Diagnosis: an engine's error split by its causes
     tune(model, out, position=...) -> Tuned: an MJCF file with settings that hold an accuracy
     selftest(only=()) -> SelfTest: faults planted in the suite, and whether its own checks detect them
-    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and the loads that it takes
+    kinematics(name_or_path, ...) -> Kinematics: the motion under a given law, and with forces=True the loads that it takes
     recommend(name_or_path, position=...) -> Recommendation: the cheapest setting of each engine that holds an accuracy
     export(name_or_path, engine, out, ...) -> Export: a linkage as a file that runs without this package
     import_model(file, out, ...) -> Import: a planar model in MJCF or URDF as a linkage file

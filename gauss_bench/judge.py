@@ -329,6 +329,7 @@ def trusted_until(
     """Return the time of the last sample [s] up to which the judge has no objection, found by bisection.
 
     The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are known.
+    Bisection assumes that an invalid run stays invalid if it is continued.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:

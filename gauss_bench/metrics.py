@@ -148,7 +148,8 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
     """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
-    The second link of a slide is its block. Springs, damping and friction in the joint count as applied forces.
+    The second link of a pin is that of its second point, and of a slide its block. Springs, damping and friction in the joint count
+    as applied forces.
     """
     forces: dict[str, dict[str, Array]] = {}
     columns = iter(reactions(evaluator, trajectory).T)  # multipliers (k,) of one row after the other: joints stand first
@@ -190,7 +191,7 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     """Return, by name of the weld, the force on the welded link: fx, fy (k,) [N], and moment (k,) [N m] about the weld's point.
 
     It is the part of M a that forces, joints and drivers do not explain, M a - Q + J^T lambda, summed over the links that the weld
-    carries.
+    carries. The weld's point is the first in its definition, or the origin of the link's frame.
     """
     mechanism = evaluator.mechanism
     if not mechanism.welds:
@@ -466,7 +467,8 @@ def relative_acceleration_error(a: Array, true: Array) -> Array:
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
     """Return the order of convergence (k,) that each run shows against the run before it.
 
-    It is NaN where the error of one of the two runs is less than ten times the reference's error, its floor.
+    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is less than ten times the
+    reference's error, its floor.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

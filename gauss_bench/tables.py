@@ -102,7 +102,10 @@ class Table:
 
     @property
     def parts(self) -> "dict[str, tuple[Column, ...]]":
-        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`."""
+        """The columns of each file of this table, by the folder of the file: "" for the folder of the run, or `times`.
+
+        A file in `times` repeats the key of each row; it has all columns if measured times decide which rows there are (`timed`).
+        """
         if self.timed:
             return {TIMES: self.columns}
         parts = {"": tuple(c for c in self.columns if not c.timed)}
@@ -504,8 +507,10 @@ def read_lines(path: Path) -> tuple[list[str], list[dict[str, Any]]]:
 def refuse_foreign(signs: Mapping[Path, str]) -> None:
     """Check that only files which gauss-bench wrote itself would be overwritten.
 
+    `signs` maps the path of a file to a text that the file contains if gauss-bench wrote it.
+
     Raises:
-        FileExistsError: a file exists and does not contain its text in `signs`; the message names the file.
+        FileExistsError: a file exists and does not contain its text; the message names the file.
     """
     for path, sign in signs.items():
         if path.exists() and sign not in path.read_text(encoding="utf-8", errors="replace"):

@@ -2,8 +2,8 @@
 
 If elapsed time alone counted, a search on a busy machine would lose answers, because engines whose turn comes late would never be
 tried. The budget counts the elapsed time minus the mean waiting time: the time that the processes of the search waited for a
-processor, divided by the number of processes that run in parallel. Each part of the search has a share of the budget, and ends in
-any case when the elapsed time reaches WALL times this share.
+processor, divided by the number of processes that run in parallel (zero if the system does not report it). Each part of the search
+has a share of the budget, and ends in any case when the elapsed time reaches WALL times this share.
 """
 
 import contextlib

@@ -28,6 +28,8 @@ def race_there(
 ) -> Tables:
     """Measure the run times of several settings in alternation, in this process (a worker), until `deadline` by time.monotonic.
 
+    Runs end at `until` [s]; an engine whose first run takes longer than SLOW is timed by that run alone.
+
     Return two tables: "race" with the fields of the `Way` and the run times [s] of each timed setting, and "failed" with engine and
     message of each that could not be timed.
 

@@ -192,6 +192,7 @@ class Recommender:
         """Prepare the search.
 
         Args:
+            wanted: kind of error -> largest allowed error [m], [rad], [N].
             spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
             budget: the time for reference, search, timing and programs together.
             told, better: called with each sentence of progress, and with each answer that improves on the engine's previous one.
@@ -364,7 +365,7 @@ class Recommender:
     def _step_limit(self, way: Way, before: tuple[Way, Trial] | None) -> int:
         """Return the largest number of steps of a variant: its work is at most SPARE times that of the engine's best setting.
 
-        At least 2 DENSE steps are allowed. `before` is the best setting so far and its trial run, or None.
+        At least 2 DENSE and at most MOST steps are allowed. `before` is the best setting so far and its trial run, or None.
         """
         if before is None:
             return MOST
@@ -556,7 +557,7 @@ def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
 def by_loop(engine: _Engine, times: Mapping[Way, Array], fastest: Array | None) -> dict[str, float]:
     """Return name of a time loop -> run time of its fastest setting divided by the run time of the fastest engine.
 
-    The result is empty unless settings of several time loops were timed.
+    The result is empty unless settings of several time loops were timed. `times` and `fastest` are (rounds,) [s].
     """
     seconds: dict[str, list[float]] = {}
     for way, x in times.items():

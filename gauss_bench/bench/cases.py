@@ -53,8 +53,8 @@ def combinations(
     """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
     There is every setting with every integrator without stabilisation, and every stabilisation with the default setting and
-    integrator. `integrators` is a number n for the first n, or names; `plain` restricts an engine to its defaults, `asked` to a
-    setting.
+    integrator. `integrators` is a number n for the first n, or names, or None for all; `plain` restricts an engine to its
+    defaults, `asked` to a setting (None for all).
 
     Raises:
         ChoiceError: the engine has no setting `asked`.
@@ -87,7 +87,7 @@ def cross(
     """Yield the cases: every linkage (with its scenario) with every engine, every combination of its options, and every step size.
 
     Steps [s] are from large to small; an integrator that chooses its own steps has the last one only. Engines in `plain` are run
-    with their defaults only, unless a setting is `asked` for.
+    with their defaults only, unless a setting is `asked` for. `integrators` and `asked` are as in `combinations`.
     """
     for linkage, scenario in linkages.items():
         for name in engines:
@@ -128,6 +128,12 @@ def cases(suite: Suite) -> list[Case]:
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
     """Tell whether a rule excludes a case: each field of the rule is empty, or lists the value that the case has there."""
-    values = (case.linkage, case.engine, case.settings, case.integrator, case.stabilization, case.step)
-    named = (rule.linkages, rule.engines, rule.settings, rule.integrators, rule.stabilizations, rule.steps)
-    return all(value in excluded for value, excluded in zip(values, named, strict=True) if excluded)
+    pairs = (
+        (rule.linkages, case.linkage),
+        (rule.engines, case.engine),
+        (rule.settings, case.settings),
+        (rule.integrators, case.integrator),
+        (rule.stabilizations, case.stabilization),
+        (rule.steps, case.step),
+    )
+    return all(value in named for named, value in pairs if named)

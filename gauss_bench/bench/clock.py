@@ -3,7 +3,9 @@
 An entry of a race is a timed quantity, such as the step of an engine with a setting; it has a key and one block, the piece of work
 that is timed at once. The speed of a machine varies with time, but blocks that run one after the other are affected alike: the
 ratio of the lower quartiles of interleaved blocks varies by a few per cent, while single timings vary by half. Times are processor
-times, because waits for a shared processor would affect long blocks more often than short ones. No block is discarded.
+times, because waits for a shared processor would affect long blocks more often than short ones. A block lasts at least two
+milliseconds: shorter work is repeated within it, because the first repetition is slow while the caches still hold the code of other
+blocks. The garbage collector is off during a race. No block is discarded.
 
 A race is repeated in several processes, because the memory addresses of code and data change a measured time by some per cent and
 are fixed during a process. The time of an entry is the lower quartile of its rounds in each process, and then the median over the
@@ -119,7 +121,7 @@ class Measured:
         return spread("seconds", self.of(key)) | self.facts.get(key, {})
 
     def compare(self, own: Hashable, rival: Hashable) -> Row:
-        """Return the columns that `compare` computes from the samples of two entries."""
+        """Return the columns that `compare` computes from the samples of two entries; a Failure if one was not measured."""
         return compare(self.of(own), self.of(rival))
 
 
@@ -235,7 +237,8 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
 def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     """Return the ratio samples / baseline over the rounds in which both were timed, and the lower and upper end of its spread.
 
-    All three are NaN if no process timed both.
+    Both arguments are times [s], (processes, rounds), NaN where a quantity was not timed. All three are NaN if no process timed
+    both.
     """
     numerators, denominators = common(samples, baseline)
     if not len(numerators):

@@ -115,7 +115,8 @@ def _derivatives(subject: Subject) -> Iterator[Check]:
 def rates_fault(x: Trajectory) -> tuple[str, bool]:
     """Return the fault of a run's velocities or accelerations, or an empty text, and whether it is a shift in time.
 
-    Both are compared with central differences of positions and of velocities.
+    Both are compared with central differences of positions and of velocities. They are shifted if they belong to a slightly later
+    or earlier time than that of their sample.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
         slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
@@ -190,8 +191,12 @@ def _step_counts(subject: Subject) -> Iterator[Check]:
     elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
         yield Check(title, None, "it does not count its steps")
     else:
-        fault = f"steps are counted, {wanted} of {STEP:g} s were asked for"
-        yield from _check_runs(subject, title, lambda _, x: "" if x.steps == wanted else f"{x.steps} {fault}")
+
+        def find_wrong_count(m: Mechanism, x: Trajectory) -> str:
+            """Return a sentence if the number of counted steps is not the number that was asked for, else an empty text."""
+            return "" if x.steps == wanted else f"{x.steps} steps are counted, {wanted} of {STEP:g} s were asked for"
+
+        yield from _check_runs(subject, title, find_wrong_count)
 
 
 def _equal(one: Run, other: Run) -> bool:

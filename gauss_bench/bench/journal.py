@@ -88,7 +88,10 @@ class Journal:
         self.file.close()
 
     def find(self, key: str, *stamps: str) -> dict[str, Any] | None:
-        """Return the rows of a task (table -> rows) if the journal has the task with one of the given stamps, else None."""
+        """Return the rows of a task (table -> rows) if the journal has the task with one of the given stamps, else None.
+
+        A stamp is a digest of the code and data on which the rows depend.
+        """
         entry = self.entries.get(key)
         return entry["tables"] if entry and entry["stamp"] in stamps else None
 

@@ -86,7 +86,9 @@ def measure(
 
     The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
     accelerations are derivatives of its positions. `store` is the folder of references, `alter` plants a fault in the mechanism
-    that the engine is given, `limit` [s] stops an engine in a process of its own. Poses are computed if `posed`, with a reference.
+    that the engine is given (the run is judged by the unaltered one), `limit` [s] stops an engine in a process of its own. Poses
+    are computed if `posed`; they need a reference and a run that reached its end. The engine is also asked for its accelerations at
+    states with known ones, if there are such states.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}

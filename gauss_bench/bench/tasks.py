@@ -98,9 +98,10 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
         answer = answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        key, stamp, done[key] = answer
+        key, stamp, tables = answer
         if journal:
-            journal.add(key, stamp, done[key])
+            journal.add(key, stamp, tables)
+        done[key] = tables
     return gather(done[task.key] for task in tasks)
 
 

@@ -64,7 +64,10 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`."""
+    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`.
+
+    These are a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
+    """
     engine = offer(way.engine)
     if is_assignment(way.settings):
         return engine.resolve_settings(way.settings)

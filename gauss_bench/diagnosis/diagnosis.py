@@ -3,6 +3,10 @@
 The questions are asked in such an order that no fault falsifies the answer to a later question. A cause is named only if it
 accounts for most of the error. Two kinds of accelerations are compared with correct ones at the engine's own states: those that the
 engine reports, and the implied accelerations, which are the change of velocities in a step divided by the step.
+
+The verdict is "no dominant cause" if the largest error of a position is below SMALL or below BARS times the error bar of the
+reference, and if the reported accelerations are wrong by at most OFF_REPORTED. The parts of such an error are computed all the
+same.
 """
 
 from collections.abc import Callable, Sequence
@@ -331,7 +335,10 @@ class Case:
         return Answer(Cause.VELOCITIES, sentence)
 
     def _find_standstill(self) -> Answer | None:
-        """Detect samples that stand still while the true motion moves."""
+        """Detect samples that stand still while the true motion moves.
+
+        A linkage that starts at rest may do so if the engine leaves out the second derivative of a driver's law.
+        """
         moved, true = (float(np.abs(x.q - x.q[0]).max()) for x in (self.first.at, self.true))
         if not moved <= STILL * true:
             return None
@@ -346,6 +353,7 @@ class Case:
         """Detect a jump of the state between two checkpoints.
 
         A second run is sampled at every step where velocities and accelerations do not explain the displacement.
+        None without such a place, or if the integrator chooses its own steps.
         """
         # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
@@ -605,7 +613,7 @@ class Case:
         return None
 
     def numbers(self) -> Numbers:
-        """Return the measured figures."""
+        """Return the measured figures; those of a run without usable checkpoints are NaN."""
         worst = int(np.abs(self.off).max(axis=1).argmax())  # index of the checkpoint with the first run's largest position error
         return Numbers(
             **vars(self.closure),

@@ -160,7 +160,10 @@ class TrueMotion:
         return self.motion.flow(x, remaining) if remaining.any() else x
 
     def bar(self, t: Array) -> Array:
-        """Return the error bar (k,) of the reference's positions [m, rad] at times t, that of the sample at t or next to it."""
+        """Return the error bar (k,) of the reference's positions [m, rad] at times t, that of the sample at t or the next one.
+
+        It is never below the floor that the rounding of parameters causes.
+        """
         r = self.reference
         k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)
         return np.fmax(r.error_q, r.floor_q)[k]  # fmax ignores NaN

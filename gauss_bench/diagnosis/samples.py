@@ -46,7 +46,7 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
     """Fit the map true time = shift + rate * reported time to reported samples by Gauss-Newton steps.
 
     The error is the distance of a reported state from the true state, with velocities in units of positions. Return None if the fit
-    leaves more than the share LEFT of the error. The factor `rate` is 1 without `stretch`.
+    leaves more than the share LEFT of the error (median over the samples). The factor `rate` is 1 without `stretch`.
     """
     reference = truth.reference
     rms = [float(np.sqrt(np.mean(x * x))) for x in (reference.v, reference.a)]
@@ -72,7 +72,7 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
         steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
-        shift, rate = shift + steps[0], rate + sum(steps[1:])
+        shift, rate = shift + steps[0], rate + sum(steps[1:])  # there is a second one with `stretch`
     return best if best.left <= LEFT else None
 
 

@@ -119,7 +119,10 @@ def smallest(check: Callable[[float], str | None]) -> float:
         raise ValueError(f"a fault of {seen:g} is not detected, or one of {sound:g} is")
     while seen > 1.05 * sound:
         middle = float(np.sqrt(sound * seen))
-        sound, seen = (middle, seen) if check(middle) is None else (sound, middle)
+        if check(middle) is None:
+            sound = middle
+        else:
+            seen = middle
     return seen
 
 

@@ -143,7 +143,18 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     early, late = float(sizes[:third].max()), float(sizes[-third:].max())
-    return Closure(opened, early, late, stays, name, min(share, 1.0), *_compare_gap_with_force(own, bursts[-1], worst))
+    # correlation and ratio of gap and force, of the run with the smallest step
+    held, compliance = _compare_gap_with_force(own, bursts[-1], worst)
+    return Closure(
+        closure=opened,
+        closure_early=early,
+        closure_late=late,
+        closure_stays=stays,
+        closure_joint=name,
+        closure_share=min(share, 1.0),
+        held=held,
+        compliance=compliance,
+    )
 
 
 def _compare_gap_with_force(own: OwnMotion, b: Burst, worst: int) -> tuple[float, float]:

@@ -162,7 +162,7 @@ def not_installed(error: ImportError) -> str:
 
 
 def require(library: str) -> None:
-    """Check that an optional library, one of the keys of EXTRAS, is installed."""
+    """Raise MissingExtra if an optional library, one of the keys of EXTRAS, is not installed."""
     if find_spec(library) is None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
@@ -180,6 +180,7 @@ def read_environments() -> dict[str, Environment]:
     """Return engine -> environment, in the order of the user's file of engines; empty if there is no file.
 
     Raises:
+        EnvironmentFault: the file has a fault.
         OSError: the file cannot be read.
     """
     path = file_of_engines()

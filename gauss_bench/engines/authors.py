@@ -84,6 +84,7 @@ def read_settings(path: Path) -> AuthorsSettings:
     """Read a file of settings and check it.
 
     Raises:
+        SettingsFault: the file has a fault.
         OSError: the file cannot be read.
     """
     try:

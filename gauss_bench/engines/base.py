@@ -1,7 +1,7 @@
 """The interface of every engine: it builds a mechanism as a model, runs the model, and reads the samples of the run.
 
-The bench times `run` only, and judges whether results are right. Only the engine translates between its own coordinates and the
-absolute coordinates of the mechanism. It reports failures as RunFailure.
+The bench times `run`, never `prepare` and `read`, and judges whether results are right. Only the engine translates between its own
+coordinates and the absolute coordinates of the mechanism. It reports failures as RunFailure.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -164,7 +164,9 @@ class LibraryCall:
 
 
 class EngineDefaults:
-    """All optional members of an engine, each with its default; an engine need not inherit from this class.
+    """All optional members of an engine, each with its default, which `ask` returns if an engine lacks the member.
+
+    An engine need not inherit from this class.
 
     Attributes:
         adaptive: names of the integrators that choose their own steps; they use `Choice.tolerance` in place of `Choice.step`.
@@ -207,6 +209,8 @@ class EngineDefaults:
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         """Return a Python program, without this package, that runs the scenario over its duration with this choice.
 
+        `export` and `recommend --out` write it to a file.
+
         Raises:
             RunFailure: the engine cannot write a program for this mechanism or choice.
         """
@@ -214,12 +218,12 @@ class EngineDefaults:
 
 
 class ModelDefaults:
-    """All optional members of a model, each with its default."""
+    """All optional members of a model, each with its default, which `ask` returns if a model lacks the member."""
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
         """Return name of a joint -> (3,) the engine's fx, fy [N] on the joint's second link and moment [N m] about its point.
 
-        Joints whose forces the engine does not compute at this time [s] and absolute state q, v (n,) are left out.
+        Joints whose forces the engine does not compute at this time [s] and absolute state q, v (n,) are left out, by default all.
 
         Raises:
             RunFailure: the engine cannot compute joint forces at this state.

@@ -84,7 +84,7 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
-        self.kernel.prepare(self.choice.integrator)
+        self.kernel.prepare(self.choice.integrator)  # compiles here, so that no timed run compiles
         self.times, self.native = times, native
         # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so that the rank of the
         # constraints was decided numerically

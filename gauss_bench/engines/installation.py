@@ -86,6 +86,9 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         why_unusable: function of the engine's name, called after the packages are installed; it returns the reason why the engine
             cannot be used, or an empty text if it can.
         told: function that shows the user one line of progress.
+
+    Raises:
+        InstallationFault: the environment cannot be installed, or the engine cannot be used.
     """
     offered, place = read_offered(name), home() / name
     home().mkdir(parents=True, exist_ok=True)
@@ -131,7 +134,7 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
 
 
 def remove(name: str) -> None:
-    """Remove an environment that `install` made, and its entry in the user's file of engines."""
+    """Remove an environment that `install` made (else an InstallationFault), and its entry in the user's file."""
     read_offered(name)
     place = home() / name
     if not is_ours(place):
@@ -159,7 +162,11 @@ def remove_leftovers() -> None:
 
 @contextlib.contextmanager
 def hold(environments: Path) -> Iterator[None]:
-    """Lock a folder of environments for this process, and remove the hidden folders of killed installations from it."""
+    """Lock a folder of environments for this process, and remove the hidden folders of killed installations from it.
+
+    Raises:
+        InstallationFault: another process has locked it.
+    """
     folder = os.open(environments, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         try:
@@ -215,6 +222,9 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
     Args:
         failure: beginning of the message if the program fails.
         quiet: whether `told` gets the output even if there is a terminal; if so, the message of a failure quotes the output.
+
+    Raises:
+        InstallationFault: the program fails.
     """
     at_terminal = sys.stderr.isatty() and not quiet
     process = subprocess.Popen(
@@ -270,7 +280,11 @@ def _take_out(name: str) -> None:
 
 
 def _write_file(text: str, tables: dict[str, object]) -> None:
-    """Replace the text of the user's file of engines; remove the file if the text is empty."""
+    """Replace the text of the user's file of engines; remove the file if the text is empty.
+
+    Raises:
+        InstallationFault: the text has other tables than `tables`, such as changed ones of the user; the file is left unchanged.
+    """
     path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
     try:
         same = parse_toml(text) == tables

@@ -159,6 +159,9 @@ class InterpretedModel(OwnSteps):
 
         The iteration begins with `solution`, without friction. N (p,) are the loads of the p joints with friction, which depend on
         the multipliers lambda. W (n, p) has each joint's generalised friction force per unit of load.
+
+        Raises:
+            RunFailure: the iteration does not converge (the joints jam), or values are not finite.
         """
         if not np.isfinite(solution.a).all():
             raise RunFailure(Status.NAN, f"not finite at t = {t:.6g} s; a smaller step may help")

@@ -39,7 +39,12 @@ class OptionTable:
     options: Mapping[str, Sequence[str]]
 
     def resolve(self, text: str) -> dict[str, Any]:
-        """Return option -> value for a text in one of the three forms."""
+        """Return option -> value for a text in one of the three forms.
+
+        Raises:
+            KeyError: no settings and no variant have that name.
+            OptionError: an option is unknown or given twice, or its value has the wrong type.
+        """
         if text in self.labels:
             return dict(self.labels[text])
         # a text without a name changes the engine's first settings

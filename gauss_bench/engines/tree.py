@@ -8,8 +8,9 @@ from z to the joint, and E = exp(i theta_parent). The kinds of branches are:
     prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. The map to absolute coordinates computes with
-Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states (..., n).
+Slides enter the tree before pins, so that pins close the loops wherever possible. Branches are listed depth first. The map to
+absolute coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states
+(..., n).
 """
 
 import cmath
@@ -57,7 +58,10 @@ class Branch:
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
-        """The tree coordinates of this link's joint: relative angles and displacements between the parent and the link."""
+        """The tree coordinates of this link's joint: relative angles and displacements between the parent and the link.
+
+        A pin has an angle, a slide a displacement along its axis, and a free link both displacements and the angle.
+        """
         if self.kind == "revolute":
             return (Angle(self.parent, self.link),)
         # points without a name; a free link is displaced along the parent's x and y axes

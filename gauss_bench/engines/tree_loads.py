@@ -74,7 +74,7 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
     """Return all forces of a mechanism that do not vary, as loads `Steady`, `OnJoints` and `OtherLoad`.
 
     Torques, and forces that act only along slides of the tree, become constant forces on tree coordinates (motors). Each of the
-    other forces becomes one load or several.
+    other forces becomes one load or several. Forces that vary with time or with the direction of motion are left out.
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
@@ -184,8 +184,12 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
 
 def on_joints(name: str, row: Array, constant: float, law: Law) -> list[TreeLoad]:
     """Return the loads of a force law on the coordinate L = row . y + constant: `Steady` of its constant part, and `OnJoints`."""
-    steady: list[TreeLoad] = [Steady(row, law.bias, (name,))] if law.bias else []
-    return [*steady, OnJoints(row, constant, law.k, law.c, law.rest, name)] if law.k or law.c else steady
+    found: list[TreeLoad] = []
+    if law.bias:
+        found.append(Steady(row, law.bias, (name,)))
+    if law.k or law.c:
+        found.append(OnJoints(row, constant, law.k, law.c, law.rest, name))
+    return found
 
 
 def slide_coordinate(along: Along, mechanism: Mechanism, tree: Tree) -> tuple[Array, float] | None:

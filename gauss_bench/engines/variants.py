@@ -105,7 +105,11 @@ class Variants:
 
 
 def read_variants(room: Path) -> Variants:
-    """Read the knobs (options), settings and variants of the engine whose folder is `room`."""
+    """Read the knobs (options), settings and variants of the engine whose folder is `room`.
+
+    Raises:
+        VariantError: a table or field has a fault, a knob has no source, or settings or a variant use an undeclared knob.
+    """
     path = room / FILE
     try:
         return _read(parse_toml(path.read_text(encoding="utf-8")))
@@ -217,14 +221,16 @@ def _read_line(name: str, line: Line, label: str, settings: Mapping[str, Line], 
     # names of combinations list the values in the order of the line's keys; `|` keeps the position of a key that the line has
     values = line | {"stabilization": line.get("stabilization", "none")}
     values.pop("settings", None)
-    lists = {k: x for k, x in values.items() if isinstance(x, list)}  # key -> alternatives
-    for k in [k for k in lists if isinstance(usual.get(k), list)]:  # a knob whose usual value is a list needs a list of lists
-        if not all(isinstance(x, list) for x in lists[k]):
-            del lists[k]
+    lists = {k: x for k, x in values.items() if _is_choice(x, usual.get(k))}  # key -> alternatives
     for picked in product(*lists.values()):  # a value of each list
         point = values | dict(zip(lists, picked, strict=True))
         options = {**usual, **{k: x for k, x in point.items() if k not in CHOSEN}}
         yield Variant("/".join([name, *map(str, picked)]), str(point["integrator"]), str(point["stabilization"]), options)
+
+
+def _is_choice(value: Any, usual: Any) -> bool:
+    """Tell whether a value lists alternatives; if the knob's usual value is itself a list, only a list of lists does."""
+    return isinstance(value, list) and (not isinstance(usual, list) or all(isinstance(x, list) for x in value))
 
 
 def require(good: bool, place: str, otherwise: str) -> None:

@@ -90,7 +90,10 @@ def describe_refusal(mechanism: Mechanism, kind: Kind) -> str:
 
 
 def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return a phrase for each part that the exported file leaves out: other scenarios, and dry friction with coefficient 0."""
+    """Return a phrase for each part that the exported file leaves out: other scenarios, and dry friction with coefficient 0.
+
+    A linkage with a larger coefficient is refused.
+    """
     others = [x for x in mechanism.scenarios if x != mechanism.scenario]
     left_out = [f"{'scenarios' if len(others) > 1 else 'scenario'} {', '.join(others)}"] if others else []
     left_out += [f"force {f.name}, dry friction without a coefficient" for f in mechanism.frictions if f.mu == 0]

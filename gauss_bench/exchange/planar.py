@@ -24,7 +24,7 @@ from gauss_bench.linkage.sketch import sketch
 from gauss_bench.linkage.start_coordinates import choose_held
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND
+from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
 
 FLAT = 1e-9  # largest sine of an angle out of the plane, or offset relative to the mechanism's size, that is taken as rounding
@@ -203,7 +203,10 @@ class Flattened:
         return f"{owner}.{key}"
 
     def _link(self, link: int) -> Table:
-        """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies."""
+        """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
+
+        The inertia includes the armatures (rotor inertias of motors) of the hinges that move the link.
+        """
         bodies, normal, points = self.members[link], self.plane.normal, self.points[link]
         mass = float(sum(b.mass for b in bodies))
         if not mass > 0:
@@ -498,8 +501,6 @@ class Flattened:
             move = self.moves[link]
             v += [*pair(move.velocity(self.to_plane(link, complex(*built.com)))), move.omega]
         velocity, start, crank = np.array(v), Table(), None
-        # names of the links with a pin on the ground
-        grounded = {mechanism.links[max(x)].name for x in ((p.a.link, p.b.link) for p in mechanism.pins) if min(x) == GROUND}
         for chosen in choose_held(mechanism, q, free):
             values = [float(value(x, q)) for x in chosen.coordinates]  # a point has x and y, an angle or slide one coordinate
             speeds = [float(gradient(x, q) @ velocity) for x in chosen.coordinates]
@@ -507,7 +508,7 @@ class Flattened:
             start.setdefault(values_table, {})[chosen.name] = values if chosen.kind == "point" else values[0]
             if any(speeds):
                 start.setdefault(rates_table, {})[chosen.name] = speeds if chosen.kind == "point" else speeds[0]
-            if crank is None and chosen.kind == "angle" and chosen.name in grounded:
+            if crank is None and chosen.kind == "angle" and turns_on_ground(mechanism, chosen.name):
                 crank = chosen.name
         return start, crank, free.shape[1]
 
@@ -549,3 +550,9 @@ def plane_of(spatial: Spatial) -> Plane:
 def name_part(wanted: str, taken: Collection[str]) -> str:
     """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
     return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
+
+
+def turns_on_ground(mechanism: Mechanism, link: str) -> bool:
+    """Tell whether a pin joins a link to the ground."""
+    index = [x.name for x in mechanism.links].index(link)
+    return any({pin.a.link, pin.b.link} == {GROUND, index} for pin in mechanism.pins)

@@ -1,6 +1,7 @@
 """Convert texts to string literals, comments and identifiers of C, Python, TOML and XML.
 
-All text of a user in an exported file is escaped here; a text for a comment becomes a single line of printable characters.
+All text of a user in an exported file is escaped here; a text for a comment becomes a single line of printable characters, so that
+it cannot end the comment.
 """
 
 import re

@@ -150,7 +150,7 @@ def random_states(mechanism: Mechanism, count: int = 200, *, speed: float = 30.0
 
     If one angle describes the linkage, the crank angle is random, and the crank speed is uniform in -`speed`..`speed` [rad/s]. If
     the linkage is driven, the times are random within the scenario's duration. All remaining linkages are moved by a random walk,
-    with random velocities among those that the constraints allow.
+    with random velocities, of components in -3..3 along a basis of those that the constraints allow.
     """
     rng, minimal = np.random.default_rng(20160315), is_minimal(mechanism)
 

@@ -114,10 +114,12 @@ def certificate_path(mechanism: Mechanism) -> Path | None:
     Generated linkages have theirs in the folder of the built-in ones; a mechanism that was built in Python has none.
     """
     source = Path(mechanism.source)
-    if not source.is_file() and not generate(mechanism.source):
-        return None
-    folder = source.parent if source.is_file() else built_in_folder()
-    return folder and folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz"
+    folder = None
+    if source.is_file():
+        folder = source.parent
+    elif generate(mechanism.source):
+        folder = built_in_folder()
+    return folder / CERTIFICATES / f"{mechanism.name}.{mechanism.scenario}.npz" if folder else None
 
 
 def as_reference(certificate: Certificate, t_end: float) -> Reference:

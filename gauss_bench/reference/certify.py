@@ -67,12 +67,7 @@ def certify(
         ImportError: the extra that generates certificates is not installed.
     """
     mechanism = load(linkage, scenario)
-    varying = {id(force) for force in mechanism.varying}
-    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
-        for part in parts:
-            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
-            if not isinstance(part, KNOWN) or id(part) in varying:
-                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
+    _refuse_unknown(mechanism)
     document = decimal_document(linkage)
     document = merge(document, document["scenarios"][mechanism.scenario].get("override", {}))
     duration = mechanism.duration if until is None else until
@@ -121,6 +116,16 @@ def certify(
         },
         **arrays,
     )
+
+
+def _refuse_unknown(mechanism: Mechanism) -> None:
+    """Raise Uncertified if a force or coupling has no independent derivation in `taylor`."""
+    varying = {id(force) for force in mechanism.varying}
+    for word, parts in (("force", mechanism.forces), ("coupling", mechanism.couplings)):
+        for part in parts:
+            kind = "varies with time or direction" if id(part) in varying else f"is a {type(part).__name__}"
+            if not isinstance(part, KNOWN) or id(part) in varying:
+                raise Uncertified(f"{mechanism.name}: {word} {part.name} {kind}, which has no independent derivation yet")
 
 
 def sample_times(duration: float) -> list[str]:

@@ -159,9 +159,16 @@ def _sleigh(name: str, t: list[Any]) -> States:
         """Return the velocity of the edge in the world, a complex number."""
         return V * mpmath.tanh(kappa * x + c) * mpmath.expj(angle(x))
 
-    # the motion relative to the knife edge, and that of the edge
-    q, v, a = sample(lambda x: stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))]), t)
-    edge_velocity, edge_acceleration, _ = sample(lambda x: stack_bodies([(velocity(x), mpmath.mpf(0))]), t)
+    def from_edge(x: Any) -> Numbers:
+        """Return the coordinates (3,) of the sleigh, with its centre of mass relative to the knife edge."""
+        return stack_bodies([(lead * mpmath.expj(angle(x)), angle(x))])
+
+    def edge_rate(x: Any) -> Numbers:
+        """Return the rates (3,) that the coordinates would have without turning, at the velocity of the edge."""
+        return stack_bodies([(velocity(x), mpmath.mpf(0))])
+
+    q, v, a = sample(from_edge, t)
+    edge_velocity, edge_acceleration, _ = sample(edge_rate, t)
     places, place, last = [], mpmath.mpc(0), mpmath.mpf(0)
     for x in t:
         if x > last:

@@ -172,6 +172,7 @@ class Linkage:
         """
         holonomic, edges = self.evaluator.constraints.holonomic, len(self.mechanism.knife_edges)
         rows = self.rows(t, q, v)
+        # computed once, at the first state, for all iterations (chord iteration)
         for_velocities = for_positions = self.inverse(t, rows.J).lift
         if edges:  # knife edges restrict velocities, but no positions
             for_positions = invert_saddle(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift

@@ -101,7 +101,11 @@ class MinimalCoordinate:
         return q, d, e
 
     def _close(self, q: Array, theta: Array) -> Closed:
-        """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2."""
+        """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2.
+
+        Raises:
+            LostClosure: Newton's method does not converge.
+        """
         still = np.zeros_like(q)  # velocities, on which positions do not depend
         rows = self.constraints(theta, q, still)
         for _ in range(NEWTON_STEPS):

@@ -1,4 +1,7 @@
-"""Run all computations ("questions") of the comparison with one release, in a worker of the release's environment."""
+"""Run all computations ("questions") of the comparison with one release, in a worker of the release's environment.
+
+A single result is a figure.
+"""
 
 import re
 import time

@@ -102,7 +102,11 @@ def relative_difference(a: Array, b: Array) -> float:
 
 
 def compare_figures(before: Figure, after: Figure) -> Change | None:
-    """Return the comparison of a result of two releases; None if both failed, or if both have the same text."""
+    """Return the comparison of a result of two releases; None if both failed, or if both have the same text.
+
+    It is changed if only one has it, or by another text or more than rounding; if one release scatters under tiny changes of the
+    start and the other is steady, the smaller scatter counts as rounding.
+    """
     if before.status != OK and after.status != OK:
         return None
     if before.status != OK or after.status != OK:

@@ -139,7 +139,11 @@ def explain(library: Library, version: str, failure: str) -> str:
 
 
 def list_available(release: Release, library: Library) -> list[str]:
-    """Return the releases that the index of packages offers for this Python and machine, newest first; `release` is installed."""
+    """Return the releases that the index of packages offers for this Python and machine, newest first; `release` is installed.
+
+    Raises:
+        InstallationFault: the index does not answer.
+    """
     place = Path(release.python).parents[1]
     command = [*pip_of(place), "index", "versions", library.package, "--disable-pip-version-check", "--retries", "1"]
     try:

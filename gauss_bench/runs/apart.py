@@ -86,6 +86,7 @@ def run_apart(
 def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[str, Any]:
     """Carry out a request in the engine's process, and return the run as texts, numbers and arrays, which `outcome_of` reads."""
     run = _run(request, mechanism, again)
+    # the trajectory of a failed run is the part that it reached before the failure
     trajectory = run.trajectory or run.reached
     fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)

@@ -39,6 +39,7 @@ class Block:
 
     Attributes:
         entry: key of the entry; a race sets it.
+        ready, go: prepares the work, untimed, and does it, timed.
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
         again: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry's row; called after the race.

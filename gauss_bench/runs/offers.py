@@ -274,6 +274,7 @@ def describe(name: str) -> Offer:
         if not isinstance(engine.settings, Mapping) or not all(isinstance(x, Mapping) for x in engine.settings.values()):
             raise TypeError("settings is no table of options by name")
         knobs = {str(k): x for k, x in dict(ask(engine, "knobs")).items()}  # plug-ins may leave out all attributes of a knob
+        # options that can be set alone are the knobs or, without knobs, the names in `options`
         values = {k: tuple(map(str, getattr(x, "values", ()))) for k, x in knobs.items()}
         offer = Offer(
             name,

@@ -2,8 +2,10 @@
 
 Tasks are pickled for the worker. Answers are never unpickled, because a task may run code of others: an answer is JSON, in which
 each array is replaced by its type and shape, followed by the bytes of the arrays. Each task has a random token, with which its
-answer must begin. The worker's standard output goes to its error stream, whose last line is quoted when it dies; the pipe of the
-answers has a high file descriptor, out of the way of libraries.
+answer must begin. The parent refuses another token and an answer larger than its caller expects, and decoded arrays never take more
+memory than the bytes of the answer. The worker's standard output goes to its error stream, whose last line is quoted when it dies;
+the pipe of the answers has a high file descriptor, out of the way of libraries. A worker runs under the interpreter of this
+process, or under that of an engine's environment (`elsewhere.py`).
 
 The parent stops a task that exceeds its limit; if the parent is gone, an alarm signal that no library can block does. The time
 during which a task waits for a processor does not count, so that engines do not fail because the machine is busy.
@@ -68,7 +70,7 @@ class WorkerFailure(Failure):
 
 @dataclass(frozen=True)
 class Interpreter:
-    """The Python interpreter that runs a worker process: its path, and the bytes that each process may use."""
+    """The Python interpreter that runs a worker process: its path, and the bytes that each process of the worker may use."""
 
     python: str = sys.executable
     memory: int = MEMORY

@@ -46,6 +46,7 @@ def turn_row(place: Row, part: Turns, method: str, measured: Measured) -> Row:
     """Return the table row of a method that computes positions in a turn: time per position, positions per second, and errors.
 
     The compiled method (NATIVE) has a target for the positions per second, which it meets only if its errors are small too.
+    The method in numpy is slow and computes only the first PLAIN_SAMPLES positions of a turn.
     """
     start = place | {"method": method, "samples": PLAIN_SAMPLES if method == LINK_UNITS else part.samples}
     found = row(start, lambda: rate(measured.summary(Key("turn", method))))
@@ -69,9 +70,12 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
         block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
-    times = np.arange(PLAIN_SAMPLES) / samples
+    def plain() -> Block:
+        times = np.arange(PLAIN_SAMPLES) / samples
+        return lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
+
     yield Key("turn", NATIVE), native
-    yield Key("turn", LINK_UNITS), lambda: lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
+    yield Key("turn", LINK_UNITS), plain
 
 
 def errors(mechanism: Mechanism, turn: Sweep) -> Row:

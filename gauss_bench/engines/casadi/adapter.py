@@ -173,6 +173,7 @@ class CasadiModel:
     def run(self) -> None:
         """Integrate the whole run in one call, or from sample to sample with projection."""
         n = self.mechanism.n
+        # there are spans only with projection; both tables are empty if there is nothing to integrate
         if self.integrators and not self.spans:
             self.x[1:] = self._integrate(0.0, float(self.times[0]), self.x[0])
         for k, span in enumerate(self.spans):

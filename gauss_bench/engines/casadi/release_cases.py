@@ -31,7 +31,10 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`."""
+    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`.
+
+    The last word of its name is the linear solver.
+    """
     import casadi as ca
 
     solver = name.rpartition(" ")[2]

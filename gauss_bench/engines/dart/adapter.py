@@ -80,7 +80,8 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # in a step of INSTANT, DART's implicit springs and dampers give the accelerations of this state
+            # its loops are open, because only `Built.restart` adds closures; in a step of INSTANT, DART's implicit springs and
+            # dampers give the accelerations of this state
             open_tree = self._build(motors=False)
             open_tree.world.setTimeStep(INSTANT)
 

@@ -120,9 +120,10 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
     for longest in LENGTHS:
         chosen = steppers(longest)
         pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in chosen]
-        changes = [2 * last - before for before, last in pairs]
+        changes = [2 * last - before for before, last in pairs]  # D(h), because the distance from it halves in every step
         lengths = [stepper.length for stepper in chosen]
         found = extrapolate(lengths, changes)
+        # the uncertainty: the largest change of a component if the shortest step is left out
         change = float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
         if change <= SETTLED * size(found):
             return found

@@ -104,7 +104,11 @@ def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
 
 
 def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
-    """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign."""
+    """Compare an Exudyn system with its linkage; constraint rows may have the opposite sign.
+
+    Raises:
+        RunFailure: the degrees of freedom, the number of redundant rows, or a term of the equations of motion differs.
+    """
     mechanism = evaluator.mechanism
     counts = system.mbs.ComputeSystemDegreeOfFreedom()
     dof, redundant = int(counts["degreeOfFreedom"]), int(counts["redundantConstraints"])

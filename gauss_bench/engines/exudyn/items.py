@@ -104,7 +104,7 @@ class System:
                 self._add_point_force(load)
             else:
                 self._add_law(load)
-        self.last = np.inf
+        self.last = np.inf  # [s] latest time at which forces are evaluated; every part of a run sets it
         for force in mechanism.varying:
             self._add_varying_force(force)
         self.mbs.Assemble()
@@ -202,7 +202,10 @@ class System:
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _add_varying_force(self, force: Force) -> None:
-        """Add a force or torque that varies, with a user function of the time, which is limited to `last`."""
+        """Add a force or torque that varies, with a user function of the time, which is limited to `last`.
+
+        So the force has its value before a jump in a step that ends at the jump.
+        """
         factor = factor_of(force)
         assert factor is not None
         match force:

@@ -34,6 +34,8 @@ def list_probes() -> list[dict[str, str]]:
 def ask_probe(name: str, q: Array, v: Array) -> Array:
     """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
 
+    Its name is "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
+
     They are those that Exudyn computes at the start of a run from each state.
     """
     closure, _, linear_solver = name.rpartition(", ")

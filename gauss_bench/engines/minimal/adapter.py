@@ -346,6 +346,11 @@ class MinimalModel:
         new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
         self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
+    def _name(self, equation: Equation) -> str:
+        """Return the name of an equation's independent coordinate, for the note of a run."""
+        way = equation.way
+        return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
+
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
         """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
         equation = segment.equation
@@ -359,7 +364,11 @@ class MinimalModel:
         return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:
-        """Return the samples, with whole turns of angles counted from one segment to the next."""
+        """Return the samples, with whole turns of angles counted from one segment to the next.
+
+        Raises:
+            RunFailure: at some time no coordinate was usable; the exception holds the earlier samples.
+        """
         q, v, a = sample_arrays(self.times, *self._derive(self.first, self.mechanism.q0, self.mechanism.v0))
         unwrapped = self.start_angles
         for segment in self.segments:
@@ -368,11 +377,7 @@ class MinimalModel:
             positions = motion.unwrap(self._follow(segment, states[:, 0], unwrapped))
             q[rows], v[rows], a[rows] = positions[:-1], motion.v[:-1], motion.a[:-1]
             unwrapped = angles(positions[-1])  # at the end of this segment, where the next one starts
-        names = (
-            f"slide {x.joint.name}" if x.joint.slides else f"angle of {self.mechanism.link_name(x.link)}"
-            for x in (segment.equation.way for segment in self.segments)
-        )
-        coordinates = ", ".join(dict.fromkeys(names))
+        coordinates = ", ".join(dict.fromkeys(self._name(x.equation) for x in self.segments))
         note = f"in one coordinate: {coordinates}" + (f", changed {self.changes} times" if self.changes else "")
         trajectory = Trajectory(self.times, q, v, a, self.steps, self.evaluations, note)
         if self.failure:

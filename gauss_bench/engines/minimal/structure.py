@@ -51,9 +51,13 @@ class Links:
     @staticmethod
     def of(q: Array, v: Array) -> "Links":
         """Compute z, e, u and w of all links from states q, v (..., n) with x, y and angle of each link."""
-        exp, poses, rates = exponential(q), _by_body(q), _by_body(v)
-        z, u = ([x + 1j * y for x, y, _ in given] for given in (poses, rates))
-        return Links.with_ground(z, [exp(1j * angle) for _, _, angle in poses], u, [spin for _, _, spin in rates])
+        exp, z, e, u, w = exponential(q), [], [], [], []
+        for (x, y, angle), (dx, dy, spin) in zip(_by_body(q), _by_body(v), strict=True):
+            z.append(x + 1j * y)
+            e.append(exp(1j * angle))
+            u.append(dx + 1j * dy)
+            w.append(spin)
+        return Links.with_ground(z, e, u, w)
 
     @staticmethod
     def with_ground(z: Iterable[Complex], e: Iterable[Complex], u: Iterable[Complex], w: Iterable[Complex]) -> "Links":
@@ -186,7 +190,11 @@ class Way:
 
 
 def ways(mechanism: Mechanism) -> tuple[Way, ...]:
-    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links."""
+    """Return the possible choices of the independent coordinate, that of the crank first, with dyads that place all other links.
+
+    Raises:
+        NoWay: there is none, or an equation in one coordinate does not cover the linkage's forces or constraints.
+    """
     if mechanism.drivers:
         raise NoWay("the motion is prescribed: nothing is left of an equation of motion in one coordinate")
     if mechanism.knife_edges:
@@ -276,9 +284,16 @@ def _outer_joints(
     pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
 ) -> list[OuterJoint]:
     """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
-    by_pins = [OuterJoint(pin[link], pin[min(others)]) for pin in pins if link in pin and (others := placed & pin.keys())]
-    ends = [(own, other, slide) for slide in slides for own, other in permutations(slide.ends)]
-    return by_pins + [OuterJoint(*end) for end in ends if end[0].link == link and end[1].link in placed]
+    joints = []
+    for pin in pins:
+        others = placed & pin.keys()
+        if link in pin and others:
+            joints.append(OuterJoint(pin[link], pin[min(others)]))
+    for slide in slides:
+        for own, other in permutations(slide.ends):
+            if own.link == link and other.link in placed:
+                joints.append(OuterJoint(own, other, slide))
+    return joints
 
 
 def _left_of(angle: float, x: Array) -> float:

@@ -18,7 +18,7 @@ from gauss_bench.trajectory import RunFailure, Status
 
 
 def new_spec(mujoco: Any) -> Any:
-    """Return an empty MjSpec whose angles are in radians."""
+    """Return an empty MjSpec whose angles are in radians; a RunFailure if the release has no such MjSpec."""
     # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
     spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
     if not hasattr(spec, "compiler"):
@@ -57,6 +57,7 @@ def find_integrator(mujoco: Any, name: str) -> Any:
 
 
 def disable(mujoco: Any, model: Any, flags: Iterable[str]) -> None:
+    """Disable features, members of mjtDisableBit; those that a release does not have are left out."""
     for name in flags:
         if hasattr(mujoco.mjtDisableBit, name):
             model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, name))

@@ -15,7 +15,7 @@ link's centre of mass:
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,6 +53,15 @@ class Seen:
     turns: Array
 
 
+class LinkStates(NamedTuple):
+    """Positions q, velocities v and accelerations a (n,) of all links, and the Jacobian dq/dy (n, nv) by joint coordinates."""
+
+    q: Array
+    v: Array
+    a: Array
+    jacobian: Array
+
+
 def settings_as_they_stand(path: str) -> dict[str, Any]:
     """Return name of an option in MJCF -> value, for the model of a file; solref and solimp are tables: closure -> value."""
     import mujoco
@@ -71,7 +80,11 @@ def settings_as_they_stand(path: str) -> dict[str, Any]:
 
 
 def change_options(mujoco: Any, model: Any, changes: Mapping[str, Any]) -> None:
-    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights."""
+    """Set options of a compiled model by their names in MJCF, and "body_invweight0", a factor on the compiled inverse weights.
+
+    Raises:
+        KeyError: an option has another name.
+    """
     for key, value in changes.items():
         match key:
             case "solref" | "solimp":
@@ -132,8 +145,8 @@ class OwnModelRun:
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
 
-    def absolute(self, y: Array, dy: Array) -> tuple[Array, Array, Array, Array]:
-        """Return q, v, a (n,) of all links at joint coordinates y and rates dy (nv,), and the Jacobian dq/dy (n, nv)."""
+    def absolute(self, y: Array, dy: Array) -> LinkStates:
+        """Return the states of all links at joint coordinates y and rates dy (nv,), with the accelerations that MuJoCo computes."""
         data, model, seen = self.forward(y, dy), self.still, self.seen
         axes, normal = seen.plane[:2], seen.plane[2]  # of the plane of motion, in the world of MuJoCo
         q: list[float] = []
@@ -150,7 +163,7 @@ class OwnModelRun:
             jacobian += [*(axes @ point), normal @ turn]
             bias += [*(axes @ point_rate @ dy), normal @ turn_rate @ dy]
         J = np.array(jacobian)
-        return np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J
+        return LinkStates(np.array(q), J @ dy, J @ np.array(data.qacc) + np.array(bias), J)
 
     def relative(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the joint coordinates and rates (nv,) of a state q, v (n,), by Newton's method, beginning with the model's start.
@@ -160,17 +173,16 @@ class OwnModelRun:
         """
         y = self.y0.copy()
         for _ in range(ITERATIONS):
-            here, _, _, jacobian = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(jacobian, q - here, rcond=None)[0]
+            here = self.absolute(y, np.zeros_like(y))
+            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
             y += change
             if np.abs(change).max() < CLOSE:
-                *_, jacobian = self.absolute(y, np.zeros_like(y))
-                return y, np.linalg.lstsq(jacobian, v, rcond=None)[0]
+                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
         raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
-        return self.absolute(*self.relative(q, v))[2]
+        return self.absolute(*self.relative(q, v)).a
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times, self.plan = times, list(stretches(times, self.choice.step))

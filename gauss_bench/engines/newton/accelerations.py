@@ -46,6 +46,7 @@ class Accelerations:
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
+        # the first copy starts from q with forces, all others without: from q and from displaced positions
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]
         without_forces = [-self.weight] * len(places)  # cancels gravity, which Newton adds to all copies
         speeds = np.tile(v, len(places))

@@ -51,7 +51,7 @@ def compiler() -> str | None:
 
 
 def find_tools() -> tuple[str, Path]:
-    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`."""
+    """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`; RunFailure if one is missing."""
     root, program = prefix(), compiler()
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
@@ -88,7 +88,11 @@ def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
 
 
 def loop_library() -> bytes:
-    """Return the content of the library that was built from `loop.cpp`, from the user's cache."""
+    """Return the content of the library that was built from `loop.cpp`, from the user's cache.
+
+    Raises:
+        RunFailure: the compiled loop cannot be built on this machine, or was not built yet.
+    """
     content = user_cache.load(_cache_name())
     if content is None:
         raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")

@@ -27,7 +27,10 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`."""
+    """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`.
+
+    Its name has the kind of constraint, the frame and the algorithm, as in "CONTACT_3D LOCAL, lcaba", or is BY_JACOBIAN.
+    """
     import pinocchio
 
     kind, _, algorithm = name.rpartition(", ")
@@ -45,7 +48,7 @@ Solve = Callable[[Array, Array], Array]  # function of joint angles and rates (b
 
 
 def build(pin: Any, bars: Sequence[Bar]) -> tuple[Any, list[int]]:
-    """Return the model of a tree of bars, and Pinocchio's index of each bar's joint."""
+    """Return the model of a tree of bars, each in a frame at its first pin along the bar, and the index of each bar's joint."""
     model = pin.Model()
     model.gravity.linear = np.array([0.0, GRAVITY, 0.0])
     joints: list[int] = []
