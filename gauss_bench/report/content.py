@@ -288,7 +288,10 @@ def status_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction, note, and whether it is folded."""
+    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction, note, and whether it is folded.
+
+    Its tables `texts` and `notes` have sentences by name, `bias` a text and its list of items.
+    """
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
 

@@ -37,7 +37,8 @@ def lettering(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[Pa
     """Return the SVG texts of the names of joints, observed points, links, forces and drivers at state q (n,).
 
     Names of joints and observed points are placed first, then those of links, then those of forces and drivers. A force or driver
-    has no name in the drawing if every place overlaps another name, the edge of the picture or a line.
+    has no name in the drawing if every place overlaps another name, the edge of the picture or a line. `taken` (4,) is a box that
+    is occupied already, `bar` (2, 2) a line [px].
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
@@ -94,7 +95,8 @@ def _best(
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
     The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
-    or the edge of the picture. Places with more room than `enough` are equally good.
+    or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the lines [px],
+    `boxes` the boxes (4,) of the names so far.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))  # along the middle of the name
