@@ -233,8 +233,10 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
     """Hold a link by its angle, a slide by its coordinate, or a pin by welding its two links.
 
     Args:
-        value: angle [deg] of the link or pin, or position [m] of the slide; None holds the angle or position of the start.
-        start: the scenario's table `start`, to which the held angle or slide is added.
+        moved: the document that is changed: a held pin becomes a weld in it.
+        own: the mechanism as its file has it.
+        value: angle [deg] of the link or pin, or position [m] of the slide; None holds its value at the start of `own`.
+        start: the table `start` of `moved`, to which a held angle or slide is added; `_list_still` makes it a constant driver.
     """
     joints = moved.get("joints", {})
     slide = next((x for x in own.slides if x.name == name), None)

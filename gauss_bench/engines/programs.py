@@ -171,7 +171,7 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
 
 
 def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
-    """Return the text of a program that runs a linkage in a library of joint trees, with the step size `choice.step`.
+    """Return the text of a program that runs a linkage in a library that models trees of joints, with the step size `choice.step`.
 
     In the program, the angles of the links are ANGLES + TURNS y, where y are the tree coordinates.
     """

@@ -19,7 +19,7 @@ from gauss_bench.trajectory import Trajectory, with_accelerations
 
 
 class TreeModel(ABC):
-    """Base class of models of a mechanism in a library of joint trees, run with one setting of the engine (`Choice`).
+    """Base class of models of a mechanism in a library that models trees of joints, run with one setting of the engine (`Choice`).
 
     A subclass calls this `__init__` and then builds the library's model. It supplies `tree_acceleration` and `run`, and may extend
     `prepare` and `read`.

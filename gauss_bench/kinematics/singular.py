@@ -132,9 +132,9 @@ class Curve:
         return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
-        """Return the position (n,) at which a coordinate reverses, g . x = 0, on the last step of the curve, which ended at q (n,).
+        """Return the position (n,) on the last step of a curve, which ended at q (n,), at which a coordinate reverses.
 
-        `x` (n,) is the unit tangent of the curve at q.
+        There g . x = 0, with g (n,) the coordinate's gradient and x (n,) the unit tangent of the curve.
 
         Raises:
             ChangePoint: the coordinate does not reverse at a single position near here, because the curve forks.

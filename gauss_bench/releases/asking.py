@@ -100,7 +100,7 @@ def ask_release(library: Library, release: Release, budget: float, told: Callabl
                 told(f"{library.engine} {release.version}: case {number + 1} of {len(cases)}")
             figures += map(shorten, ask_case(release.name, offered, case, worker))
     answers = replace(answers, library=offered.version, **versions, figures=tuple(figures), left_out=left_out)
-    return distrust(answers)
+    return distrust(answers)  # removes all figures of a release that computed nothing
 
 
 def shorten(figure: Figure) -> Figure:

@@ -154,14 +154,16 @@ def _trajectory(x: object) -> Trajectory | None:
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
     """Build the compiled code that settings of an engine need, if it is missing; `told` is called with sentences of progress.
 
-    The code is built in a worker, which ends its compilers when its parent process dies. A failure is left to the run to report.
+    The code is built in a worker, which ends its compilers when its parent process dies. A failure is only told: the run that
+    needs the code fails with its own message.
     """
     if "build_once" not in offer(engine).methods:
         return
     with Worker() as worker:
         try:
-            if library := find_unbuilt(engine, settings, worker):  # `under` selects the engine's Python interpreter
+            if library := find_unbuilt(engine, settings, worker):
                 told(f"building {library}")
+                # `under` selects the engine's Python interpreter
                 worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
             told(f"it was not built: {failure}")

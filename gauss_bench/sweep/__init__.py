@@ -1,1 +1,1 @@
-"""Simulate one linkage with thousands of values of chosen numbers of its file, and return rows, quantiles and sensitivities."""
+"""Simulate one linkage with thousands of values of chosen numbers in its file, and return rows, quantiles and sensitivities."""

@@ -252,7 +252,7 @@ class Family:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
             The kernel's inputs and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
-            samples (`part` = 1), which are taken themselves, because the interpolation would round.
+            samples (`part` = 1), which are used directly, because interpolation would round them.
             """
             now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
             changed = with_parameters(mechanism, now)

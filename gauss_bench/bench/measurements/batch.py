@@ -70,7 +70,8 @@ def entries(linkage: str, scenario: str, part: Batch) -> Iterator[tuple[Key, Cal
 def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, steps: int) -> Block:
     """Return the timing block of one engine: `steps` steps of each trajectory from the states q, v (k, n).
 
-    One repetition is one step of one trajectory. The block of our own engine has a function `facts` that checks its lanes.
+    One repetition is one step of one trajectory. The block of our own engine has a function `facts`, which compares
+    trajectories that are computed together with single ones.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
     block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument

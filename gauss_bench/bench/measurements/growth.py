@@ -93,7 +93,7 @@ def list_calls() -> list[tuple[str, str]]:
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
-    """Return name -> contender: those in CONTENDERS, and the library calls (engine, name) of engines from outside."""
+    """Return what is timed, by name: CONTENDERS, and the library calls (engine, name of the call) that plug-ins offer."""
     return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
 
 

@@ -128,7 +128,7 @@ class Motions:
         others = [j for j in off if j not in self.independent]
         # correction = (N^T N)^-1 N^T w, where w = v - vp - N y vanishes in the independent coordinates
         correction = self._amounts({j: graph.total([off[j], *(-x for x in _summands(self.N, speeds, j))]) for j in others})
-        # an independent coordinate begins with v[u], which vp + N y equals there, so that vp is not needed
+        # in an independent coordinate vp + N y equals v[u], so that only the correction is added to v[u]
         nearest = {u: graph.total([v[u], *_summands(self.N, correction, u)]) for u in self.independent}
         speeds = {k: y + correction[k] if k in correction else y for k, y in speeds.items()}
         nearest |= {j: graph.total([*_entry(driven, j), *_summands(self.N, speeds, j)]) for j in others}

@@ -202,7 +202,10 @@ class _Entry:
         self._not_yet_added = [node]  # summands that are not in _values yet
 
     def add(self, node: Node) -> None:
-        """Add a summand; its values at the samples are added to those of the sum only when they are needed."""
+        """Add a summand; its values at the samples are added to those of the sum only when they are needed.
+
+        `generic` and `largest` at the random points are kept up to date at once: they show whether the sum cancels.
+        """
         self.terms.append(node)
         self._not_yet_added.append(node)
         self.generic = sum_of(self.generic, node.generic)
@@ -442,7 +445,7 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random whether the rows `others` are multiplied by the pivot, so that their elimination needs no division.
+        """Decide at random, as one choice of the search, to multiply the rows `others` by the pivot, which avoids a division.
 
         They are, with the probability `search.crossing`, if all are short and none has been multiplied before.
         """

@@ -446,7 +446,7 @@ def _ratio_key(g: Generic) -> str:
 
 
 def _round(x: float) -> float:
-    """Remove rounding errors from a number of at most eight characters: a factor 0.4999999999999999 becomes 0.5."""
+    """Remove rounding errors from a number that was meant to have few digits: a factor 0.4999999999999999 becomes 0.5."""
     text = f"{x:.12g}"
     short = float(text)
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x

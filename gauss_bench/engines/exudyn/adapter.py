@@ -9,8 +9,8 @@ starts the algorithmic accelerations of generalized-alpha anew and causes an err
 always off, because they halve the step size without notice, and the benchmark compares at equal steps.
 
 Exudyn's initial accelerations ignore the second derivative of a motion law, and the trapezoidal rule carries that error through the
-whole run. Therefore driven linkages start from accelerations of the KKT system, which also gives the accelerations at states at
-which the second derivative of a law is not zero.
+whole run. Therefore driven linkages start from accelerations of the KKT system, which also gives the accelerations wherever the
+second derivative of a motion law is not zero.
 """
 
 import contextlib
@@ -198,7 +198,10 @@ class ExudynModel:
         self._register_samples()
 
     def _reset(self) -> None:
-        """Go back to the start, and store the first sample, with accelerations of the KKT system if drivers or forces vary."""
+        """Go back to the start, and store the first sample.
+
+        With drivers or forces that vary in time, Exudyn's own initial accelerations are wrong: they are those of the KKT system.
+        """
         data, initial = self.system.mbs.systemData, self.exu.ConfigurationType.Initial
         alpha = self.simulation.timeIntegration.generalizedAlpha
         use_kkt = bool(self.mechanism.drivers or self.mechanism.varying)

@@ -32,11 +32,9 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the bars at absolute states q, v (k, n), for one case of `list_probes`.
+    """Return the absolute accelerations (k, n) that Exudyn computes at the start of runs from the states q, v (k, n) of the bars.
 
-    Its name is "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
-
-    They are those that Exudyn computes at the start of a run from each state.
+    `name` is one of `list_probes`, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
     """
     closure, _, linear_solver = name.rpartition(", ")
     exu, items = library()

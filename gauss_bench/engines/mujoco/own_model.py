@@ -191,8 +191,9 @@ class OwnModelRun:
         self.data.time = times[0]
 
     def run(self) -> None:
-        with collect_warnings(self.mujoco, []):  # the judge finds a run that diverges
-            for _, count, size, _, row in self.plan:
+        # MuJoCo's warnings are not used: whether a run diverges is judged later, from its samples
+        with collect_warnings(self.mujoco, []):
+            for _, count, size, _, row in self.plan:  # `count` steps of `size` [s], then sample `row` if one is due
                 self.model.opt.timestep = size
                 self.mujoco.mj_step(self.model, self.data, nstep=count)
                 if row is not None:

@@ -97,7 +97,8 @@ class LoopRows:
                 rows.append({j: dot(d, g) for j, g in at.gradient(quantity.gap).items()})
             else:  # NONE: the angle of a link that cannot turn, whose derivative is zero
                 rows.append({} if quantity.coordinate == NONE else {quantity.coordinate: 1})
-        for _, point, normal in self.edges:  # n . P' = 0
+        # a knife edge: the velocity of its point P has no component along the normal n, n . P' = 0
+        for _, point, normal in self.edges:
             n = at.combine(normal)
             rows.append({j: dot(n, g) for j, g in at.gradient(point).items()})
         return [{j: x for j, x in row.items() if not vanishes(x)} for row in rows]

@@ -144,7 +144,7 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
     """Yield the ground symbols under pins on the ground, and the guides on the ground.
 
     Args:
-        states: (k, n) states of the motion. A guide is drawn BEYOND [px] longer at each end than the travel of its block over them.
+        states: (k, n) states of the motion. At each end, a guide is drawn BEYOND [px] longer than its block travels in them.
     """
     ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
     held = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]

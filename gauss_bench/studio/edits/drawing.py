@@ -358,7 +358,7 @@ class Drawing:
         self.tidy()
 
     def _choose_points(self, link: str, known: set[str]) -> tuple[list[str], bool]:
-        """Return the references of points that place a link, and whether these determine its angle."""
+        """Return references to the points that fix the position of a link, and whether these points also fix its angle."""
         points = self.points(link)
         chosen = [name for name in points if f"{link}.{name}" in known] or [*points][:1]
         apart = [name for name, x in points.items() if abs(x - points[chosen[0]]) > SAME]
