@@ -46,7 +46,8 @@ THOROUGH = 144  # number of attempts if the environment does not give it
 
 _asked = os.environ.get(SHORTER, "")
 ATTEMPTS = int(_asked) if _asked.isdecimal() and int(_asked) > 0 else THOROUGH  # largest number of attempts of a search
-PRECISE = 1e-11  # error of a program above which a plain attempt is tried too
+# error of a program above which a plain attempt is tried too: usual programs have 1e-12 or less, so that few are eliminated twice
+PRECISE = 1e-11
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
 CLOSE = 1.01  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
