@@ -297,13 +297,13 @@ class Kernel:
         # each step that was tried, accepted or not, has as many evaluations as a step of fixed size
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
-    def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
+        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at the time t0.
 
         If so, exported C source, which has the first program alone, is valid for these steps.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
-        for leg in self.legs(0.0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
+        for leg in self.legs(t0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
             if isinstance(done, Stop):
                 return False

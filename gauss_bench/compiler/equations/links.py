@@ -304,9 +304,13 @@ class Links(Given):
         """Return, in world axes, the unit vector at an angle [rad] in a link's frame; with `across`, a quarter turn further."""
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
-    def vector(self, link: int, value: Vec) -> Direction:
-        """Convert a vector of nodes that is fixed in a link from the link's axes to world axes; return it with the link's frame."""
-        return Direction(self.frame(link), self.rotate(link, value))
+    def vector(self, link: int, value: Vec | Array) -> Direction:
+        """Convert a vector that is fixed in a link from the link's axes to world axes; return it with the link's frame.
+
+        It consists of nodes, or a load has made an array of nodes and numbers from those of its force.
+        """
+        local = value if isinstance(value, Vec) else Vec(*map(self.graph.node, value))
+        return Direction(self.frame(link), self.rotate(link, local))
 
     def end(self, point: Point) -> End:
         """Return the frame of a point's link, and the arm from its centre of mass to the point in world axes; both are stored."""

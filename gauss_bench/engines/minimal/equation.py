@@ -378,7 +378,7 @@ class _Motion:
         unit_rate = self.graph.node(rate)
         # This product is not used here. It enters the graph first, so that the rate at q' = v is recognised as the same product.
         self.graph.mul(unit_rate, self.v)
-        return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law)) * unit_rate
+        return self.graph.node(strength(state(law.coordinate, _Rates(self, self.v)), law, self.graph)) * unit_rate
 
     def angle(self, link: int) -> Node:
         """Return a link's angle [rad], including whole turns: the angle of its root plus a constant."""
