@@ -326,5 +326,5 @@ def test_what_agrees_at_the_samples_alone_is_not_one_node() -> None:
     assert twin is not x
     assert not (x - twin).zero
     assert still.number is None
-    switch = graph.opaque("LE", (x, twin), (x.at <= twin.at).astype(float))
+    switch = graph.opaque("LE", x, twin)
     assert switch.number is None

@@ -80,7 +80,7 @@ def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     load = routine.Load("x", {g.leaf(f"%x{i}"): i for i in range(x.shape[1])})
     arrays = {"x": routine.Array(x.shape[1]), "out": routine.Array(len(roots))}
     made = routine.Routine("evaluate", g, arrays, (), (), [load, routine.Store("out", roots)], g.all(True), len(roots))
-    code = native_code.compile_listing(write_listing(made, 1), cached=False)
+    code = native_code.NativeCode(write_listing(made, 1), cached=False)
     out = np.empty((len(x), len(roots)))
     code.call(address(x), address(out), len(x))
     return out

@@ -32,16 +32,7 @@ from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles, find_breaks
-from gauss_bench.reference.refinement import (
-    EPS,
-    SaddleInverse,
-    Unsolved,
-    correct,
-    invert_saddle,
-    pseudo_inverse,
-    saddle_residual,
-    solve_by_chord,
-)
+from gauss_bench.reference.refinement import EPS, SaddleInverse, Unsolved, correct, pseudo_inverse, saddle_residual, solve_by_chord
 from gauss_bench.terms import Array
 
 LONG = np.longdouble
@@ -136,7 +127,7 @@ class Linkage:
         Raises:
             Unsolved: the position is singular.
         """
-        solved, when = invert_saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        solved, when = SaddleInverse(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
         if not solved.smallest > SINGULAR:
             raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
         self.nearest = min(self.nearest, (solved.smallest, when))
@@ -154,14 +145,9 @@ class Linkage:
             Unsolved: the position is singular.
         """
         rows = self.rows(t, q, v)
-        Q = self.evaluator.applied.generalised(q, v)
-        zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-
-        def excess(x: Array) -> Array:
-            """Return minus the residual (n + m,) of the equations of motion at x = [a, lambda]."""
-            return -saddle_residual(self.evaluator.mass, rows.J, Q, rows.gamma, x)
-
-        x = solve_by_chord(excess, self.inverse(t, rows.J).inverse, zero)
+        mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
+        x = np.zeros(len(q) + len(rows.phi), dtype=LONG)  # [a, lambda]
+        x = solve_by_chord(lambda x: -saddle_residual(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
@@ -175,7 +161,7 @@ class Linkage:
         # computed once, at the first state, for all iterations (chord iteration)
         for_velocities = for_positions = self.inverse(t, rows.J).lift
         if edges:  # knife edges restrict velocities, but no positions
-            for_positions = invert_saddle(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
+            for_positions = SaddleInverse(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
         try:
             q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:holonomic], for_positions, q)
             rows = self.rows(t, q, v)

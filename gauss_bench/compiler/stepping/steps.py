@@ -55,9 +55,8 @@ LAST_CORRECTION = 2.0**-28
 Coefficients = Sequence[float]
 
 
-@dataclass(frozen=True)
-class Tableau:
-    """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
+class Dop853:
+    """DOP853, an explicit Runge-Kutta method of s stages, for q'' = a(t, q, v).
 
     A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step.
     A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
@@ -70,24 +69,17 @@ class Tableau:
             each set of weights has the sum 0.
     """
 
-    c: Coefficients
-    A: Sequence[Coefficients]
-    twice: Sequence[Coefficients]
-    b: Coefficients
-    end: Coefficients
-    estimates: Sequence[tuple[Coefficients, Coefficients]]
+    def __init__(self) -> None:
+        """Compute the weights from the Butcher tableau of the method."""
+        self.c, rows, b = dop853_tableau()
+        A = np.zeros((len(b), len(b)))
+        for k, row in enumerate(rows):
+            A[k, :k] = row
+        self.A, self.twice, self.b, self.end = (x.tolist() for x in (A, A @ A, b, b @ A))
+        self.estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
 
 
-@cache
-def order_eight() -> Tableau:
-    """Return the Butcher tableau of DOP853, with the weights of the stages' accelerations in velocities and in positions."""
-    c, rows, b = dop853_tableau()
-    A = np.zeros((len(b), len(b)))
-    for k, row in enumerate(rows):
-        A[k, :k] = row
-    # of the two error estimates: weights in the error of the velocity, and in the error of the position
-    errors = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
-    return Tableau(c, A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
+order_eight = cache(Dop853)
 
 
 @dataclass(frozen=True)
@@ -186,8 +178,7 @@ class Step:
     def rewrite_into(self, into: Graph | None = None) -> "Step":
         """Return this step with sums and products regrouped, in the graph `into` (which may contain other steps) or a new one."""
         every = [*self.roots(), *self.settled.values()]
-        graph, roots = rewrite(self.graph, every, into)
-        moved = dict(zip(every, roots, strict=True))  # value of the old graph -> the same value in the new one
+        graph, moved = rewrite(self.graph, every, into)
         carried, settled = ({name: moved[x] for name, x in values.items()} for values in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
