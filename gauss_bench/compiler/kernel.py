@@ -45,13 +45,8 @@ class Options:
     stabilization: str
     open_parameters: tuple[str, ...]
     independent: tuple[int, ...] | None
-    baumgarte: tuple[float, float]
+    damping: tuple[float, float] | None  # alpha and beta [1/s] under Baumgarte's stabilisation
     target: Target
-
-    @property
-    def damping(self) -> tuple[float, float] | None:
-        """Alpha and beta [1/s] under Baumgarte's stabilisation, else None."""
-        return self.baumgarte if self.stabilization == "baumgarte" else None
 
 
 def compile_kernel(
@@ -90,7 +85,8 @@ def compile_kernel(
     if form is not None:
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
-    options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
+    damping = baumgarte if stabilization == "baumgarte" else None
+    options = Options(formulation, stabilization, tuple(open_parameters), independent, damping, target)
     return Kernel(mechanism, options, start)
 
 

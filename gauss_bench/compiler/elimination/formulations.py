@@ -348,9 +348,7 @@ class Lagrange:
         # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the amounts of
         # the motions in that combination which moves independent coordinate k alone
         for amounts in [factors.solve({k: graph.constant(1.0)}) for k in range(len(motions))]:
-            sums = []
-            for j in range(self.n):
-                sums.append(graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]))
+            sums = (graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]) for j in range(self.n))
             alone.append(_without_zeros(enumerate(sums)))
         return alone, guarded(factors)
 

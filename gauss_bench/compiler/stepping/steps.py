@@ -222,8 +222,11 @@ class Builder:
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def carried_sines(self) -> list[Pair]:
-        """Return the graph's inputs for sine and cosine of each angle at the beginning of the step, computed in the step before."""
-        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
+        """Return the graph's inputs for sine and cosine of each angle at the beginning of the step, computed in the step before.
+
+        The result is an empty list if the step computes every sine from its angle.
+        """
+        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles if self.reach.rotates]
 
     def times_h(self, factor: float, power: int = 1) -> int:
         """Return factor * h^power; it does not change from step to step, and is computed once before the loop."""
@@ -259,7 +262,12 @@ class Builder:
         return self.known[x]
 
     def compute_sines(self) -> list[Pair]:
-        """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines."""
+        """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines.
+
+        The result is an empty list if no sines are rotated from them.
+        """
+        if not self.reach.rotates:
+            return []
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
@@ -478,7 +486,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
-    start = b.carried_sines() if reach.rotates else []
+    start = b.carried_sines()
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
@@ -490,7 +498,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     b.turn(pairs2, b.times(b.times_h(0.25, 2), a1), reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
     # from here on, sines and cosines are rotated from those at q that are computed from the angles themselves
-    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], b.times(h, v), reach.step, B)
+    pairs_B = b.turn(b.compute_sines(), b.times(h, v), reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, b.times(b.times_h(0.5, 2), a2), reach.bend, q4)
     a4 = b.acceleration(end, q4, b.along(v, h, a3))
@@ -551,14 +559,14 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     """Write one step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
-    b.share(q, b.carried_sines() if reach.rotates else [])
+    b.share(q, b.carried_sines())
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)  # guards of the sample at q, v; the correction of q' adds others
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit(b.times(b.h, b.of_angles(v_new)), reach.step)
-    pairs = b.turn(b.compute_sines() if reach.rotates else [], b.times(b.h, v_new), reach.step, q_new)
+    pairs = b.turn(b.compute_sines(), b.times(b.h, v_new), reach.step, q_new)
     q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, at=q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
@@ -576,7 +584,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
-    b.share(q, b.compute_sines() if reach.rotates else [])
+    b.share(q, b.compute_sines())
     # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these
     # rotations, which are limited below
     to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
