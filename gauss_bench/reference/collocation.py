@@ -58,7 +58,7 @@ class Tableau:
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
-gauss_tableau = lru_cache(Tableau)
+gauss_tableau = lru_cache(Tableau)  # each is computed once
 
 
 def legendre_values(x: Array, count: int) -> Array:

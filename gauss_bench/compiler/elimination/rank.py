@@ -12,7 +12,7 @@ Source: Udwadia and Kalaba, Analytical Dynamics (1996), section 3.3 and eq. (3.1
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,12 @@ class RankDecision:
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
         """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of its damped accelerations, None without such terms."""
-        self.mechanism, self.baumgarte, self.evaluator = mechanism, baumgarte, Evaluator(mechanism)
+        self.mechanism, self.baumgarte = mechanism, baumgarte
+
+    @cached_property
+    def evaluator(self) -> Evaluator:
+        """The evaluation of M, J, Q and gamma in numpy."""
+        return Evaluator(self.mechanism)
 
     def acceleration(self, t: float, q: Array, v: Array, damped: bool = False) -> Array:
         """Return accelerations (n,) at one state.

@@ -79,7 +79,7 @@ class Dop853:
         self.estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
 
 
-order_eight = cache(Dop853)
+order_eight = cache(Dop853)  # computed once
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,8 @@ class Builder:
 
         The result is an empty list if the step computes every sine from its angle.
         """
-        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles if self.reach.rotates]
+        angles = self.code.angles if self.reach.rotates else ()
+        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
         """Return factor * h^power; it does not change from step to step, and is computed once before the loop."""
