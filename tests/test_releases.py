@@ -425,7 +425,7 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
         Answers("3.0", status="skip", message="pip finds no wheel"),
     ]
     cost = Cost("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
-    changed = replace(cost, version="2.0", other="1.0", ratio=0.67, low=0.6, high=0.7)
+    changed = replace(cost, version="2.0", other="1.0", ratio=0.67, ratio_low=0.6, ratio_high=0.7)
     for engine in ("twin", "other", "twin"):
         write_tables(make_tables(engine, answers, [cost], [changed], "abc", "2026-01-01"), engine, tmp_path)
     tables = {name: read_table(name, tmp_path) for name in NAMES}

@@ -6,10 +6,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, Variant
+from gauss_bench.engines.base import Choice, EngineDefaults
 from gauss_bench.engines.base import LibraryCall as LibraryCall  # plug-ins import it from here
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
-from gauss_bench.engines.variants import Knob, Variants
+from gauss_bench.engines.variants import Variants
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -36,16 +36,11 @@ PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are 
 End = TypeVar("End")
 
 
-class LibraryEngine:
+class LibraryEngine(EngineDefaults):
     """The members that adapters to libraries have in common: class Adapter(LibraryEngine, file=VARIANTS of its `variants.toml`)."""
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
-    variants: Mapping[str, Variant]
-    knobs: Mapping[str, Knob]
-    first: tuple[str, ...]
-    soft: Mapping[str, str]
-    unfinished: Mapping[str, str]
 
     def __init_subclass__(cls, file: Variants | None = None) -> None:
         if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
