@@ -12,7 +12,7 @@ import pytest
 import gauss_bench
 from gauss_bench.engines.bullet.accelerations import Accelerations
 from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
-from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
+from gauss_bench.engines.bullet.translate import body_forces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST, BodyWorld, TreeWorld, list_joints
 from gauss_bench.engines.shared import drivers_by_coordinate, open_tree, unit_speeds
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
@@ -133,21 +133,11 @@ class Clock(StandIn):
 def test_a_driven_joint_is_where_its_law_has_it_after_every_step() -> None:
     law = MotionLaw("square", lambda t: (t * t, 2 * t, 2 + 0 * t))
     world: Any = Clock()
-    forces: Any = Ramp()
     y, dy = np.full((3, 1), np.nan), np.full((3, 1), np.nan)
     plan = [Stretch(0.0, 2, 0.1, np.inf, 1), Stretch(0.2, 1, 0.4, np.inf, None), Stretch(0.6, 2, 0.2, np.inf, 2)]
-    step_through(world, forces, {0: law}, plan, (y, dy))
+    step_through(world, lambda t, y, dy: np.array([t]), {0: law}, plan, (y, dy))
     np.testing.assert_allclose(y[1:, 0], [0.2**2, 1.0**2], atol=1e-15)
     np.testing.assert_allclose(world.seen, [0.0, 0.1, 0.2, 0.6, 0.8], atol=1e-15)  # forces at the beginning of each step
-
-
-class Ramp:
-    """A force that is as large as the time."""
-
-    are_constant, constant = False, np.zeros(1)
-
-    def __call__(self, t: float, y: Array, dy: Array) -> Array:
-        return np.array([t])
 
 
 class Recorder:
@@ -198,4 +188,4 @@ def test_free_bodies_are_given_the_linkages_forces_without_gravity() -> None:
     mechanism = load("four_bar", "torque")
     q, v = mechanism.q0, mechanism.v0 + 1.0
     own = Evaluator(mechanism).applied
-    np.testing.assert_allclose(BodyForces(mechanism)(0.0, q, v), own.generalised(q, v, 0.0) - own.gravity, atol=1e-15)
+    np.testing.assert_allclose(body_forces(mechanism)(0.0, q, v), own.generalised(q, v, 0.0) - own.gravity, atol=1e-15)
