@@ -5,7 +5,7 @@ from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.translate import World, forces_of
-from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
+from gauss_bench.engines.programs import force_numbers, write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.mechanism.model import Mechanism
@@ -73,4 +73,4 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
     numbers = force_numbers(forces, mechanism, tree)
     numbers |= {"ERP": options["erp"], "CFM": options["cfm"], "FASTEST": options["max_error_reduction_velocity"]}
-    return write_tree_program(mechanism, tree, choice, Parts(["import dartpy"], numbers, script.lines, RUN))
+    return write_tree_program(mechanism, tree, choice, imports=["import dartpy"], numbers=numbers, model=script.lines, run=RUN)

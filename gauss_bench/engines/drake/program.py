@@ -6,7 +6,7 @@ from typing import Any
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.stepping import LONGEST_STEP
 from gauss_bench.engines.drake.translate import MODULES, Built, Closure
-from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
@@ -62,4 +62,6 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
         if accuracy is not None:
             script.lines.append(f"integrator.set_target_accuracy({accuracy!r})")
     imports = [f"import {module} as drake_{name}" for name, module in MODULES.items()]
-    return write_tree_program(mechanism, tree, choice, Parts(imports, {"MOTORS": built.motors}, script.lines, RUN))
+    return write_tree_program(
+        mechanism, tree, choice, imports=imports, numbers={"MOTORS": built.motors}, model=script.lines, run=RUN
+    )

@@ -5,7 +5,7 @@ from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.translate import Built
-from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
@@ -62,4 +62,4 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str
         further.append(f"manager.setIntegratorConstraintTolerance({tolerance!r})")
     run = RUN.replace("$METHOD", method).replace("$FURTHER", "".join(f"    {line}\n" for line in further))
     numbers = {"ACCURACY": accuracy or options["accuracy"]}
-    return write_tree_program(mechanism, tree, choice, Parts(["import opensim"], numbers, script.lines, run))
+    return write_tree_program(mechanism, tree, choice, imports=["import opensim"], numbers=numbers, model=script.lines, run=run)
