@@ -16,7 +16,7 @@ from gauss_bench.api.program_error import ProgramFailed, read_rows, run_python
 from gauss_bench.engines import environment_of, get
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.engines.programs import coordinates, plan, rates
-from gauss_bench.engines.transcript import Script, python
+from gauss_bench.engines.transcript import python
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.programs import run_there
@@ -40,11 +40,9 @@ def write(
 
 
 @pytest.fixture
-def adapters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def adapters(engines: Path) -> None:
     """The adapters by name, though no environment is installed."""
-    path = tmp_path / "engines.toml"
-    path.write_text("".join(f'[{name}]\npython = "{sys.executable}"\n' for name in LIBRARIES), encoding="utf-8")
-    monkeypatch.setenv("GAUSS_BENCH_ENGINES", str(path))
+    engines.write_text("".join(f'[{name}]\npython = "{sys.executable}"\n' for name in LIBRARIES), encoding="utf-8")
 
 
 def list_undefined(text: str) -> set[str]:
@@ -100,16 +98,6 @@ def test_what_no_program_holds_is_refused_with_the_reason() -> None:
     ):
         with pytest.raises(RunFailure, match=words):
             write(engine, load(name), settings)
-
-
-def test_calls_are_recorded_with_what_is_added_divided_and_indexed() -> None:
-    script = Script({"pair": "pair_"})
-    library = script.stand_in("library")
-    joint = library.pair(None)[0]
-    assert python(joint.start() + 2) == "pair_1[0].start() + 2"
-    assert python(3.0 / script.stand_in("step")) == "3.0 / step"
-    assert python(np.array([joint.start() + 1])) == "np.array([pair_1[0].start() + 1])"
-    assert script.lines == ["pair_1 = library.pair(None)"]
 
 
 def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:

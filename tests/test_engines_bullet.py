@@ -38,15 +38,6 @@ def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_
     assert "accelerations off by" in run.message
 
 
-@pytest.mark.usefixtures("elsewhere")
-@pytest.mark.parametrize("settings", ["default", "bodies/50"])
-def test_two_runs_are_the_same_bit_for_bit(settings: str) -> None:
-    runs = [gauss_bench.simulate("four_bar", "bullet", "torque", settings, at=[0.0, 0.1, 0.2]) for _ in range(2)]
-    for link, curves in runs[0].links.items():
-        for key, values in curves.items():
-            np.testing.assert_array_equal(runs[1].links[link][key], values)
-
-
 @pytest.mark.parametrize("name", ["crank_slider", "shaper", "swinging_block", "loaded", "puck", "everything"])
 def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name: str, rng: np.random.Generator) -> None:
     mechanism = everything() if name == "everything" else linkage(name)

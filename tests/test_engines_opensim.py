@@ -14,13 +14,13 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import compare_joint_forces, joint_forces
-from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs import questions
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 from tests.conftest import redundant
+from tests.engine_runs import certified
 
 ENGINE = "opensim"
 FINDING = Path(__file__).parents[1] / "reports" / "findings" / "opensim_redundant_rows.py"
@@ -55,10 +55,9 @@ def test_the_finding_on_redundant_rows_is_as_told(elsewhere: str) -> None:
     assert max(map(abs, accelerations[6:])) < 0.01
 
 
-def certified(mechanism: Mechanism) -> Trajectory:
+def certified_states(mechanism: Mechanism) -> Trajectory:
     """Return all states of a mechanism's certified motion, over one second at most."""
-    reference = find_certified(mechanism, min(mechanism.duration, 1.0))
-    assert reference is not None
+    reference = certified(mechanism, min(mechanism.duration, 1.0))
     return Trajectory(reference.t, reference.q, reference.v, reference.a, None)
 
 
@@ -91,7 +90,7 @@ EXACT = 1e-12  # relative to the largest
 @pytest.mark.parametrize(("name", "scenario", "settings"), FORCED)
 def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name: str, scenario: str, settings: str) -> None:
     mechanism = load(name, scenario)
-    states = certified(mechanism)
+    states = certified_states(mechanism)
     told = told_forces(mechanism, settings, states)
     assert np.isfinite(told).all()
     error, largest = compare_joint_forces(Evaluator(mechanism), states, told)
@@ -101,8 +100,8 @@ def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name: str
 @pytest.mark.usefixtures("elsewhere")
 def test_forces_that_redundant_rows_leave_undetermined_are_not_told() -> None:
     parallelogram, doubled = load("parallelogram", "torque"), redundant()  # a four-bar whose last pin stands there twice
-    assert np.isnan(told_forces(parallelogram, "default", certified(parallelogram))).all()
-    states = certified(load("four_bar", "torque"))
+    assert np.isnan(told_forces(parallelogram, "default", certified_states(parallelogram))).all()
+    states = certified_states(load("four_bar", "torque"))
     told, true = told_forces(doubled, "default", states), joint_forces(Evaluator(doubled), states)
     assert np.isnan(told[:, 3:]).all()
     sure = np.array([[x["fx"], x["fy"], x["moment"]] for x in true.values()]).transpose(2, 0, 1)[:, :3]

@@ -20,7 +20,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import USERS_CACHE, exhaustive, needs
-from tests.engine_runs import relative_error
+from tests.engine_runs import moved, relative_error
 from tests.test_engines_pinocchio import made
 
 needs("pinocchio")
@@ -57,12 +57,8 @@ def test_accelerations_of_the_compiled_loop_are_those_of_calls_from_python(name:
 @pytest.mark.parametrize("stabilization", ["none", "baumgarte"])
 @pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
 def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: str, stabilization: str) -> None:
-    runs = []
-    for model in pair(load("five_bar"), integrator, stabilization, step=0.01):
-        model.prepare(np.array([0.0, 0.013, 0.2, 0.21, 0.5]))
-        model.run()
-        runs.append(model.read())
-    python, own_loop = runs
+    models = pair(load("five_bar"), integrator, stabilization, step=0.01)
+    python, own_loop = (moved(model, [0.0, 0.013, 0.2, 0.21, 0.5]) for model in models)
     assert np.abs(np.array([python.q, python.v, python.a]) - np.array([own_loop.q, own_loop.v, own_loop.a])).max() < 1e-8
     assert python.steps == own_loop.steps
     assert 0.9 * python.evaluations < own_loop.evaluations <= python.evaluations  # scipy evaluates the ends of refused steps too

@@ -6,7 +6,6 @@ The releases are stand-ins: one small engine with a library of one number, in en
 import hashlib
 import math
 import os
-import venv
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
@@ -17,7 +16,7 @@ import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.engines import FILE, bars, read_environments
-from gauss_bench.engines.installation import InstallationFault, interpreter_in
+from gauss_bench.engines.installation import InstallationFault
 from gauss_bench.reference.build import build_reference
 from gauss_bench.releases import asking, compare, costs, environments, library, probes
 from gauss_bench.releases.asking import Answers, distrust, read_accelerations
@@ -36,6 +35,7 @@ from gauss_bench.runs.worker import Worker
 from gauss_bench.tables import read_table
 from gauss_bench.verbs import releases as verb
 from tests.conftest import needs
+from tests.plugin import environment_with
 
 ADAPTER = '''
 from gauss_bench.engines.interpreted import Interpreted
@@ -78,19 +78,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
     """The releases of the stand-in: version -> release."""
     found = {}
     for version, factor in VERSIONS.items():
-        place = tmp_path_factory.mktemp("release") / f"twin-{version}"
-        venv.create(place, with_pip=False)
-        (site,) = place.glob("lib/python*/site-packages")
-        for part in ("numpy", "numpy.libs"):
-            if (there := Path(np.__file__).parents[1] / part).exists():
-                (site / part).symlink_to(there)
-        package = site / "twin"
-        package.mkdir()
         texts = {"adapter": ADAPTER, "release_cases": CASES, "__init__": ""}
         texts["number"] = f'VERSION, FACTOR = "{version}", {factor!r}\n'
-        for name, text in texts.items():
-            (package / f"{name}.py").write_text(text, encoding="utf-8")
-        found[version] = Release("twin", version, str(interpreter_in(place)), BY_VERSION)
+        files = {f"twin/{name}.py": text for name, text in texts.items()}
+        python = environment_with(files, tmp_path_factory.mktemp("release") / f"twin-{version}")
+        found[version] = Release("twin", version, str(python), BY_VERSION)
     return found
 
 
