@@ -7,8 +7,8 @@ from xml.etree.ElementTree import indent, tostring
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.document import write_document
 from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import compile_model
 from gauss_bench.engines.mjcf.settings import copy_to_evaluate
-from gauss_bench.engines.mjx.compiled import compile_model
 from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script
