@@ -19,6 +19,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.engines import ELSEWHERE, UnknownEngine, all_names, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.translate import joint_forces
+from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.translate import EXPLICIT, IMPLICIT, forces_of
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
 from gauss_bench.engines.newton import kernels
@@ -29,6 +30,7 @@ from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import USERS_CACHE, everything
 from tests.engine_runs import certified, linkage
 
@@ -226,3 +228,29 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - true.q[at, 3 * crank + 2])
     low, high = SHARE.get(engine, (0.9, 1.1))
     assert low * measured < error < high * measured
+
+
+# The messages that DART prints become failures
+
+
+@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.parametrize("engine", ["dart"])
+def test_a_run_that_blows_up_is_a_warning_of_one_sentence(engine: str) -> None:
+    run = gauss_bench.simulate("eight_bar", engine, "torque", "shut,lcp=PGS", at=[0.0, 1.0], step=1e-2)
+    assert run.status == "warning"
+    assert run.message.startswith("DART: Warning")
+    assert "\x1b" not in run.message
+
+
+def test_what_a_library_prints_is_a_failure_with_its_first_line_and_does_not_reach_the_streams(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Messages() as messages:
+        messages.check()
+        os.write(2, b"\x1b[1;33mWarning [X.cpp:1]\x1b[0m Non-finite\n" * 3)
+        os.write(1, b"and more\n")
+        with pytest.raises(RunFailure, match=r"^DART: Warning \[X.cpp:1\] Non-finite$") as caught:
+            messages.check()
+    assert caught.value.status is Status.WARNING
+    print("after")
+    assert capfd.readouterr() == ("after\n", "")

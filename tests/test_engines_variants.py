@@ -87,7 +87,7 @@ def test_a_variant_can_be_chosen_by_name_and_moves_the_linkage_as_all_do(engine:
     choice = offer(engine).choose(name, None, None, 1e-4)
     assert choice == Choice(name, variant.integrator, variant.stabilization, 1e-4)
     if variant.options.get("loop") == "compiled":
-        pytest.skip("it takes minutes to build: tests/test_engines_pinocchio_compiled.py")
+        pytest.skip("it takes minutes to build: tests/test_engines_pinocchio.py")
     assert get(engine).skip(mechanism, choice) is None
     end = ran(get(engine), mechanism, [0.0, 0.05], **vars(replace(choice, tolerance=1e-9))).q[-1]
     # the softest and least exact variants come this near; a wrong option moves nothing, or far
