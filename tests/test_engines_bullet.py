@@ -14,7 +14,7 @@ from gauss_bench.engines.bullet.accelerations import Accelerations
 from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
 from gauss_bench.engines.bullet.translate import body_forces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST, BodyWorld, TreeWorld, list_joints
-from gauss_bench.engines.shared import drivers_by_coordinate, open_tree, unit_speeds
+from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
 from gauss_bench.integrate.fixed_step import Stretch
 from gauss_bench.linkage.load import load
@@ -85,7 +85,7 @@ class StandIn:
         """Let velocities follow from the forces, and project them onto those that closures and motors allow: J v = b."""
         tree, own = self.tree, open_tree(self.evaluator, self.tree, self.y, self.dy)
         v = self.dy + self.h * np.linalg.solve(own.mass, own.forces)
-        speeds = unit_speeds(tree, self.y)  # (n, 3 links)
+        speeds = tree.unit_speeds(self.y)  # (n, 3 links)
         rows = [self.evaluator.constraints(0.0, own.q, 0 * own.q).J[: self.joint_rows] @ speeds.T]
         rows += [np.eye(tree.n)[[joint]] for joint in self.rates]
         J, b = np.vstack(rows), np.concatenate([np.zeros(self.joint_rows), [*self.rates.values()]])

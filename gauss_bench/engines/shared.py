@@ -194,16 +194,11 @@ class OpenTree:
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
     """Evaluate the suite's own equations of motion of the tree at a tree state y, dy (n,) and t = 0; loops may be open."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
-    speeds = unit_speeds(tree, y)
+    speeds = tree.unit_speeds(y)
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     gaps = measure_gaps(closing_pins(tree), lambda point: position(q, point))
     load = float(np.abs(Q).max() + np.abs(inertial).max())
     return OpenTree(q, (speeds * evaluator.mass) @ speeds.T, speeds @ (Q - inertial), load, gaps)
-
-
-def unit_speeds(tree: Tree, y: Array) -> Array:
-    """Return V^T (n, 3 links): row k holds the absolute speeds if tree rate k is 1 and all others are 0, at y (n,)."""
-    return tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n))).v
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:

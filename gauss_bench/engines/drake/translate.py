@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, measure_gaps, open_tree, spatial, unit_speeds
+from gauss_bench.engines.shared import closing_pins, measure_gaps, open_tree, spatial
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
 from gauss_bench.mechanism.coordinates import velocity
@@ -293,7 +293,7 @@ class Built:
         tree, twist = self.tree, np.zeros(3)
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
-        speeds = unit_speeds(tree, y)  # (n, 3 links)
+        speeds = tree.unit_speeds(y)  # (n, 3 links)
         q = np.tile(own.q, (tree.n, 1))  # the same positions with each unit speed of a tree coordinate
         for a, b in closing_pins(tree):
             # relative velocity (n, 2) of the pin's ends at the unit speeds: the transposed Jacobian of the gap
