@@ -9,6 +9,8 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
+PARTS = ("body", "jnt", "site", "eq", "tendon", "actuator", "key", "geom", "sensor")  # kinds, as in names of MuJoCo's fields
+
 
 class DoesNotCompile(ValueError):
     """MuJoCo rejects a document; the message is MuJoCo's."""
@@ -29,7 +31,7 @@ class Compiled:
     inertia: Array
 
     def names(self, kind: str) -> list[str]:
-        """Return the names of all parts of a kind, such as "jnt" or "eq" in names of MuJoCo's fields; some names are empty."""
+        """Return the names of all parts of a kind of PARTS; a part without a name has an empty one."""
         stored = self.model.names  # the names of all kinds in one text, each followed by a null
         return [stored[k : stored.index(b"\0", k)].decode() for k in getattr(self.model, f"name_{kind}adr")]
 
