@@ -14,11 +14,10 @@ from gauss_bench.engines.minimal.equation import Equation
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import needs
-from tests.engine_runs import changed, linkage, open_by, ran, relative_error
+from tests.engine_runs import certified, changed, linkage, open_by, ran, relative_error
 
 ENGINE = Minimal()
 LINKAGES = [("crank_slider", "paper"), ("four_bar", "torque"), ("six_bar", "torque"), ("shaper", "torque"), ("jansen", "walk")]
@@ -62,8 +61,7 @@ def test_accelerations_are_those_of_the_linkage(name: str, scenario: str | None)
 @pytest.mark.parametrize(("name", "scenario"), LINKAGES)
 def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
-    exact = find_certified(mechanism, 0.5)
-    assert exact is not None
+    exact = certified(mechanism, 0.5)
     found = ran(ENGINE, mechanism, exact.t, integrator="dop853_fixed", step=5e-4)
     allowed = 1e-11 + exact.error_q.max() + exact.floor_q.max()
     assert np.abs(found.q - exact.q).max() < 10 * allowed
