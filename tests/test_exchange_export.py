@@ -18,8 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gauss_bench
-from gauss_bench.advice.recommending import Recommender, Searched
-from gauss_bench.advice.truth import NoTruth
+from gauss_bench.advice.recommending import Recommender
+from gauss_bench.advice.truth import NoTruth, Truth
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -223,7 +223,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: 
     pytest.importorskip("casadi")
     search = Recommender.search
 
-    def known_for_a_second(recommender: Recommender) -> Searched:
+    def known_for_a_second(recommender: Recommender) -> Truth:
         if recommender.run.until > 1.0:
             raise NoTruth("nobody knows")
         return search(recommender)
@@ -236,7 +236,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: 
     assert found.tuning.until == 5.0 / 16
     assert "Measured over 0.3125 s" in file.read_text()
 
-    def known_never(recommender: Recommender) -> Searched:
+    def known_never(recommender: Recommender) -> Truth:
         raise NoTruth("nobody knows")
 
     monkeypatch.setattr(Recommender, "search", known_never)
