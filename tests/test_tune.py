@@ -37,9 +37,8 @@ def largest_error(model: Path, until: float) -> float:
     run = get("gauss").build(true, Choice("default", "rk4"))
     run.prepare(rows[:, 0])
     run.run()
-    return float(
-        np.linalg.norm(run.read().q.reshape(len(rows), -1, 3)[..., :2] - rows[:, 1:-1].reshape(len(rows), -1, 2), axis=2).max()
-    )
+    places = run.read().q.reshape(len(rows), -1, 3)[..., :2]
+    return float(np.linalg.norm(places - rows[:, 1:-1].reshape(places.shape), axis=2).max())
 
 
 @pytest.fixture(scope="module")
