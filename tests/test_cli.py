@@ -68,15 +68,6 @@ def test_times_off_the_step_grid_are_met_exactly(capsys: pytest.CaptureFixture[s
     assert np.abs(np.subtract(found["links"]["crank"]["theta"], exact["links"]["crank"]["theta"])).max() < 1e-6
 
 
-def test_a_run_that_fails_is_told_and_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
-    found = said(capsys, "simulate", "crank_slider", "--engine", "yuan_ge_eq16", "--dt", "0.01", "--at", "1", "--json", code=1)
-    assert found["status"] == "nan"
-    assert "smaller step" in found["message"]
-    assert found["t"] == [pytest.approx(found["metrics"]["until"])]  # as far as it came
-    assert 0.0 < found["t"][0] < 1.0
-    assert found["metrics"]["position_drift"] > 1e-2
-
-
 @pytest.mark.parametrize("asked", REFUSED)
 def test_what_cannot_be_asked_ends_with_2_is_told_and_writes_nothing(
     asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -18,7 +18,7 @@ FULL = Path("/dev/full")
 def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
     command = [sys.executable, "-m", "gauss_bench", *arguments]
-    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False, **given)  # type: ignore[call-overload]
+    return subprocess.run(command, text=True, timeout=120, check=False, **{"stderr": subprocess.PIPE} | given)  # type: ignore[call-overload]
 
 
 @pytest.mark.long("kinematics")
@@ -43,10 +43,8 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
 def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
     if not FULL.exists():
         pytest.skip("this system has no /dev/full")
-    command = [sys.executable, "-m", "gauss_bench", *arguments]
     with FULL.open("w") as full:
-        ended = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=full, timeout=120, check=False)
-    assert ended.returncode == code
+        assert run_apart(arguments, stdout=subprocess.DEVNULL, stderr=full).returncode == code
 
 
 def test_help_and_pages_list_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
