@@ -42,13 +42,10 @@ from tests.conftest import DATA, exhaustive
 
 END, STEP = 0.2, 1e-3
 QUICK = [("five_bar/spring", "exudyn"), ("four_bar/cycloid", "c")]
-SLOW = [("five_bar/spring", "mujoco"), ("five_bar/spring", "pinocchio")]
-SLOW += [("four_bar/cycloid", kind) for kind in ("pinocchio", "exudyn", "casadi")]
-SLOW += [(name, kind) for name in ("jansen/walk", "shaper/torque") for kind in KINDS]  # loops in loops and forces; a moving guide
-SLOW += [("parallelogram", kind) for kind in ("mujoco", "pinocchio", "exudyn")]
-SLOW += [("excavator", kind) for kind in ("exudyn", "casadi", "c")]
-SLOW += [("sleigh", "c"), ("pendulums_13", "c"), ("n_four_bar_7", "mujoco"), (str(DATA / "loaded.toml"), "pinocchio")]
-SLOW += [(str(DATA / "all_kinds.toml"), kind) for kind in ("exudyn", "pinocchio")]
+SLOW = [(name, kind) for name in ("jansen/walk", "shaper/torque") for kind in KINDS]  # loops in loops and forces; a moving guide
+SLOW += [(name, "mujoco") for name in ("five_bar/spring", "parallelogram", "n_four_bar_7")]
+SLOW += [("four_bar/cycloid", "pinocchio"), ("excavator", "exudyn"), ("excavator", "casadi"), ("sleigh", "c")]
+SLOW += [(str(DATA / name), "pinocchio") for name in ("loaded.toml", "all_kinds.toml")] + [(str(DATA / "all_kinds.toml"), "exudyn")]
 PLAIN_MUJOCO = DATA / "plain_mujoco.txt"
 
 

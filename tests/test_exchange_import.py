@@ -2,7 +2,6 @@
 
 import tomllib
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
@@ -41,13 +40,9 @@ def acceleration(mechanism: Mechanism) -> Array:
     return model.acceleration(0.0, mechanism.q0, mechanism.v0).reshape(-1, 3)
 
 
-def own_model(text: str) -> Any:
-    return mujoco.MjModel.from_xml_string(text)
-
-
 def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
     """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
-    plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
+    plane, model = plane_of(from_mjcf(read_xml(file), file)), mujoco.MjModel.from_xml_string(text)
     if rigid:
         model.opt.tolerance, model.opt.iterations = 0.0, 5
         model.eq_solimp[:] = [0.9999, 0.9999, 0.001, 0.5, 2.0]

@@ -24,11 +24,6 @@ from tests.conftest import DATA, needs
 FOUR_BAR = DATA / "four_bar_default.xml"
 
 
-def lines_changed(before: str, after: str) -> list[str]:
-    """Return the lines that are in the second text alone."""
-    return [x[1:] for x in difflib.ndiff(before.splitlines(), after.splitlines()) if x.startswith("+ ")]
-
-
 def largest_error(model: Path, until: float) -> float:
     """Return how far [m] a link of a model, stepped in MuJoCo alone, comes from where the equations of the four-bar have it."""
     heading, rows = rows_of(python_alone(DATA / "plain_mujoco.txt", model, until, 1, 0, 2))
@@ -56,7 +51,8 @@ def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_att
     assert found.succeeded
     assert found.errors["position"] <= 0.5e-4 < found.before["position"]
     assert largest_error(out, 0.5) < 1e-4 < largest_error(FOUR_BAR, 0.5)
-    option, closure = lines_changed(FOUR_BAR.read_text(), out.read_text())
+    changes = difflib.ndiff(FOUR_BAR.read_text().splitlines(), out.read_text().splitlines())
+    option, closure = (x[1:] for x in changes if x.startswith("+ "))
     assert {*found.changed} == {"integrator", "solref", "solimp", "tolerance"}
     assert option == '   <option timestep="0.001" gravity="0 0 -9.81" integrator="RK4" tolerance="1e-15"/>'
     assert closure.startswith('     <connect name="top" body1="coupler" body2="rocker" anchor="0.3 0 0.2" solref="0.002 1.0"')
