@@ -4,19 +4,25 @@ import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
+T = TypeVar("T")
 PART = ".part"  # ending of incomplete files; only a killed process leaves one behind
 
 
-def atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Call `write` with a temporary path in the folder of `path`, then rename that file to `path`; if it fails, remove the file."""
+def atomically(path: Path, write: Callable[[Path], T]) -> T:
+    """Call `write` with a temporary path in the folder of `path`, rename that file to `path`, and return the result of `write`.
+
+    If it fails, the file is removed.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{PART}")
     try:
-        write(part)
+        result = write(part)
         with part.open("rb") as file:
             os.fsync(file.fileno())
         part.replace(path)
+        return result
     finally:
         part.unlink(missing_ok=True)
 

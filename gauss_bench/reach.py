@@ -108,10 +108,6 @@ class Reach:
     within: str = ""
 
     @property
-    def holds(self) -> bool:
-        return self.kind in (Kind.TIMED, Kind.UNTIMED)
-
-    @property
     def words(self) -> str:
         """The answer in words, such as "not reached within 60 s; order 4.0 extrapolates to 21,000 steps"."""
         answer, is_timed = str(self.kind), math.isfinite(self.seconds)

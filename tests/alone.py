@@ -11,6 +11,7 @@ import numpy as np
 from gauss_bench.engines.c_code import compiler
 from gauss_bench.terms import Array
 from tests.bare import ENVIRONMENT
+from tests.conftest import needs
 
 LIMIT = 300.0
 BLOCKED = """
@@ -25,6 +26,13 @@ sys.meta_path.insert(0, Blocker())
 sys.argv = sys.argv[1:]
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
+
+
+def needs_kind(kind: str) -> None:
+    """Skip a test of exported files of a kind if its library or compiler is missing."""
+    needs("llvmlite" if kind == "c" else kind)
+    if kind == "c":
+        needs("cc", "gcc", "clang")
 
 
 def output_of(*command: object, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:

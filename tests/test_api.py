@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import gauss_bench
-from gauss_bench import judge as judging
 from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
 from gauss_bench.cli import main
@@ -18,7 +17,6 @@ from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.judge import Subject, completeness, examine, judge
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.metrics import Drift
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
@@ -92,32 +90,6 @@ def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run:
     assert "5 of 201 samples" in verdicts[0].sentence
 
 
-def test_each_limit_of_the_judge_holds_from_both_sides(run: tuple[Evaluator, Trajectory]) -> None:
-    evaluator, trajectory = run
-    plain = vars(examine(evaluator, trajectory, None, 0.0)) | {"size": 0.5, "energy_scale": 10.0, "energy_bar": 0.02}
-    still = np.zeros(201)
-
-    def subjects(**found: object) -> list[Subject]:
-        return [x.subject for x in judge(judging.Evidence(**plain | found)).objections]  # type: ignore[arg-type]
-
-    def gap(x: float) -> Drift:
-        return Drift(still + x, still, still)
-
-    def errors(length: float, angle: float) -> object:
-        lengths, angles = np.full((201, 3), length), np.full((201, 3), angle)
-        return judging.metrics.Errors(still, still, lengths, angles, still, still, still)
-
-    for within, beyond, objections in (
-        ({"acceleration_error": 0.9e-2}, {"acceleration_error": 1.1e-2}, [Subject.MODEL]),
-        ({}, {"acceleration_error": float("nan")}, [Subject.MODEL]),
-        ({"drift": gap(4.9e-3)}, {"drift": gap(5.1e-3)}, [Subject.LOOPS]),
-        ({"drift": gap(0.9e-2), "size": 20.0}, {"drift": gap(1.1e-2), "size": 20.0}, [Subject.LOOPS]),
-        ({"energy": still - 0.11}, {"energy": still - 0.13}, [Subject.ENERGY]),
-        ({"errors": errors(0.024, 0.049)}, {"errors": errors(0.026, 0.051)}, [Subject.MOTION] * 2),
-    ):
-        assert (subjects(**within), subjects(**beyond)) == ([], objections)
-
-
 def test_simulate_does_not_call_ok_what_may_not_be_used(capsys: pytest.CaptureFixture[str]) -> None:
     control = gauss_bench.simulate("four_bar", "yuan_ge_eq16", at=[0.1])
     assert (control.status, control.valid, control.objections[0].subject) == (Status.INVALID, False, Subject.MODEL)
@@ -132,16 +104,11 @@ def test_simulate_does_not_call_ok_what_may_not_be_used(capsys: pytest.CaptureFi
 def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> None:
     import gauss_bench.kinematics.motion  # a room of the same name does not hide the function
 
-    assert {"simulate", "compare", "kinematics", "certify", "compile_kernel", "Kernel"} <= set(gauss_bench.__all__)
     assert all(callable(getattr(gauss_bench, name)) for name in gauss_bench.__all__ if name != "__version__")
     run = gauss_bench.simulate("four_bar", "gauss", at=[0.1])
     assert run.valid
     assert run["status"] == run.status == "ok"
     assert json.loads(run.to_json())["links"].keys() == run.links.keys()
-    found = gauss_bench.kinematics("jansen", intervals=2)
-    assert found.observed["links"]
-    assert found.link_types["crank"]
-    assert found.branch_changes == []
 
 
 def test_a_driver_starts_where_the_scenario_does(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from gauss_bench.runs.one_run import receive, sampling
 from gauss_bench.runs.worker import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.trajectory import Samples, Status
 from tests.conftest import needs
+from tests.plugin import installed
 
 PLUGIN = '''
 import __main__ as answers  # the worker, which writes them
@@ -113,15 +114,10 @@ EXPECTED = {"judges": "invalid", "pickles": "crashed", "floods": "crashed", "fin
 def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where code that came through the pipe would leave a file; the engines above are installed meanwhile."""
     folder = tmp_path_factory.mktemp("plugin")
-    (folder / "hostile.py").write_text(PLUGIN.replace("MARK", repr(str(folder / "mark"))), encoding="utf-8")
-    made = folder / "hostile-1.0.dist-info"
-    made.mkdir()
-    (made / "METADATA").write_text("Metadata-Version: 2.1\nName: hostile\nVersion: 1.0\n", encoding="utf-8")
-    points = "".join(f"{x} = hostile:{x.capitalize()}\n" for x in NAMES)
-    (made / "entry_points.txt").write_text(f"[gauss_bench.engines]\n{points}", encoding="utf-8")
+    environment = installed(folder, PLUGIN.replace("MARK", repr(str(folder / "mark"))), NAMES)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
-        patch.setenv("PYTHONPATH", f"{Path(__file__).parents[1]}:{folder}")
+        patch.setenv("PYTHONPATH", environment["PYTHONPATH"])
         yield folder / "mark"
 
 

@@ -1,7 +1,6 @@
 """Outputs of the command: closed and full streams, characters that a stream lacks, and files that must not be replaced."""
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +18,7 @@ FULL = Path("/dev/full")
 def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
     command = [sys.executable, "-m", "gauss_bench", *arguments]
-    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False, **given)  # type: ignore[call-overload]
+    return subprocess.run(command, text=True, timeout=120, check=False, **{"stderr": subprocess.PIPE} | given)  # type: ignore[call-overload]
 
 
 @pytest.mark.long("kinematics")
@@ -44,10 +43,8 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
 def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
     if not FULL.exists():
         pytest.skip("this system has no /dev/full")
-    command = [sys.executable, "-m", "gauss_bench", *arguments]
     with FULL.open("w") as full:
-        ended = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=full, timeout=120, check=False)
-    assert ended.returncode == code
+        assert run_apart(arguments, stdout=subprocess.DEVNULL, stderr=full).returncode == code
 
 
 def test_help_and_pages_list_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,43 +99,38 @@ def test_a_time_that_is_none_is_bad_input(monkeypatch: pytest.MonkeyPatch, capsy
     assert "SOURCE_DATE_EPOCH='abc' in the environment: it must be a whole number of seconds" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "call",
-    [["export", "--engine", "c"], ["certify", "--until", "0.01"]],
-    ids=lambda x: x[0],
-)
-@pytest.mark.parametrize("spelling", ["itself", "a link to it", "another toml"])
-def test_no_verb_writes_over_what_it_reads_or_over_another_kind_of_file(
-    call: list[str], spelling: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    linkage, out = tmp_path / "four_bar.toml", tmp_path / "four_bar.toml"
-    shutil.copy(FOUR_BAR, linkage)
-    if spelling == "a link to it":
-        out = tmp_path / "link.c"
-        out.symlink_to(linkage)
-    if spelling == "another toml":
-        out = tmp_path / "pyproject.toml"
-        out.write_text("[project]\n", encoding="utf-8")
-    before = out.read_bytes()
-    assert main([*call, str(linkage), "--out", str(out), *(["--replace"] if call[0] == "export" else [])]) == 2
-    said = capsys.readouterr().err
-    assert "is the input" in said or "files of the same kind" in said
-    assert (linkage.read_bytes(), out.read_bytes()) == (FOUR_BAR.read_bytes(), before)
+LINKAGE = FOUR_BAR.read_bytes()
+CALLS = [
+    ["simulate", "--at", "0,0.01", "--out", "x.csv"],
+    ["simulate", "--at", "0,0.01", "--plot", "x.png"],
+    ["kinematics", "--out", "x.csv"],
+    ["show", "--svg", "x.svg"],
+    ["export", "--engine", "c", "--out", "x.c"],
+    ["certify", "--until", "0.01", "--out", "x.npz"],
+]
 
 
-def test_no_picture_takes_the_place_of_the_linkage_that_it_shows_or_of_a_link(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("call", CALLS, ids=lambda x: f"{x[0]} {x[-1]}")
+def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_link(
+    call: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    linkage = shutil.copy(FOUR_BAR, tmp_path)
-    for target, words, replace in (
-        (linkage, "is the input", ["--replace"]),
-        (tmp_path / "gone.svg", "--replace writes over it", []),
-    ):
-        link = tmp_path / f"{Path(target).stem}_link.svg"
-        link.symlink_to(target)
-        assert main(["show", str(linkage), "--svg", str(link), *replace]) == 2
-        assert words in capsys.readouterr().err
-        assert link.is_symlink()
+    """The file is a link to the linkage that is read, another linkage with the ending of the kind, or a link to nothing."""
+    monkeypatch.chdir(tmp_path)
+    source, file = Path("four_bar.toml"), Path(call[-1])
+    source.write_bytes(LINKAGE)
+    held = {"four_bar.toml": "is the input", "": f"and no {file.suffix} file", "gone": "--replace writes over it"}
+    for target, words in held.items():
+        if target:
+            file.symlink_to(target)
+        else:
+            file.write_bytes(LINKAGE)
+        if call[0] != "certify" or target != "gone":  # certificates are replaced without being asked
+            replace = ["--replace"] if call[0] != "certify" and target != "gone" else []
+            assert main([call[0], str(source), *call[1:], *replace]) == 2
+            assert words in capsys.readouterr().err
+        assert source.read_bytes() == LINKAGE
+        assert file.is_symlink() if target else file.read_bytes() == LINKAGE
+        file.unlink()
 
 
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:
@@ -149,93 +141,58 @@ def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Pa
         writable(old, False, suffix=".c")
 
 
-LINKAGE = FOUR_BAR.read_bytes()
-CONTENTS = {
-    ".csv": b"t [s],x [m]\n0,1\n",
-    ".svg": b'<?xml version="1.0"?>\n<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN">\n<svg/>\n',
-    ".html": b"<!doctype html>\n<html><svg/></html>",
-    ".xml": b'<mujoco model="x"><!-- svg --></mujoco>',
-    ".png": b"\x89PNG\r\n",
-    ".gif": b"GIF89a",
-    ".npz": b"PK\x03\x04",
-    ".toml": LINKAGE,
-    ".c": b"/* Model, of a linkage */\nint x[3];\n",
-    ".py": b'"""One linkage: python FILE, prints t."""\nx = [1]\n',
-}
+CONTENTS = [  # ending of a kind, and how its files begin; an empty file may be of any kind
+    (".csv", b"t [s],x [m]\n0,1\n"),
+    (".svg", b'<?xml version="1.0"?>\n<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN">\n<svg/>\n'),
+    (".svg", b'\n<?xml version="1.0"?>\n<!-- by hand -->\n<svg>'),
+    (".html", b"<!doctype html>\n<html><svg/></html>"),
+    (".xml", b'<mujoco model="x"><!-- svg --></mujoco>'),
+    (".png", b"\x89PNG\r\n"),
+    (".gif", b"GIF89a"),
+    (".npz", b"PK\x03\x04"),
+    (".toml", LINKAGE),
+    (".c", b"/* Model, of a linkage */\nint x[3];\n"),
+    (".py", b'"""One linkage: python FILE, prints t."""\nx = [1]\n'),
+    ("", b""),
+]
 
 
-@pytest.mark.parametrize("suffix", CONTENTS)
-def test_the_first_bytes_of_a_file_tell_its_kind(suffix: str, tmp_path: Path) -> None:
-    file = tmp_path / f"x{suffix}"
-    for content, first in CONTENTS.items():
-        file.write_bytes(first)
-        is_program = content in (".c", ".py")  # programs begin in any way, so their ending tells
-        assert is_of_kind(file, suffix) == (content == suffix or is_program)
+def test_the_first_bytes_of_a_file_tell_its_kind(tmp_path: Path) -> None:
+    for kind, first in CONTENTS:
+        (tmp_path / "x").write_bytes(first)
+        fits_all = kind in (".c", ".py", "")  # programs begin in any way, so their ending tells
+        assert all(is_of_kind(tmp_path / "x", suffix) == (kind == suffix or fits_all) for suffix, _ in CONTENTS), first
 
 
-def test_pictures_begin_in_several_ways(tmp_path: Path) -> None:
-    file = tmp_path / "x.svg"
-    for start in (b"<svg>", b'\n<?xml version="1.0"?>\n<!-- by hand -->\n<svg>', b""):
-        file.write_bytes(start)
-        assert is_of_kind(file, ".svg")
+ATLAS = ["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9"]
+SWEEP = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01"]
+TAKEN = [(call, x) for x in ("README.md", "site/index.html") for call in (["run", "four_bar", "--report"], ["report"])]
+TAKEN += [(ATLAS, x) for x in ("index.html", "atlas.svg", "atlas.csv")]
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        ["simulate", "four_bar", "--at", "0,0.01", "--out", "x.csv"],
-        ["simulate", "four_bar", "--at", "0,0.01", "--plot", "x.png"],
-        ["kinematics", "four_bar", "--out", "x.csv"],
-        ["show", "four_bar", "--svg", "x.svg"],
-        ["export", "four_bar", "--engine", "c", "--out", "x.c"],
-    ],
-    ids=lambda x: f"{x[0]} {x[-1]}",
-)
-def test_a_linkage_with_the_ending_of_another_kind_is_not_replaced(
-    call: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("call", "name"), TAKEN, ids=lambda x: x if isinstance(x, str) else x[0])
+def test_no_verb_takes_the_place_of_a_page_or_picture_of_the_users(
+    call: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    file = Path(call[-1])
-    file.write_bytes(LINKAGE)
-    assert main([*call, "--replace"]) == 2
-    assert f"{file}: is there already, and no {file.suffix} file" in capsys.readouterr().err
-    assert file.read_bytes() == LINKAGE
-
-
-@pytest.mark.parametrize("page", ["README.md", "site/index.html"])
-def test_no_report_takes_the_place_of_a_page_of_the_users(page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / page).parent.mkdir(exist_ok=True)
-    (tmp_path / page).write_text("my own words", encoding="utf-8")
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("my own words", encoding="utf-8")
     (tmp_path / "site.css").write_text("", encoding="utf-8")
-    for call in (["run", "four_bar", "--report"], ["report"]):
-        assert main([*call, "--out", str(tmp_path)]) == 2
-        assert f"{tmp_path / page}: is there already, and gauss-bench did not write it" in capsys.readouterr().err
-    assert (tmp_path / page).read_text(encoding="utf-8") == "my own words"
-    assert not [*tmp_path.glob("*.csv")]
+    assert main([*call, "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path / name}: is there already, and gauss-bench did not write it" in capsys.readouterr().err
+    assert (tmp_path / name).read_text(encoding="utf-8") == "my own words"
+    assert {x.name for x in tmp_path.glob("*.*")} == {"site.css", *([] if "/" in name else [name])}
 
 
-@pytest.mark.parametrize("name", ["index.html", "atlas.svg", "atlas.csv"])
-def test_no_atlas_takes_the_place_of_a_file_of_the_users(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call = ["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--out", str(tmp_path)]
-    assert main(call) == 0
-    assert main(call) == 0, "its own files are written over"
-    (tmp_path / name).write_text("my own", encoding="utf-8")
-    capsys.readouterr()
-    assert main(call) == 2
-    assert f"{tmp_path / name}: is there already" in capsys.readouterr().err
-    assert (tmp_path / name).read_text(encoding="utf-8") == "my own"
+def test_an_atlas_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None:
+    for _ in range(2):
+        assert main([*ATLAS, "--out", str(tmp_path)]) == 0
 
 
 @pytest.mark.long
 def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "s"
-    call = [
-        *["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01", "--out"],
-        str(out),
-    ]
+    picture, call = tmp_path / "s" / "summary.svg", [*SWEEP, "--out", str(tmp_path / "s")]
     assert main(call) == 0
-    (out / "summary.svg").write_text("<svg>mine</svg>", encoding="utf-8")
-    capsys.readouterr()
+    picture.write_text("<svg>mine</svg>", encoding="utf-8")
     assert main(call) == 2
-    assert f"{out / 'summary.svg'}: is there already" in capsys.readouterr().err
-    assert (out / "summary.svg").read_text(encoding="utf-8") == "<svg>mine</svg>"
+    assert f"{picture}: is there already" in capsys.readouterr().err
+    assert picture.read_text(encoding="utf-8") == "<svg>mine</svg>"

@@ -87,18 +87,6 @@ def test_what_killed_processes_left_among_object_code_is_removed(tmp_path: Path,
     assert user_cache.load("first") == user_cache.load("second") == b"code"
 
 
-@pytest.mark.parametrize("verb", [["run", "four_bar", "--no-costs"], ["atlas"]])
-def test_folders_above_a_folder_of_results_are_not_invented(
-    tmp_path: Path, verb: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main([*verb, "--out", str(tmp_path / "typo" / "out")]) == 2
-    assert f"there is no folder {tmp_path / 'typo'}" in capsys.readouterr().err
-    (tmp_path / "file").write_text("mine")
-    assert cli.main([*verb, "--out", str(tmp_path / "file")]) == 2
-    assert "is a file" in capsys.readouterr().err
-    assert [x.name for x in tmp_path.iterdir()] == ["file"]
-
-
 RUN = [sys.executable, "-m", "gauss_bench", "run", "four_bar", "--suite", "gate", "--no-costs", "--until", "0.05"]
 SHORT = [*RUN[3:], "--engine", "gauss", "--steps", "0.01"]
 

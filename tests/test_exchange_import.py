@@ -1,15 +1,12 @@
 """Imported models have MuJoCo's masses, forces and accelerations, and a model that is no planar linkage is refused by name."""
 
-import json
 import tomllib
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.api import exchange
 from gauss_bench.cli import main
 from gauss_bench.engines import get
@@ -43,13 +40,9 @@ def acceleration(mechanism: Mechanism) -> Array:
     return model.acceleration(0.0, mechanism.q0, mechanism.v0).reshape(-1, 3)
 
 
-def own_model(text: str) -> Any:
-    return mujoco.MjModel.from_xml_string(text)
-
-
 def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
     """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
-    plane, model = plane_of(from_mjcf(read_xml(file), file)), own_model(text)
+    plane, model = plane_of(from_mjcf(read_xml(file), file)), mujoco.MjModel.from_xml_string(text)
     if rigid:
         model.opt.tolerance, model.opt.iterations = 0.0, 5
         model.eq_solimp[:] = [0.9999, 0.9999, 0.001, 0.5, 2.0]
@@ -82,14 +75,6 @@ def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp
     assert np.abs(own - seconds).max() < (1e-5 if loops else 1e-11) * max(1.0, np.abs(own).max())  # closures are nearly rigid
 
 
-def test_what_is_left_out_is_listed(tmp_path: Path) -> None:
-    found = import_file(UPRIGHT, "back")
-    for word in ("contacts of 1", "range of joint A", "control range of actuator drive", "1 sensors", "C was opening"):
-        assert any(word in x for x in found.left_out), word
-        assert any(word in line for line in found.text.splitlines() if line.startswith("#")), word
-    assert "This file is yours" in found.text
-
-
 def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "") -> str:
     """Return a small document: a body on a joint, with more elements in that body, in the world, and after the world."""
     body = f'<body name="b" pos="0.3 0 0"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
@@ -113,37 +98,6 @@ def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str,
     assert "\n" not in said
     for word in words:
         assert word in said, said
-
-
-@pytest.mark.long
-def test_the_verb_refuses_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, out = tmp_path / "model.xml", tmp_path / "my.toml"
-    file.write_text(model('type="ball"'))
-    assert main(["import", str(file), "--out", str(out)]) == 2
-    assert "a ball joint does not move in a plane" in capsys.readouterr().err
-    assert not out.exists()
-    assert main(["import", str(tmp_path / "none.xml"), "--out", str(out)]) == 2
-    assert "none.xml: cannot be read" in capsys.readouterr().err
-    assert main(["import", str(UPRIGHT), "--out", str(tmp_path / "my model.toml")]) == 2
-    assert "letters, digits and underscores" in capsys.readouterr().err
-    out.write_text("mine")
-    assert main(["import", str(UPRIGHT), "--out", str(out)]) == 2
-    assert out.read_text() == "mine"
-    assert {x.name for x in tmp_path.iterdir()} == {"model.xml", "my.toml"}
-
-
-@pytest.mark.long
-def test_the_verb_writes_a_linkage_that_every_other_verb_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "upright.toml"
-    assert main(["import", str(UPRIGHT), "--out", str(out), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["links"], found["dof"], found["kind"], found["name"]) == (3, 1, "MJCF", "upright")
-    assert main(["show", str(out)]) == 0
-    assert main(["simulate", str(out), "--at", "0.1"]) == 0
-    again = gauss_bench.import_model(UPRIGHT, out, replace=True)
-    assert again.left_out == tuple(found["left_out"])
-    assert main(["show", str(UPRIGHT)]) == 2
-    assert f"{UPRIGHT}: is XML, not a linkage file; `gauss-bench import" in capsys.readouterr().err
 
 
 def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
@@ -204,11 +158,6 @@ def test_what_a_urdf_may_not_have_is_refused(what: str, tmp_path: Path) -> None:
         assert word in str(caught.value), str(caught.value)
 
 
-def test_closures_are_for_urdf_alone() -> None:
-    with pytest.raises(ExchangeError, match="--close is for URDF"):
-        import_file(UPRIGHT, "back", CLOSE)
-
-
 SIZE, ASSET, SENSOR = "<mujoco>{}</mujoco>", "<mujoco><asset>{}</asset></mujoco>", "<mujoco><sensor>{}</sensor></mujoco>"
 COPIES = "<mujoco><worldbody>{}</worldbody></mujoco>"
 COPY = '<replicate count="{}"><body><joint axis="0 0 1"/><geom size="1"/></body></replicate>'
@@ -253,14 +202,3 @@ def test_a_hostile_file_ends_in_bounded_time(
     assert main(["import", str(file), "--out", str(tmp_path / "my.toml")]) == 2
     assert str(file) in capsys.readouterr().err
     assert not (tmp_path / "my.toml").exists()
-
-
-def test_a_pure_damping_of_a_joint_is_called_damping(tmp_path: Path) -> None:
-    joint = '<joint name="{0}" type="hinge" axis="0 0 1" {1}/><geom type="sphere" size="0.01" mass="1" pos="0.1 0 0"/>'
-    bodies = "".join(
-        f'<body name="of_{name}">{joint.format(name, of)}</body>'
-        for name, of in {"a": 'damping="0.1"', "b": 'stiffness="2"', "c": 'stiffness="2" damping="0.1"'}.items()
-    )
-    file = tmp_path / "model.xml"
-    file.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>", encoding="utf-8")
-    assert set(tomllib.loads(import_file(file, "back").text)["forces"]) == {"damping_a", "spring_b", "spring_c"}

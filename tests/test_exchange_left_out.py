@@ -16,7 +16,7 @@ from gauss_bench.exchange.unused import list_names
 from tests.conftest import DATA, needs
 
 mujoco = needs("mujoco")
-URDF = (DATA / "four_bar.urdf").read_text(encoding="utf-8")
+URDF, UPRIGHT = ((DATA / name).read_text(encoding="utf-8") for name in ("four_bar.urdf", "four_bar_xz.xml"))
 LEG = """<mujoco model="leg">
   <compiler angle="degree" autolimits="true"/>
   <option timestep="0.002" integrator="implicitfast" iterations="50"><flag multiccd="enable"/></option>
@@ -25,7 +25,7 @@ LEG = """<mujoco model="leg">
   <default>
     <geom type="capsule" size="0.006" density="1200"/>
     <joint type="hinge" axis="0 1 0" damping="0.002"/>
-    <default class="sprung"><joint stiffness="0.5" springref="20" damping="0"/></default>
+    <default class="sprung"><joint stiffness="0.5" springref="20" damping="0.1"/></default>
     <default class="free"><joint damping="0"/></default>
   </default>
   <asset><material name="steel"/></asset>
@@ -73,8 +73,10 @@ def edited(text: str, changes: dict[str, str], tmp_path: Path) -> Imported:
 
 
 @pytest.mark.slow
-@pytest.mark.long("urdf")
-@pytest.mark.parametrize(("text", "said"), [(LEG, NAMED), (URDF, ["Nothing is closed: "])], ids=["mjcf", "urdf"])
+@pytest.mark.long("urdf", "upright")
+@pytest.mark.parametrize(
+    ("text", "said"), [(LEG, NAMED), (URDF, ["Nothing is closed: "]), (UPRIGHT, ["C was opening"])], ids=["mjcf", "urdf", "upright"]
+)
 def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(
     text: str, said: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,6 +90,8 @@ def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(
         assert any(words in x for x in head), words
         assert any(words in x for x in printed.err.splitlines()), words
     assert all(f"not imported: {x}" in printed.err for x in answer["left_out"])
+    assert "This file is yours" in head[0]
+    assert main(["simulate", str(out), "--at", "0.01"]) == 0
 
 
 def test_an_open_urdf_says_so_and_its_example_closes_the_loop(tmp_path: Path) -> None:
@@ -151,7 +155,7 @@ def test_damping_of_a_default_class_is_a_pure_damping_and_stiffness_with_springr
     forces = forces_of(LEG, {}, tmp_path)
     assert forces["damping_crank_j"] == {"type": "joint_damping", "joint": "crank_j", "c": 0.002}
     assert set(forces) == {"damping_crank_j", "spring_rocker_j", "m"}
-    spring = {"type": "rotational_spring_damper", "links": ["ground", "rocker"], "k": 0.5, "c": 0.0}
+    spring = {"type": "rotational_spring_damper", "links": ["ground", "rocker"], "k": 0.5, "c": 0.1}
     assert forces["spring_rocker_j"] == spring | {"rest": pytest.approx(-np.radians(20.0))}
 
 

@@ -15,7 +15,6 @@ from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.imports import import_file
-from gauss_bench.exchange.own_model import OwnModel, own_linkage, setting_text
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism, PointForce, Torque
@@ -160,13 +159,3 @@ def test_forces_that_no_ctrl_changes_are_named_at_the_head(tmp_path: Path) -> No
     text = export_linkage(load_document(document), "mujoco", 1e-3).text
     assert "No ctrl changes turn: it moves nothing" in text
     assert "Motors: haul = -4 N, lift = 5 N." in text
-
-
-def test_a_files_own_model_has_the_motor_of_the_linkage_that_was_exported(tmp_path: Path) -> None:
-    four_bar, file = load("four_bar", "torque"), tmp_path / "four_bar.xml"
-    file.write_text(export_linkage(four_bar, "mujoco", 1e-3).text, encoding="utf-8")
-    own = own_linkage(file, "four_bar")
-    model = OwnModel().build(load_document(own.document), Choice(setting_text(file, {}), "", "none", 1e-3))
-    found = model.absolute(model.y0, model.dy0)[2]
-    wanted = get("gauss").build(four_bar, Choice("default", "rk4")).acceleration(0.0, four_bar.q0, four_bar.v0)
-    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()  # closures are soft

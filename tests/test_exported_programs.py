@@ -13,17 +13,15 @@ from gauss_bench.advice.truth import NoTruth
 from gauss_bench.api import program_error
 from gauss_bench.api.exchange import export
 from gauss_bench.cli import main
-from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.exchange import to_c
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, export_linkage
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.reference.certificate import find_certified
-from tests.alone import c_alone, python_alone, rows_of
+from tests.alone import c_alone, needs_kind, python_alone, rows_of
 from tests.conftest import DATA
 
-LIBRARY = {"pinocchio": "pinocchio", "exudyn": "exudyn", "casadi": "casadi", "c": "llvmlite"}
 PROGRAMS = [kind for kind in KINDS if KINDS[kind].is_program]
 GRIPPER = str(DATA / "gripper.toml")
 STATED = re.compile(r"Error: centres of mass are off by (\S+) m at most, angles by (\S+) rad at most")
@@ -39,12 +37,6 @@ REFUSED = {  # by the judge at 1 ms -> a step [s] that it accepts, or None
     ("squeezer", "casadi"): 1e-4,
     ("squeezer", "c"): 1e-4,
 }
-
-
-def needs(kind: str) -> None:
-    pytest.importorskip(LIBRARY[kind])
-    if kind == "c" and compiler() is None:
-        pytest.skip(NO_COMPILER)
 
 
 def run_alone(kind: str, file: Path) -> np.ndarray:
@@ -71,7 +63,7 @@ def assert_error_held(file: Path, kind: str, linkage: str) -> None:
 @pytest.mark.parametrize("kind", PROGRAMS)
 @pytest.mark.parametrize("linkage", built_in())
 def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage: str, kind: str, tmp_path: Path) -> None:
-    needs(kind)
+    needs_kind(kind)
     file = tmp_path / f"program{KINDS[kind].suffix}"
     if (linkage, kind) in CANNOT:
         with pytest.raises(ExchangeError, match="cannot become"):
@@ -91,7 +83,7 @@ def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage:
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["c", "casadi"])
 def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) -> None:
-    needs(kind)
+    needs_kind(kind)
     file = tmp_path / f"program{KINDS[kind].suffix}"
     found = export("four_bar", kind, file, scenario="torque", position=1e-5)
     assert not found.refused
@@ -104,7 +96,7 @@ def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    needs("c")
+    needs_kind("c")
     file = tmp_path / "crank_slider.c"
     call = ["export", "crank_slider", "--engine", "c", "--step", "0.02", "--out", str(file)]  # too coarse a step
     assert main(call) == 1
@@ -117,7 +109,7 @@ def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path: Path,
 
 @pytest.mark.slow
 def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    needs("c")
+    needs_kind("c")
     run = program_error.run_c
 
     def run_elsewhere(source: str, n: int):  # type: ignore[no-untyped-def]
@@ -163,7 +155,7 @@ def test_a_requirement_that_is_not_reached_leaves_no_file(
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4, 1e-5])
 def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step: float, tmp_path: Path) -> None:
-    needs("c")
+    needs_kind("c")
     with pytest.raises(ExchangeError, match=r"another on its way, at t = 0\.03\d* s for any step"):
         export_linkage(load(GRIPPER, "grip"), "c", step)
     closing = load(GRIPPER, "close")
@@ -176,7 +168,7 @@ def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step: float, tmp_pat
 
 @pytest.mark.slow
 def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    needs("c")
+    needs_kind("c")
     monkeypatch.setattr(to_c, "find_end", lambda *_: None)
     gripper, four_bar = tmp_path / "gripper.c", tmp_path / "four_bar.c"
     gripper.write_text(export_linkage(load(GRIPPER, "grip"), "c", 1e-3).text)

@@ -148,5 +148,3 @@ def test_a_schema_is_printed_by_name_and_an_unknown_name_is_refused(capsys: pyte
     printed = json.loads(capsys.readouterr().out)
     assert printed == formats.find_schema("simulate")
     assert printed["$defs"]["LinkState"]["properties"]["omega"]["description"] == "(k,) angular velocity [rad/s]"
-    assert main(["list", "--schema", "studio"]) == 2
-    assert "no schema 'studio'; there are linkage, suite, list" in capsys.readouterr().err

@@ -26,8 +26,7 @@ SECOND = ladder(100.0, 2.0, 1250, 2500, 5000, 10_000)  # 1e-6 m, exactly, at 10,
 def test_what_holds_was_timed_or_was_not() -> None:
     assert reach([SECOND], [MICRON]) == Reach(Kind.TIMED)
     untimed = reach([SECOND], [MICRON], "crashed: SIGSEGV")
-    assert (untimed.holds, untimed.words) == (True, "holds, not timed: crashed: SIGSEGV")
-    assert not reach([SECOND[:-1]], [MICRON]).holds
+    assert (untimed.kind, untimed.words) == (Kind.UNTIMED, "holds, not timed: crashed: SIGSEGV")
 
 
 def test_what_was_not_reached_tells_its_steps_its_order_and_where_it_would_hold() -> None:
@@ -66,9 +65,9 @@ def test_a_failed_run_is_not_reached_with_its_reason() -> None:
 
 def test_requirements_that_have_to_hold_together_do() -> None:
     exact, soft = ladder(100.0, 2.0, 20_000, force=1.0), ladder(1e6, 2.0, 20_000, force=1e-6)
-    assert reach([exact], [MICRON]).holds
-    assert reach([soft], [NEWTON]).holds
-    assert not reach([exact, soft], [MICRON, NEWTON]).holds
+    assert reach([exact], [MICRON]).kind is Kind.TIMED
+    assert reach([soft], [NEWTON]).kind is Kind.TIMED
+    assert reach([exact, soft], [MICRON, NEWTON]).kind is Kind.NOT_REACHED
 
 
 def test_what_has_no_model_is_told_from_what_the_machine_has_not() -> None:

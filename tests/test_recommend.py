@@ -23,7 +23,7 @@ from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, 
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.snippets import snippet
+from gauss_bench.exchange.export import snippet
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import Trial
@@ -105,7 +105,7 @@ def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(monkeypatch
         monkeypatch.setattr(Recommender, "_truth", lambda recommender, bars=bars: known(bars=bars))
         with recommending() as recommender:
             if serves:
-                assert recommender.search().truth.bars == bars
+                assert recommender.search().bars == bars
             else:
                 with pytest.raises(NoTruth, match="more than a tenth of the required 1e-06 m"):
                     recommender.search()
@@ -221,13 +221,10 @@ PASTED = [  # linkage, scenario, engine, settings, integrator, stabilisation, st
 ]
 PASTED_TOO = [
     ("crank_slider", "paper", "mujoco", "rigid_lean/2", "rk4", "none", 2e-3),
-    ("crank_slider", "paper", "pinocchio", "articulated/rk4/file order", "rk4", "none", 2e-3),
     ("crank_slider", "paper", "pinocchio", "one_drawn_shut", "dop853", "baumgarte", 1e-8),
     ("crank_slider", "paper", "casadi", "interpreted/dop853_fixed", "dop853_fixed", "none", 2e-3),
-    ("excavator", "dig", "exudyn", None, "generalized_alpha", "none", 2e-3),
-    *((ARM, "lift", x, None, "rk4", "none", 2e-3) for x in ("mujoco", "pinocchio")),
+    (ARM, "lift", "pinocchio", None, "rk4", "none", 2e-3),
     (ARM, "lift", "exudyn", None, "generalized_alpha", "none", 2e-3),
-    *(("four_bar", "cycloid", x, None, "rk4", "none", 2e-3) for x in ("mujoco", "pinocchio")),
 ]
 
 
@@ -370,19 +367,15 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
     """Each answer that recommendations give where nothing holds; the words are those of every page."""
     late, crashed = Trial(0.1, {}, 0, Status.TIMEOUT, "no answer within 6 s"), Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")
     refused = Trial(0.1, {}, 0, Status.SKIP, "no drivers")
-    near = [Trial(1 / n, {SHARE: 2e6 / n**2}, n) for n in (250, 500, 1000)]  # half of the requirement at 2000 steps
     no_turn = "not tried within the budget: it had no turn; a larger --budget helps"
     no_end = "not tried within the budget: no run ended in the 6 s that it had; a larger --budget helps"
     refusal = "not tried within the budget: the variants that had a turn refused (no drivers); a larger --budget helps"
     answers = [
         (no_turn, engine_with()),
         *((no_end, engine_with(late, *others)) for others in ((), (crashed,), (refused,))),
-        ("not reached in 1,000 steps; order 2.0 extrapolates to 2,000", engine_with(*near)),
         ("not reached in 10 steps", engine_with(Trial(0.1, {SHARE: 2.0}, 10), late)),
-        ("not reached in 20 steps: no run ended: SIGSEGV", engine_with(crashed)),
         (refusal, replace(engine_with(refused), left=variants(offer("gauss"))[:1])),
         ("cannot be modelled: no knife edge", engine_with(refused=(Status.SKIP, "no knife edge"))),
-        ("not tried: not installed: no package exudyn", engine_with(refused=(Status.SKIP, "not installed: no package exudyn"))),
         ("not tried: ImportError: broken", engine_with(refused=(Status.ERROR, "ImportError: broken"))),
     ]
     for words, engine in answers:

@@ -119,32 +119,6 @@ def test_a_file_of_odd_shape_is_refused_by_its_place(tmp_path: Path, capsys: pyt
     assert "scenarios: " in capsys.readouterr().err
 
 
-def without_crank(folder: Path) -> Path:
-    """Write the file of a bar on a pin without crank, observed points and drivers."""
-    document = {
-        "format": "planar-linkage/1",
-        "name": "bar",
-        "ground": {"points": {"O": [0.0, 0.0]}},
-        "links": {"bar": {"points": {"O": [0.0, 0.0]}, "mass": 1.0, "com": [0.5, 0.0], "inertia": 0.1}},
-        "joints": {"O": {"type": "revolute", "at": ["ground.O", "bar.O"]}},
-        "assembly": {"angles": {"bar": 0.0}},
-        "scenarios": {"fall": {"duration": 1.0, "start": {"angles": {"bar": 0.0}}}},
-    }
-    path = folder / "bar.toml"
-    path.write_bytes(toml(document))
-    return path
-
-
-def test_kinematics_asks_for_what_a_linkage_does_not_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bar, plot = str(without_crank(tmp_path)), tmp_path / "plot.svg"
-    assert main(["kinematics", bar, "--driver", "constant:speed=1"]) == 2
-    assert "--driver: the linkage has no crank; say what is driven" in capsys.readouterr().err
-    asked = ["kinematics", bar, "--driver", "constant:link=bar,speed=1", "--intervals", "4", "--plot", str(plot)]
-    assert main(asked) == 2
-    assert "--plot: the file observes no point" in capsys.readouterr().err
-    assert not plot.exists()
-
-
 def test_far_from_the_origin_a_root_is_found_in_as_few_steps_as_near_it() -> None:
     """Beyond 100 m the rounding of a coordinate alone is larger than the step that ends the search near the origin."""
     asked = []

@@ -155,20 +155,6 @@ def work(integrator: str, trial: Trial) -> float:
     return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
 
 
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """The result of the search, before the settings are timed.
-
-    Attributes:
-        truth: the reference from which all errors are computed.
-        engines: name of an engine -> variant (a `Way` of size 0) -> its trial runs, for the suite's variants in the order of the
-            search.
-    """
-
-    truth: Truth
-    engines: Mapping[str, Mapping[Way, Sequence[Trial]]]
-
-
 class Recommender:
     """One recommendation, as a context manager: call `search`, `race` and `answers` in this order.
 
@@ -183,7 +169,7 @@ class Recommender:
         self,
         run: Run,
         wanted: Mapping[str, float],
-        spaces: Mapping[str, Sequence[Variant] | str],
+        spaces: Mapping[str, Sequence[Variant]],
         budget: Budget,
         told: Told,
         better: Better = lambda answer: None,
@@ -193,7 +179,7 @@ class Recommender:
 
         Args:
             wanted: kind of error -> largest allowed error [m], [rad], [N].
-            spaces: engine -> its variants in the order in which they are tried, or the reason why it has none.
+            spaces: engine -> its variants in the order in which they are tried.
             budget: the time for reference, search, timing and programs together.
             told, better: called with each sentence of progress, and with each answer that improves on the engine's previous one.
             owned: engine -> variants that its authors have contributed; they are searched and timed separately from the suite's.
@@ -215,8 +201,6 @@ class Recommender:
             engine = _Engine(name, [], self._workers.enter_context(Worker()), offered.adaptive, owner=owner)
             if not offered.usable:
                 engine.refused = offered.status, offered.reason
-            elif isinstance(space, str):
-                engine.refused = Status.SKIP, space
             else:
                 engine.left, engine.variants = list(space), len(space)
                 engine.options = {x.name: x.options for x in space}
@@ -235,8 +219,8 @@ class Recommender:
 
     # The search for accurate settings
 
-    def search(self) -> Searched:
-        """Try variants until all have been tried or the time has ended.
+    def search(self) -> Truth:
+        """Try variants until all have been tried or the time has ended; return the reference from which all errors are computed.
 
         Raises:
             NoTruth: no reference is accurate enough to judge by.
@@ -261,7 +245,7 @@ class Recommender:
                 thread.join(0.2)
         if not self._failures.empty():
             raise self._failures.get()
-        return Searched(truth, {x.name: x.trials for x in self.engines.values() if not x.owner})
+        return truth
 
     def _truth(self) -> Truth:
         """Return the reference motion, computed in the worker process of the engine REFERENCE_ENGINE.

@@ -127,12 +127,8 @@ def _check_compiler() -> Finding:
     """Report the C compiler, which some engines need."""
     path = compiler()
     if path is None:
-        return Finding(
-            "C compiler",
-            "none",
-            "missing",
-            f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower",
-        )
+        without = f"{NO_COMPILER}; by_hand cannot run, and casadi runs in its own virtual machine, which is slower"
+        return Finding("C compiler", "none", "missing", without)
     return Finding("C compiler", str(Path(path)))
 
 

@@ -265,13 +265,15 @@ class Order:
             ExchangeError: the format cannot express a part of the linkage, which the message names.
             MissingExtra: a library is not installed.
         """
-        if self.kind.writer:
-            return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
-        try:
-            with Worker() as worker:
+        with Worker() as worker:
+            if self.kind.writer:
+                arguments = (self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
+                file = answer_in_worker(worker, write_there, arguments, WRITING, self.linkage)
+                return Exported(file["text"], tuple(file["left_out"]))
+            try:
                 text = ask_program(worker, self.kind.engine, self.mechanism, choice, WRITING)
-        except (RunFailure, WorkerFailure) as failure:
-            raise ExchangeError(f"{describe_refusal(self.mechanism, self.kind)}: {failure}") from failure
+            except (RunFailure, WorkerFailure) as failure:
+                raise ExchangeError(f"{describe_refusal(self.mechanism, self.kind)}: {failure}") from failure
         return export_program(self.mechanism, text, remarks, warning)
 
 
@@ -348,20 +350,6 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
     return ""
 
 
-def write_file(
-    linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
-) -> Exported:
-    """Return an exported file of one of KINDS, with remarks and a warning in its header comment.
-
-    Raises:
-        ExchangeError: the format cannot express a part of the linkage, which the message names.
-        MissingExtra: a library is not installed.
-    """
-    with Worker() as worker:
-        file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
-    return Exported(file["text"], tuple(file["left_out"]))
-
-
 def write_there(linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...], warning: str) -> dict[str, Any]:
     """Return the fields of `Exported` as plain data; this runs in a worker."""
     return asdict(export_linkage(load(linkage, scenario), kind, choice.step, remarks, choice, warning))
@@ -417,7 +405,7 @@ def tune(order: Order, budget: float, told: Told) -> Tuning:
     for until in shorten(min(max(mechanism.duration, SHORTEST), LONGEST)):
         try:
             with Recommender(Run(order.linkage, mechanism, until), wanted, space, search_budget, told) as recommender:
-                truth = recommender.search().truth
+                truth = recommender.search()
                 (answer,) = recommender.answers({})
         except NoTruth as reason:
             told(f"not known over {until:g} s: {reason}")

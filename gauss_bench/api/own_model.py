@@ -68,12 +68,10 @@ def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
     """
     path = Path(file)
     name, kind = re.sub("[^A-Za-z0-9_]+", "_", path.stem), FORMS.get(str(read_xml(path).tag), "")
-    if kind != "MJCF":
+    if kind != "MJCF" or close:  # an MJCF file with closures is refused by `import_file`
         imported = import_file(path, name, close)
         document, left_out = tomllib.loads(imported.text), imported.left_out
         return {"document": document, "kind": kind, "settings": {}, "key": 0, "left_out": left_out}
-    if close:
-        raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
     linkage, settings = own_linkage(path, name), settings_as_they_stand(str(path))
     left_out = tuple(linkage.flattened.remarks)
     return {"document": linkage.document, "kind": kind, "settings": settings, "key": linkage.key, "left_out": left_out}

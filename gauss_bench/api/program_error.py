@@ -9,6 +9,7 @@ import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -121,16 +122,6 @@ class Compared:
     known: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """A run by which a program is judged; `what` says whether the program itself or an engine of the suite ran."""
-
-    status: Status
-    message: str
-    trajectory: Trajectory | None
-    what: str
-
-
 class ProgramFailed(Exception):
     """Raised if a program fails; the message is the one that the program printed."""
 
@@ -166,52 +157,42 @@ def measure_program(
     told(f"measuring: {engine}, {end:g} s")
     setting = (choice.settings, choice.integrator, choice.stabilization, choice.step)
     run = simulate(linkage, engine, mechanism.scenario, *setting, rows, limit=seconds / 4, tolerance=choice.tolerance)
-    measured = run_program(run, source, interpreter, seconds)
-    found, status, message = Compared("the run did not end"), measured.status, measured.message
-    if measured.trajectory is not None and status is Status.OK:
+    found, status, message, trajectory = Compared("the run did not end"), run.status, run.message, None
+    measured_on = f"the suite's run of {run.engine} with the same setting"
+    try:
+        trajectory, measured_on = run_program(run, measured_on, source, interpreter, seconds)
+    except ProgramFailed as failure:
+        status, message = Status.ERROR, str(failure)  # without a trajectory nothing is measured
+    if trajectory is not None and status is Status.OK:
         told("measuring: the reference")
-        found = find_error(Run(linkage, mechanism, end), measured.trajectory, seconds / 2)
+        found = find_error(Run(linkage, mechanism, end), trajectory, seconds / 2)
         if found.position is None or found.angle is None:
-            message = refuse_other(mechanism, measured.trajectory, run.trajectory)
+            message = refuse_other(mechanism, trajectory, run.trajectory)
         else:
             message = refuse_far(mechanism, found.position, found.angle)
         status = Status.INVALID if message else Status.OK
-    return ProgramError(
-        status=str(status),
-        message=message,
-        settings=choice.settings,
-        integrator=choice.integrator,
-        stabilization=choice.stabilization,
-        step=choice.step,
-        tolerance=choice.tolerance,
-        until=end,
-        position=found.position,
-        angle=found.angle,
-        known=found.known,
-        reference=found.reference,
-        measured_on=measured.what,
-    )
+    outcome: dict[str, Any] = {"status": str(status), "message": message, "until": end, "measured_on": measured_on}
+    return ProgramError(**outcome, **vars(choice), **vars(found))  # the fields of both have the same names there
 
 
-def run_program(run: Simulation, source: str, interpreter: Interpreter | None, seconds: float) -> Measured:
-    """Run a program, in Python for at most `seconds`; if it cannot be run here, return `run`, the suite's run of its setting.
+def run_program(
+    run: Simulation, named: str, source: str, interpreter: Interpreter | None, seconds: float
+) -> tuple[Trajectory | None, str]:
+    """Run a program, in Python for at most `seconds`; return its samples, and what was run.
 
-    `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C. A program that
-    starts and fails gives no trajectory.
+    If the program cannot be run here, these are the samples of `run`, the suite's run of its setting, which is called `named`.
+    `source` is empty if a program of this kind cannot be run on its own; `interpreter` is None for a program in C.
+
+    Raises:
+        ProgramFailed: the program stopped with an error before its end.
     """
-    what = f"the suite's run of {run.engine} with the same setting"
     if not source:
-        return Measured(run.status, run.message, run.trajectory, what)
-    try:
-        if interpreter is None:
-            trajectory, missing = run_c(source, run.model.n)
-        else:
-            trajectory, missing = run_python(source, run.model, interpreter, seconds)
-    except ProgramFailed as failure:
-        return Measured(Status.ERROR, str(failure), None, what)  # without a trajectory nothing is measured
-    if trajectory is None:
-        return Measured(run.status, run.message, run.trajectory, f"{what}, because {missing}")
-    return Measured(run.status, run.message, trajectory, "this program itself")
+        return run.trajectory, named
+    if interpreter is None:
+        trajectory, missing = run_c(source, run.model.n)
+    else:
+        trajectory, missing = run_python(source, run.model, interpreter, seconds)
+    return (run.trajectory, f"{named}, because {missing}") if trajectory is None else (trajectory, "this program itself")
 
 
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from gauss_bench.api.in_worker import answer_plainly, read_answer
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.snippets import WRITERS, holds, snippet, with_head
+from gauss_bench.exchange.export import WRITERS, holds, snippet, with_head
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism

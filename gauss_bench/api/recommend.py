@@ -21,7 +21,7 @@ from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE
 from gauss_bench.engines.authors import candidates_of, read_settings
 from gauss_bench.engines.base import Variant
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.snippets import holds
+from gauss_bench.exchange.export import holds
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
@@ -126,7 +126,7 @@ def recommend(
     owned = list_owned([x.name for x in offered], authors) if settings is None else {}
     run = Run(linkage, mechanism, end)
     with Recommender(run, wanted, spaces, seconds, told, better, owned) as recommender:
-        searched = recommender.search()
+        truth = recommender.search()
         answers = recommender.answers(recommender.race())
         best = advised(answers)
         with ThreadPoolExecutor(LANES) as lanes:  # the recommended setting has WRITTEN seconds, even if the budget is used up
@@ -136,9 +136,9 @@ def recommend(
         scenario=mechanism.scenario,
         until=end,
         required=wanted,
-        truth=searched.truth.told,
-        certified=searched.truth.certified,
-        known=searched.truth.bars,
+        truth=truth.told,
+        certified=truth.certified,
+        known=truth.bars,
         answers=tuple(answers),
         advice=advice(answers, wanted),
         remarks=tuple(remarks(run, answers)),

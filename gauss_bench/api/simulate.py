@@ -295,11 +295,12 @@ def simulate(
     told(f"{mechanism.name}, scenario {mechanism.scenario}, by {engine}: {wanted.count} steps up to {end:g} s")
     build_first(engine, [choice.settings], told)
     runs = run_twice(Request(linkage, mechanism.scenario, engine, choice, wanted), mechanism, offered, limit)
-    if runs.samples is None:
+    samples = runs.run.samples
+    if samples is None:
         return _without_samples(asked, runs.run.status, runs.run.message)
     with np.errstate(all="ignore"):  # overflow in a diverged run is an objection of the judge, not a warning of numpy
         try:
-            return Simulation(**asked, **_judge(mechanism, choice, runs, runs.samples, at, forces))
+            return Simulation(**asked, **_judge(mechanism, choice, runs, samples, at, forces))
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             status = Status.ERROR if runs.run.trajectory else runs.run.status
             return _without_samples(asked, status, _join(runs.run.message, f"the motion cannot be judged: {error}"))
@@ -327,11 +328,6 @@ class Runs:
     finer: Run | None
     adaptive: bool
 
-    @property
-    def samples(self) -> Trajectory | None:
-        """The samples of the run; of a failed run, the samples before its failure."""
-        return self.run.trajectory or self.run.reached
-
 
 def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: float) -> Runs:
     """Carry out a run within `limit` seconds, and repeat the run with a finer setting if the repetition is needed to judge it.
@@ -342,7 +338,7 @@ def run_twice(request: Request, mechanism: Mechanism, offered: Offer, limit: flo
     worker = keep(request.engine)  # the worker that already described the engine
     try:
         run = run_of(request, mechanism, limit, worker)
-        samples = run.trajectory or run.reached  # reached: the samples before a failure
+        samples = run.samples
         if samples is not None and run.status in RAN:
             with suppress(OSError, ValueError):  # with a damaged certificate the run is judged by its repetition
                 truth = find_certified(mechanism, float(request.wanted.times[-1]))

@@ -86,29 +86,32 @@ class Answer(Generic[Data]):
     notices: tuple[str, ...] = ()
 
 
-def _as_data(item: Any) -> Any:
-    """Return an item with dataclasses and mappings as dictionaries, tuples as lists, and paths as texts; arrays stay."""
+def _as_data(item: Any, end: Callable[[Any], Any] = lambda x: x) -> Any:
+    """Return an item with dataclasses and mappings as dictionaries, tuples as lists, and paths as texts.
+
+    `end` converts what is none of these, such as numbers and arrays, which stay by default.
+    """
     if isinstance(item, Result):
-        return item.as_dict()
-    if is_dataclass(item) and not isinstance(item, type):
-        return {x.name: _as_data(getattr(item, x.name)) for x in fields(item)}
+        item = item.as_dict()
+    elif is_dataclass(item) and not isinstance(item, type):
+        item = {x.name: getattr(item, x.name) for x in fields(item)}
     if isinstance(item, Mapping):
-        return {str(k): _as_data(x) for k, x in item.items()}
+        return {str(k): _as_data(x, end) for k, x in item.items()}
     if isinstance(item, (list, tuple)):
-        return [_as_data(x) for x in item]
-    return str(item) if isinstance(item, (str, Path)) else item
+        return [_as_data(x, end) for x in item]
+    return str(item) if isinstance(item, (str, Path)) else end(item)
 
 
 def plain(item: Any) -> Any:
     """Return JSON data: arrays and tuples become lists, dataclasses become dictionaries, and numbers that are not finite None."""
-    item = _as_data(item)
-    if hasattr(item, "tolist"):
-        item = item.tolist()
-    if isinstance(item, dict):
-        return {k: plain(x) for k, x in item.items()}
-    if isinstance(item, list):
-        return [plain(x) for x in item]
-    return None if isinstance(item, float) and not math.isfinite(item) else item
+    return _as_data(item, _plain_number)
+
+
+def _plain_number(x: Any) -> Any:
+    """Return a number, or an array of numbers as a list, with None for numbers that are not finite."""
+    if hasattr(x, "tolist"):
+        return plain(x.tolist())
+    return None if isinstance(x, float) and not math.isfinite(x) else x
 
 
 def render(name: str, data: Any, **more: Any) -> str:

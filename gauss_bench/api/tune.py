@@ -198,7 +198,7 @@ def tune(
             remarks.append(f"the timestep stays {file.settings['timestep']:g} s: --allow-step shortens it where that helps")
         cost = None
         if written:
-            best, cost = write_tuned(judge, best, path, worker)
+            best, cost = write_tuned(judge, best, path)
     return Tuned(
         model=model,
         file=str(path) if written else "",
@@ -289,7 +289,7 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
     return best
 
 
-def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[Tried, float]:
+def write_tuned(judge: Judge, best: Tried, path: Path) -> tuple[Tried, float]:
     """Write the edited file, run it in its folder, and return its trial and its cost: processor time relative to the original file.
 
     Raises:
@@ -301,22 +301,19 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
     content = read_bytes(source, MAX_BYTES)
     option = {key: attribute_text(x) for key, x in best.changes.items() if key in IN_OPTION}
     closures = {key: attribute_text(x) for key, x in best.changes.items() if key not in IN_OPTION}
-    written, cost = best, math.nan
 
-    def write(part: Path) -> None:
+    def write(part: Path) -> tuple[Tried, float]:
         """Write the changed settings into the file `part`, check that nothing else changed, run it, and measure its cost.
 
-        `part` is a temporary file in the folder of the result, because MuJoCo looks there for included files. The results are
-        stored in `written` and `cost` of the enclosing function, because `atomically` takes no result.
+        `part` is a temporary file in the folder of the result, because MuJoCo looks there for included files.
         """
-        nonlocal written, cost
         reason = ""
         # first change the attributes of each closure; if closures stand in included files, only an attribute in <default> has
         # effect
         for by_default in (False, True):
             part.write_bytes(write_settings(content, str(source), option, closures, by_default))
             arguments: tuple[Any, ...] = (str(source), str(part), best.changes)
-            reason = answer_in_worker(worker, compare_models, arguments, READING, str(path))["reason"]
+            reason = answer_in_worker(judge.worker, compare_models, arguments, READING, str(path))["reason"]
             if not reason:
                 break
         if reason:
@@ -326,10 +323,10 @@ def write_tuned(judge: Judge, best: Tried, path: Path, worker: Worker) -> tuple[
         if written.share > ACCEPTED_SHARE:
             raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
         arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
-        cost = float(answer_in_worker(worker, race_there, arguments, RACING, str(path))["ratio"])
+        cost = float(answer_in_worker(judge.worker, race_there, arguments, RACING, str(path))["ratio"])
+        return Tried(best.changes, written.trial, written.share), cost
 
-    atomically(path, write)
-    return Tried(best.changes, written.trial, written.share), cost
+    return atomically(path, write)
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:

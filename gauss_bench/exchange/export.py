@@ -1,4 +1,8 @@
-"""What all exports share: the kinds of files, the head of every file, and the list of parts that a file leaves out."""
+"""What all exports share: the kinds of files, the head of every file, and the list of parts that a file leaves out.
+
+A snippet is a program for users to copy, with a shorter head: it runs a linkage in an engine, by calls of the library or of
+this package.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,6 +13,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import unsteady
 from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.scripts import write_program
 from gauss_bench.exchange.text import python_comment
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, in_a_sentence
@@ -51,6 +56,8 @@ KINDS: Mapping[str, Kind] = {  # the kinds that this folder writes; every engine
     "casadi": Kind("to_casadi", "casadi", "default", "rk4", "none", "a Python script with a CasADi function", ".py"),
     "c": Kind("to_c", "gauss-native", "default", "rk4", "projection", "a C program", ".c"),
 }
+# engines for which `to_ENGINE.py` of this folder writes programs; others may write their own (`program` in `engines/base.py`)
+WRITERS = ("mujoco", "pinocchio", "exudyn", "casadi")
 OWNED = "This file is yours: whoever exported it owns it and may use, change and pass it on as they like, without conditions."
 
 
@@ -137,3 +144,40 @@ def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[st
         return str(import_module(f"gauss_bench.exchange.{writer}").write(mechanism, choice, head))
     except RunFailure as failure:
         raise ExchangeError(f"{refusal}: {in_a_sentence(failure)}") from failure
+
+
+def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
+    """Tell whether an exported program can use this integrator and stabilisation; `code` is how CasADi evaluates functions."""
+    if engine == "pinocchio":  # the suite's own projection is not a part of scripts
+        return stabilization != "projection"
+    if engine == "casadi":  # a script integrates by CVODES, or in CasADi's virtual machine, and never as compiled C
+        return stabilization == "none" and (integrator.startswith("cvodes") or code == "virtual machine")
+    return True
+
+
+def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
+    """Return a Python program that runs a linkage: by an engine's library alone if it is one of WRITERS, else by this package.
+
+    Args:
+        linkage, until: name or file of the linkage, and end time of the run [s], for a program that calls this package.
+        remarks: sentences for the comment at the beginning of the program.
+
+    Raises:
+        ExchangeError: a program that calls the library cannot express the linkage with these settings.
+        ImportError: the engine is not installed.
+    """
+    if engine not in WRITERS:
+        variables = {"linkage": linkage, "engine": engine, "until": until}
+        return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
+    refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
+    return write_model(f"to_{engine}", mechanism, choice, snippet_head(mechanism, remarks), refusal, reason)
+
+
+def snippet_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
+    """Return the sentences on the linkage for the comment at the beginning of a program that uses an engine's library."""
+    return [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
+
+
+def with_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
+    """Return a Python program that an engine wrote, preceded by the same comment that begins the programs of `snippet`."""
+    return f"{python_comment(snippet_head(mechanism, remarks))}\n{program}"

@@ -1,5 +1,6 @@
 """Import of MJCF: MuJoCo compiles the document, and this module converts the compiled model to a spatial mechanism."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
@@ -8,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gauss_bench.engines.mujoco.compiled import PARTS, Compiled, DoesNotCompile, compile_document
-from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.errors import ExchangeError, FileReader
 from gauss_bench.exchange.safe_xml import refuse_bulk, refuse_files
 from gauss_bench.exchange.spatial import Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
 from gauss_bench.exchange.unused import FIELDS, list_names, list_unused
@@ -29,15 +30,20 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
     """
     refuse_files(root, path)
     refuse_bulk(root, path)
-    try:  # the checked tree is written anew, because MuJoCo's parser might read the bytes of the file differently
-        compiled = compile_document(tostring(root, encoding="unicode"))
-    except DoesNotCompile as error:
-        raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
-    spatial = Reader(compiled, str(path)).spatial()
+    # the checked tree is written anew, because MuJoCo's parser might read the bytes of the file differently
+    spatial = compiled_reader(lambda: compile_document(tostring(root, encoding="unicode")), path).spatial()
     return replace(spatial, dropped=(*spatial.dropped, *list_unused(root)))
 
 
-class Reader:
+def compiled_reader(compiler: Callable[[], Compiled], path: Path) -> "Reader":
+    """Return a reader of the file at `path`, which `compiler` compiles; if MuJoCo rejects it, ExchangeError is raised."""
+    try:
+        return Reader(compiler(), str(path))
+    except DoesNotCompile as error:
+        raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
+
+
+class Reader(FileReader):
     """A reader of an MJCF document that MuJoCo has compiled; its methods raise ExchangeError for what a linkage cannot have.
 
     Attributes:
@@ -54,10 +60,6 @@ class Reader:
         self.names, self.disabled = {kind: compiled.names(kind) for kind in PARTS}, compiled.disabled()
         self.dropped: list[str] = []
         self.key = self.names["key"].index(START) if START in self.names["key"] else 0
-
-    def refuse(self, element: str, reason: str) -> ExchangeError:
-        """Return the exception that reports why an element of the file is not supported."""
-        return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def describe(self, kind: str, k: int, tag: str) -> str:
         """Return, for messages, the XML tag `tag` with the name of element k of a kind, or the number k + 1 if it has no name."""

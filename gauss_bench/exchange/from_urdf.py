@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.errors import FileReader
 from gauss_bench.exchange.safe_xml import describe
 from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, Spatial, Spot, Straight
 from gauss_bench.exchange.unused import list_ignored, list_names
@@ -26,7 +26,7 @@ READ = {  # tag -> tags in it that are read
 }
 
 
-class Robot:
+class Robot(FileReader):
     """A reader of a document that `read_xml` has accepted; its methods raise ExchangeError for what a linkage cannot have.
 
     Attributes:
@@ -58,10 +58,6 @@ class Robot:
         if len(order) < len(self.links):
             raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
         self.index = {name: k for k, name in enumerate(order)}
-
-    def refuse(self, element: str, reason: str) -> ExchangeError:
-        """Return the exception that reports why an element of the file is not supported."""
-        return ExchangeError(f"{self.file}: {element}: {reason}")
 
     def _table(self, tag: str) -> dict[str, Element]:
         """Return name -> element of all elements with a tag."""

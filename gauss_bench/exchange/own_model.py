@@ -11,10 +11,10 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.adapter import Mujoco
-from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_file
+from gauss_bench.engines.mujoco.compiled import compile_file
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.from_mjcf import Reader
+from gauss_bench.exchange.from_mjcf import compiled_reader
 from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.mechanism.model import Mechanism
@@ -87,10 +87,7 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
     """
     root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
     refuse_bulk(root, path)
-    try:
-        reader = Reader(compile_file(path), str(path))
-    except DoesNotCompile as error:
-        raise ExchangeError(f"{path}: MuJoCo does not compile it: {' '.join(str(error).split())}") from error
+    reader = compiled_reader(lambda: compile_file(path), path)
     flattened = Flattened(reader.spatial())
     document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
     return OwnLinkage(document, flattened, reader.key)
@@ -116,9 +113,6 @@ class OwnModel:
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         return None  # MuJoCo simulates the file itself, not a model of the linkage
-
-    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> OwnModelRun:
         """Return MuJoCo's model of the file that `choice.settings` names, with the changed options and the step of the choice."""

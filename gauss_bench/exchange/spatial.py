@@ -6,7 +6,7 @@ MJCF, and zero in URDF.
 
 from dataclasses import dataclass
 
-from gauss_bench.exchange.errors import ExchangeError
+from gauss_bench.exchange.errors import FileReader
 from gauss_bench.terms import Array
 
 WORLD = 0  # the first body
@@ -117,7 +117,7 @@ Acting = OnJoints | Between | Push
 
 
 @dataclass(frozen=True, eq=False)
-class Spatial:
+class Spatial(FileReader):
     """The mechanism that a model file describes.
 
     Attributes:
@@ -141,7 +141,3 @@ class Spatial:
     acting: tuple[Acting, ...] = ()
     dropped: tuple[str, ...] = ()
     how_to_close: str = ""
-
-    def refuse(self, element: str, reason: str) -> ExchangeError:
-        """Return the exception that reports why an element of the file cannot be imported."""
-        return ExchangeError(f"{self.file}: {element}: {reason}")

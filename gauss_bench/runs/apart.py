@@ -8,12 +8,12 @@ which are slow to import, and a mechanism is sent as data.
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.engines import SAFE, get
-from gauss_bench.engines.base import Choice, Model, ask
+from gauss_bench.engines.base import Choice, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
 from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
@@ -86,8 +86,7 @@ def run_apart(
 def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[str, Any]:
     """Carry out a request in the engine's process, and return the run as texts, numbers and arrays, which `outcome_of` reads."""
     run = _run(request, mechanism, again)
-    # the trajectory of a failed run is the part that it reached before the failure
-    trajectory = run.trajectory or run.reached
+    trajectory = run.samples  # of a failed run, the part before the failure
     fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
     return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
@@ -100,33 +99,26 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
-    place = request.linkage, request.scenario, mechanism.sha256, request.alter
     # identifies the model: all parts of the request on which the built model depends
-    key = (*place, request.engine, choice.settings, choice.integrator, choice.stabilization)
+    key: tuple[Any, ...] = (request.linkage, request.scenario, mechanism.sha256, request.alter)
+    key += (request.engine, choice.settings, choice.integrator, choice.stabilization)
 
-    def build(mechanism: Mechanism, choice: Choice) -> Model:
+    def build(mechanism: Mechanism, choice: Choice) -> Any:
         """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key`."""
-        if _kept.key != key:
-            _kept.model = engine.build(mechanism, choice)
-            _kept.key = key
-        _kept.model.choice = choice
-        return cast(Model, _kept.model)
+        if key not in _kept:
+            _kept.clear()
+            _kept[key] = engine.build(mechanism, choice)
+        _kept[key].choice = choice
+        return _kept[key]
 
     keeps = again and ask(engine, "resizable")
     run = one_run(engine, mechanism, choice, request.wanted, request.ask, request.shortest, build if keeps else None)
     if keeps and run.status is not Status.OK:  # a model may be unusable after a failure
-        _kept.key = ()
+        _kept.clear()
     return run
 
 
-class _Kept:
-    """The model that this process keeps, and the key of the request that it was built for: linkage, engine and settings."""
-
-    key: tuple[Any, ...] = ()
-    model: Any = None
-
-
-_kept = _Kept()
+_kept: dict[tuple[Any, ...], Any] = {}  # the one model that this process keeps, by the linkage, engine and settings of its request
 
 
 def outcome_of(answer: object) -> Outcome:

@@ -162,10 +162,15 @@ class Run:
     seconds: float = float("nan")
 
     @property
+    def samples(self) -> Trajectory | None:
+        """The samples of the run; of a failed run, those before its failure."""
+        return self.trajectory or self.reached
+
+    @property
     def step_time(self) -> float | None:
         """Processor time per step [s], with the time to store samples; None if the engine does not count its steps."""
-        reached = self.trajectory or self.reached
-        return None if reached is not None and reached.steps is None else self.seconds / max(1, self.sampling.count)
+        samples = self.samples
+        return None if samples is not None and samples.steps is None else self.seconds / max(1, self.sampling.count)
 
 
 def one_run(

@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from pkgutil import resolve_name
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 import numpy as np
 from pydantic import BaseModel
@@ -129,8 +129,6 @@ class Writer:
             return dict(SIMPLE[kind])
         if origin in (Union, UnionType):
             return join([self.describe(x) for x in arguments])
-        if origin is Literal:
-            return {"enum": list(arguments)}
         if origin is np.ndarray:
             return {"type": "array", "items": NUMBER}
         if origin is dict or origin is Mapping:

@@ -34,8 +34,7 @@ def recommend(options: Namespace, told: Told) -> Recommendation | Answer[None]:
             files[name] = writable(options.out / f"run-{name}.py", options.replace, "--out", options.out, ".py", options.linkage)
     names = ("position", "angle", "force", "until", "scenario", "settings", "budget", "authors")
     try:
-        arguments = {x: getattr(options, x) for x in names}
-        result = recommend_settings(options.linkage, engines=engines, told=told, **arguments)
+        result = recommend_settings(options.linkage, engines=engines, told=told, **{x: getattr(options, x) for x in names})
     except NoTruth as reason:
         notices = (f"{options.linkage}: nothing can be recommended: {reason}",)
         return Answer(None, succeeded=False, text="", notices=notices)
