@@ -10,7 +10,6 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.measurements.cost import race_cost
-from gauss_bench.bench.survived import race_here
 from gauss_bench.bench.tasks import Task, finish
 from gauss_bench.suites.schema import Cost
 
@@ -52,7 +51,7 @@ def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_pa
 
 def test_costs_are_interleaved_and_complete() -> None:
     part = Cost(linkages={}, engines=("gauss", "lagrange"), integrators=1, step=1e-3, rounds=10)
-    found = race_cost("four_bar", "torque", part, race=race_here)
+    found = race_cost("four_bar", "torque", part)
     samples = pd.DataFrame(found["samples"])
     assert not found["untimed"]
     counts = samples.groupby(["engine", "integrator", "stabilization", "quantity"]).size()

@@ -9,7 +9,7 @@ from typing import Any
 from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
-from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
+from gauss_bench.tables import ENDS, TABLES, TableError, case_of, key_of, read_table
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ def differences(here: Path, there: Path) -> Differences:
     for folder in (here, there):
         rows = accuracy_rows(folder)
         found = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
-        cases.append({_key(row) for row in rows})
-        references.append({_key(row) for row in found[found["engine"] == "reference"].to_dict("records")})
+        cases.append({case_of(row) for row in rows})
+        references.append({case_of(row) for row in found[found["engine"] == "reference"].to_dict("records")})
         figures.append(found)
     shared = cases[0] & cases[1]
     keys = shared | (references[0] & references[1])
     metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
-    own, other = (x[[_key(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
+    own, other = (x[[case_of(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
     verdicts = compare(own, other)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
@@ -121,11 +121,6 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
         is_crossed = (x > 1) != (y > 1)  # another side is the faster one
         overlap = low <= other_high and other_low <= high
         yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
-
-
-def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
-    """Return the values of those columns of a row that identify its case."""
-    return tuple(row[k] for k in KEY)
 
 
 def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:

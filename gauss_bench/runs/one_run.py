@@ -167,6 +167,16 @@ class Run:
         reached = self.trajectory or self.reached
         return None if reached is not None and reached.steps is None else self.seconds / max(1, self.sampling.count)
 
+    def complete(self) -> Trajectory:
+        """Return the complete trajectory.
+
+        Raises:
+            RunFailure: there is none; the exception has the status, the message and the samples before the failure.
+        """
+        if self.trajectory is None:
+            raise RunFailure(self.status, self.message, self.reached)
+        return self.trajectory
+
 
 def one_run(
     engine: Engine,

@@ -78,15 +78,15 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
     return context.task("untimed", time_first_step, arguments, *place, engine=engine, quantity=quantity)
 
 
-def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
+def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0) -> Tables:
     """Time all engines on a linkage in process `number`; return the tables `samples` and `untimed`.
 
     `samples` has a row with the seconds of every entry in every round, `untimed` a row for each entry without times, with the
-    reason. `race` is `race_survivors`, or `race_here` in tests.
+    reason.
     """
     start = place_of(load(linkage, scenario or None))
     # the loops that measure the processor are entries of an engine named PROCESSOR
-    rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
+    rows = race_survivors(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
     samples = [start | r | {"step": part.step, "process": number} for r in rows if "seconds" in r]
     return {"samples": samples, "untimed": [start | r for r in rows if "status" in r]}
 
