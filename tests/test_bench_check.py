@@ -53,10 +53,6 @@ def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, caps
     assert "limit" in said
 
 
-def test_without_a_baseline_the_gate_is_bad_usage(tmp_path: Path) -> None:
-    assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(tmp_path / "none.csv")]) == 2
-
-
 def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_told(
     baseline: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
