@@ -162,7 +162,7 @@ def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(tmp_path:
     (place / "link.so").symlink_to(place / "library.so")
     assert size_of("twin")[0] == 2.5
     assert math.isnan(size_of("gauss")[0])
-    assert size_of("gauss").of == "a part of the suite"
+    assert size_of("gauss")[1] == "a part of the suite"
 
 
 def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch: pytest.MonkeyPatch) -> None:

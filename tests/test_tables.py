@@ -11,6 +11,7 @@ import pytest
 
 from gauss_bench import checksums, tables
 from gauss_bench.bench.gate import read_baseline
+from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.cli import main
 from gauss_bench.report.field_run import folders_of
 from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
@@ -107,13 +108,18 @@ def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_pa
 LIMIT = 3_000_000  # bytes of what is published beside the code
 
 
-def test_published_files_are_small_and_read_completely() -> None:
+def test_published_files_are_small_unchanged_and_read_completely() -> None:
     """Every published file is a table of the schema or one of a few others, and every column of a table is read."""
     others = {"README.md", "what_changed.md", "environment.json", checksums.FILE, tables.SCHEMA_FILE}
     ignored = ("site", "local", ".run", "pictures", "findings")
     files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
     assert sum(path.stat().st_size for path in files) < LIMIT
     listed = {x for name in TABLES for folder in folders_of(REPORTS) for x in tables.files_of(name, folder)}
+    for folder in folders_of(REPORTS):
+        in_folder = {str(x.relative_to(folder)) for name in TABLES if name != "baseline" for x in tables.files_of(name, folder)}
+        assert checksums.read_checksums(folder).keys() == in_folder
+        checksums.require_unchanged(folder)
+        check_publishable(folder)
     assert {path for path in files if path.name not in others} == listed
     assert {x.parent.name for x in listed} == {"reports", "field", "times"}
     for name in TABLES:

@@ -36,21 +36,18 @@ def differences(here: Path, there: Path) -> Differences:
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
     """
-    cases, references, figures = [], [], []
-    for folder in (here, there):
-        rows = accuracy_rows(folder)
-        found = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
-        cases.append({case_of(row) for row in rows})
-        references.append({case_of(row) for row in found[found["engine"] == "reference"].to_dict("records")})
-        figures.append(found)
-    shared = cases[0] & cases[1]
-    keys = shared | (references[0] & references[1])
+    # every case and every reference has at least one figure
+    tables = [(frame("results", accuracy_rows(x)), frame("references", read_table("references", x))) for x in (here, there)]
+    figures = [figures_of(*x) for x in tables]
+    keys = [set(map(case_of, x.to_dict("records"))) for x in figures]
+    shared = keys[0] & keys[1]
     metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
-    own, other = (x[[case_of(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
+    own, other = (x[[case_of(row) in shared and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
+    only_here, only_there = (sum(engine != "reference" for _, _, engine, *_ in x - shared) for x in keys)
     verdicts = compare(own, other)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
-    return Differences(len(verdicts), beyond, only_here=len(cases[0] - shared), only_there=len(cases[1] - shared))
+    return Differences(len(verdicts), beyond, only_here, only_there)
 
 
 @dataclass(frozen=True)

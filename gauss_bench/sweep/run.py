@@ -231,21 +231,18 @@ class _Batch:
         return self.end - self.first
 
 
-def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
-    """Yield the batches of all samples, engine by engine."""
-    number = 0
-    for engine in engines:
-        size = BATCH if in_batches(engine) else SINGLES
-        for first in range(0, count, size):
-            yield _Batch(number, engine, first, min(count, first + size))
-            number += 1
+def _batches(count: int, engines: Sequence[str]) -> list[_Batch]:
+    """Return the batches of all `count` samples, engine by engine."""
+    size = {engine: BATCH if in_batches(engine) else SINGLES for engine in engines}
+    places = [(engine, first) for engine in engines for first in range(0, count, size[engine])]
+    return [_Batch(k, engine, first, min(count, first + size[engine])) for k, (engine, first) in enumerate(places)]
 
 
 def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str], where: Backend, tell: Tell) -> None:
     """Run those batches of samples whose rows are not yet stored in the folder, and store their rows."""
     from joblib import Parallel, delayed
 
-    batches = list(_batches(len(samples.values), engines))
+    batches = _batches(len(samples.values), engines)
     waiting = [x for x in batches if not folder.has(x.number, x.size)]
     if stored := len(batches) - len(waiting):
         tell(f"{stored} of {len(batches)} batches are there already")
