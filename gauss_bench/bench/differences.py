@@ -36,7 +36,7 @@ def differences(here: Path, there: Path) -> Differences:
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
     """
-    # every case and every reference has at least one figure
+    # every case has at least one figure: its status
     tables = [(frame("results", accuracy_rows(x)), frame("references", read_table("references", x))) for x in (here, there)]
     figures = [figures_of(*x) for x in tables]
     keys = [set(map(case_of, x.to_dict("records"))) for x in figures]
