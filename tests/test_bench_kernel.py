@@ -102,7 +102,8 @@ def test_growth_is_the_exponent_of_large_sizes_and_its_spread_is_that_of_the_pro
     (several,) = exponents([of_process(k, n, 1e-9 * n**p) for k, p in enumerate((0.9, 1.0, 1.1)) for n in large], 16)
     half = 9.924843 * 0.1 * np.sqrt(np.pi / 3)
     spread = [several[f"exponent{end}"] for end in ("", "_low", "_high")]
-    assert (spread, several["processes"]) == (pytest.approx([1.0, 1 - half, 1 + half], abs=1e-6), 3)
+    assert spread == pytest.approx([1.0, 1 - half, 1 + half], abs=1e-6)
+    assert several["processes"] == 3
     # a process that lacks a size tells no exponent of its own
     (fewer,) = exponents([of_process(k, n, 1e-9 * n) for k in range(3) for n in large if (k, n) != (2, 256)], 16)
     assert (fewer["exponent"], fewer["processes"]) == (pytest.approx(1.0), 2)

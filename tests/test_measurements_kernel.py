@@ -70,7 +70,7 @@ def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock: 
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=MUJOCO))
     replace_engine(monkeypatch, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
     both = ("gauss-native", "lagrange-native")
-    more = {"batch": both, "bare": ("pinocchio",), "processor": True}
+    more: dict[str, Any] = {"batch": both, "bare": ("pinocchio",), "processor": True}
     part = Cost(linkages={}, engines=(*both, "mujoco", "pinocchio"), integrators=1, step=1e-4, rounds=2, **more)
     tables: dict[str, Rows] = race_cost("four_bar", "torque", part) | limits.count_operations("four_bar", "torque")
     complete_rows(SUITE, tables)
