@@ -144,6 +144,11 @@ TABLES = {name: Table(**facts | {"columns": tuple(read_columns(facts["columns"])
 KEY = tuple(c.name for c in read_columns(["case"]))  # the columns that identify a case
 
 
+def case_of(row: Mapping[Any, Any]) -> tuple[Any, ...]:
+    """Return the values of the columns KEY of a row, which identify its case."""
+    return tuple(row[column] for column in KEY)
+
+
 def row_of(table: Table, values: Row) -> dict[str, Any]:
     """Return a row with every column of the table, each value in its column's type.
 

@@ -76,6 +76,14 @@ def full_search(monkeypatch: pytest.MonkeyPatch) -> None:
     program.known_program.cache_clear()
 
 
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A clock in the place of the processor's."""
+    from tests.synthetic import clocked
+
+    return clocked(monkeypatch)
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """A browser without a window, where there is one; where CI is set there must be."""

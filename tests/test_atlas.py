@@ -89,8 +89,8 @@ def known() -> tuple[Mechanism, Run, Reference]:
     mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.1)
     states = pendulum(1.0, wanted.times, 1e-12)
     run = Run(Status.OK, "", Trajectory(wanted.times, *states, 10), None, wanted)
-    none = np.zeros(len(wanted.times))
-    return mechanism, run, Reference(wanted.times, *states, none, none, none, none, none, none, "closed form")
+    assert run.trajectory is not None
+    return mechanism, run, Reference.with_one_bar(run.trajectory, "closed form")
 
 
 def shifted(run: Run, by: float) -> Run:
@@ -121,13 +121,12 @@ def test_an_error_is_a_share_of_the_linkages_size() -> None:
     model.prepare(1e-3 * np.arange(11))
     model.run()
     x = model.read()
-    none = np.zeros(len(x.t))
-    truth = Reference(x.t, x.q, x.v, x.a, none, none, none, none, none, none, "the run itself")
+    truth = Reference.with_one_bar(x, "the run itself")
     assert mechanism.size < 0.8
     run = shifted(Run(Status.OK, "", x, None, sampling(1e-3, 0.01)), 0.5 * PASSES * mechanism.size)
     assert decide(mechanism, run, truth).error == pytest.approx(0.5 * PASSES, rel=1e-9)
     for share, verdict in ((0.9, Verdict.PASS), (1.1, Verdict.OPEN)):
-        assert decide(mechanism, run, replace(truth, error_q=none + share * 1e-4 * mechanism.size)).verdict is verdict
+        assert decide(mechanism, run, Reference.with_one_bar(x, "", share * 1e-4 * mechanism.size)).verdict is verdict
 
 
 def test_halving_finds_where_a_way_breaks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

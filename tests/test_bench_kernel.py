@@ -9,7 +9,7 @@ import pytest
 
 from gauss_bench.bench.clock import Key, Measured, at_least, at_most, foreseen
 from gauss_bench.bench.measurements import growth
-from gauss_bench.bench.measurements.growth import exponent, exponents, over_races
+from gauss_bench.bench.measurements.growth import exponents, over_races
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.rivals import step_rows
 from gauss_bench.bench.runner import run
@@ -51,7 +51,7 @@ def test_a_small_run_fails_nowhere(tmp_path: Path) -> None:
     tables = {name: read_table(name, tmp_path) for name in TABLES if name.startswith("kernel_")}
     for name, rows in tables.items():
         assert rows, name
-        assert all(row["status"] in ("ok", "skip") for row in rows), name
+        assert all(row.get("status", "ok") in ("ok", "skip") for row in rows), name
     for row in tables["kernel_steps"] + tables["kernel_rhs"]:
         assert 0 < row["seconds_low"] <= row["seconds"] <= row["seconds_high"] < 1e-2
         assert row["ratio_low"] <= row["ratio"] * (1 + 1e-9)
@@ -92,28 +92,21 @@ def of_process(number: int, size: int, seconds: float, engine: str = "a") -> dic
     return told | times | {"generate_seconds": 1.0 + number, "compile_seconds": 2.0, "error": 1e-15 * number}
 
 
-def test_growth_is_the_exponent_of_large_sizes_alone() -> None:
-    assert exponent((1, 16, 64), [3e-7 * n**1.25 for n in (1, 16, 64)]) == pytest.approx(1.25)
-    rows = [of_process(0, n, 1.0 if n < 16 else 1e-9 * n**1.5) for n in (1, 4, 16, 64, 256)]
-    (found,) = exponents([*rows, {"engine": "b", "quantity": "", "size": 256, "process": 0, "status": "skip"}], 16)
-    assert found["exponent"] == pytest.approx(1.5)
-    assert (found["sizes"], found["processes"]) == (3, 1)
-    assert np.isnan(found["exponent_low"])  # rounds of one process say nothing of a second race
-
-
-def test_the_exponent_of_several_processes_has_the_spread_of_theirs() -> None:
+def test_growth_is_the_exponent_of_large_sizes_and_its_spread_is_that_of_the_processes() -> None:
     """Exponents 0.9, 1.0 and 1.1: Student's t of 2 freedoms at 0.995 is 9.925, the scatter 0.1 (pi / 3)^(1/2)."""
-    rows = [of_process(k, n, 1e-9 * n**p) for k, p in enumerate((0.9, 1.0, 1.1)) for n in (16, 64, 256)]
-    (found,) = exponents(rows, 16)
-    assert (found["exponent"], found["processes"]) == (pytest.approx(1.0), 3)
+    large, lost = (16, 64, 256), {"engine": "b", "quantity": "", "size": 256, "process": 0, "status": "skip"}
+    rows = [of_process(0, n, 1.0 if n < 16 else 1e-9 * n**1.5) for n in (1, 4, *large)]
+    (alone,) = exponents([*rows, lost], 16)
+    assert (alone["exponent"], alone["sizes"], alone["processes"]) == (pytest.approx(1.5), 3, 1)
+    assert np.isnan(alone["exponent_low"])  # rounds of one process say nothing of a second race
+    (several,) = exponents([of_process(k, n, 1e-9 * n**p) for k, p in enumerate((0.9, 1.0, 1.1)) for n in large], 16)
     half = 9.924843 * 0.1 * np.sqrt(np.pi / 3)
-    assert [found["exponent_low"], found["exponent_high"]] == pytest.approx([1 - half, 1 + half], abs=1e-6)
-
-
-def test_a_process_that_lacks_a_size_tells_no_exponent_of_its_own() -> None:
-    rows = [of_process(k, n, 1e-9 * n) for k in range(3) for n in (16, 64, 256) if (k, n) != (2, 256)]
-    (found,) = exponents(rows, 16)
-    assert (found["exponent"], found["processes"]) == (pytest.approx(1.0), 2)
+    spread = [several[f"exponent{end}"] for end in ("", "_low", "_high")]
+    assert spread == pytest.approx([1.0, 1 - half, 1 + half], abs=1e-6)
+    assert several["processes"] == 3
+    # a process that lacks a size tells no exponent of its own
+    (fewer,) = exponents([of_process(k, n, 1e-9 * n) for k in range(3) for n in large if (k, n) != (2, 256)], 16)
+    assert (fewer["exponent"], fewer["processes"]) == (pytest.approx(1.0), 2)
 
 
 def test_the_time_of_a_size_is_the_median_of_processes_and_its_spread_where_a_second_race_falls() -> None:

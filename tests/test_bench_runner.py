@@ -3,16 +3,12 @@
 import time
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.journal import Journal
 from gauss_bench.bench.measure import measure
-from gauss_bench.bench.measurements.cost import race_cost
-from gauss_bench.bench.survived import race_here
 from gauss_bench.bench.tasks import Task, finish
-from gauss_bench.suites.schema import Cost
 
 
 def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
@@ -48,14 +44,3 @@ def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_pa
     assert row["position_drift"] < 1e-13
     assert row["velocity_drift"] < 1e-12
     assert "accelerations off" in row["flag"]
-
-
-def test_costs_are_interleaved_and_complete() -> None:
-    part = Cost(linkages={}, engines=("gauss", "lagrange"), integrators=1, step=1e-3, rounds=10)
-    found = race_cost("four_bar", "torque", part, race=race_here)
-    samples = pd.DataFrame(found["samples"])
-    assert not found["untimed"]
-    counts = samples.groupby(["engine", "integrator", "stabilization", "quantity"]).size()
-    assert counts.nunique() == 1
-    assert (samples["seconds"] > 0).all()
-    assert (samples.groupby("round")["engine"].nunique() == 2).all()  # in which order, the clock's own tests say

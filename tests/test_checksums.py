@@ -9,14 +9,12 @@ import pytest
 
 from gauss_bench import __version__
 from gauss_bench.bench.differences import accuracy_rows
-from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.checksums import FILE, ChangedRows, checksum_of_run, read_checksums, require_unchanged
 from gauss_bench.cli import main
 from gauss_bench.report.build import read_run
 from gauss_bench.report.citation import describe_rows, renew
-from gauss_bench.report.field_run import folders_of
 from gauss_bench.report.site.tables_page import cite_page
-from gauss_bench.tables import KEY, TABLES, files_of, write_schema, write_table
+from gauss_bench.tables import KEY, write_schema, write_table
 
 ROOT = Path(__file__).parents[1]
 REPORTS = ROOT / "reports"
@@ -76,16 +74,6 @@ def test_a_run_of_an_older_version_has_no_checksums_and_is_read(run: Path) -> No
     assert len(read_run(run).results) == 1
     assert read_run(run).checksum == ""
     assert "sha256" not in cite_page(read_run(run)).body
-
-
-def test_the_published_rows_are_listed_and_are_those_of_their_run() -> None:
-    folders = folders_of(REPORTS)
-    assert len(folders) == 2
-    for folder in folders:
-        files = {str(path.relative_to(folder)) for name in TABLES if name != "baseline" for path in files_of(name, folder)}
-        assert set(read_checksums(folder)) == files
-        require_unchanged(folder)
-        check_publishable(folder)
 
 
 def test_the_citation_names_the_version_and_the_rows() -> None:

@@ -13,16 +13,7 @@ from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
-from gauss_bench.bench.search import (
-    Scale,
-    close,
-    coarsest,
-    equal_steps,
-    explore,
-    finalists,
-    pick_winner,
-    tolerances,
-)
+from gauss_bench.bench.search import Scale, close, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
 from gauss_bench.bench.tasks import Context, Tables
 from gauss_bench.bench.ways import BEATS, Way, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
@@ -427,10 +418,13 @@ def test_the_error_is_the_largest_of_the_whole_run_and_at_the_end_that_of_the_la
     assert not trial.meets(Requirement("position", 1e-5))
 
 
+def suite_of(part: Search) -> Suite:
+    return Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+
+
 def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     """Every ladder has a name and a stamp of its own, the same whenever it is asked for; the race depends on what ladders found."""
-    part = PART.model_copy(update={"linkages": {"four_bar": "torque"}})
-    suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+    suite = suite_of(PART.model_copy(update={"linkages": {"four_bar": "torque"}}))
     one, other = ([(t.key, t.stamp) for t in measured.exact_tasks(suite, Context(str(tmp_path), "stamp"))] for _ in range(2))
     assert one == other
     assert len(set(one)) == len(one) == sum(len(space(offer(x))) for x in PART.engines)
@@ -444,7 +438,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     """The second process goes over all linkages before the third begins; a linkage whose first race was lost is not raced again."""
     linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
     part = PART.model_copy(update={"linkages": linkages})
-    suite = Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
+    suite = suite_of(part)
     one, other = ({"mechanism": x, "scenario": linkages[x], "process": 0, "status": "ok"} for x in [*linkages][:2])
     lost = {"mechanism": "six_bar", "scenario": "torque", "process": 0, "status": "crashed", "message": "SIGSEGV"}
     tasks, slower = (

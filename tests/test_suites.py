@@ -10,7 +10,7 @@ from gauss_bench.bench.search import COARSEST
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import load
 from gauss_bench.reach import Kind, Requirement, Trial, reach, trial_of
-from gauss_bench.suites.read import SECTIONS, SuiteError, names, of_engines, read_suite, restrict
+from gauss_bench.suites.read import SECTIONS, names, of_engines, read_suite, restrict
 from gauss_bench.suites.schema import FORMAT, LeftOut, OnLinkages
 from gauss_bench.tables import read_table
 
@@ -92,18 +92,10 @@ def test_a_users_linkages_and_engines_cut_a_suite() -> None:
 
 def test_a_faulty_suite_is_told_by_file_and_field(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
-    for content, said in FAULTY:
+    around = f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n'
+    for content, said in (*FAULTY, (around, "builds on itself")):
         path.write_text(content)
         assert main(["run", "--suite", str(path), "--out", str(tmp_path / "out")]) == 2
         told = capsys.readouterr().err
         assert all(x in told for x in ("mine.toml", said))
         assert not (tmp_path / "out").exists()
-
-
-def test_an_unknown_suite_and_one_that_builds_on_itself_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--suite", "quickly", "--out", str(tmp_path / "out")]) == 2
-    assert "unknown suite 'quickly'; there are accuracy, costs" in capsys.readouterr().err
-    path = tmp_path / "mine.toml"
-    path.write_text(f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n')
-    with pytest.raises(SuiteError, match="builds on itself"):
-        read_suite(str(path))

@@ -289,7 +289,7 @@ def test_the_default_integrator_and_step_of_an_engine() -> None:
 
 
 def test_batches_are_large_where_one_call_takes_them() -> None:
-    native, other = (list(_batches(513, [engine])) for engine in ("gauss-native", "gauss"))
+    native, other = (_batches(513, [engine]) for engine in ("gauss-native", "gauss"))
     assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
     assert [x.size for x in other] == [8] * 64 + [1]
     assert [x.number for x in _batches(9, ["gauss", "lagrange"])] == [0, 1, 2, 3]

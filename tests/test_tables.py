@@ -11,10 +11,12 @@ import pytest
 
 from gauss_bench import checksums, tables
 from gauss_bench.bench.gate import read_baseline
+from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.cli import main
 from gauss_bench.report.field_run import folders_of
 from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
 
+CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 REPORTS = Path(__file__).parents[1] / "reports"
 VALUES: dict[str, tuple[Any, ...]] = {
     "text": ("", 'a, "b"\nc', "nan", "True", "1"),
@@ -81,9 +83,11 @@ def test_a_damaged_table_is_refused_with_a_sentence(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_column_that_is_not_in_the_schema_is_not_written(tmp_path: Path) -> None:
+def test_a_column_that_is_not_in_the_schema_and_times_that_could_not_be_told_apart_are_not_written(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="invented"):
         tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)
+    with pytest.raises(ValueError, match="same key"):
+        tables.write_table("results", [CASE | {"step_time": 5e-5}] * 2, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -104,13 +108,18 @@ def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_pa
 LIMIT = 3_000_000  # bytes of what is published beside the code
 
 
-def test_published_files_are_small_and_read_completely() -> None:
+def test_published_files_are_small_unchanged_and_read_completely() -> None:
     """Every published file is a table of the schema or one of a few others, and every column of a table is read."""
     others = {"README.md", "what_changed.md", "environment.json", checksums.FILE, tables.SCHEMA_FILE}
     ignored = ("site", "local", ".run", "pictures", "findings")
     files = [path for path in REPORTS.rglob("*") if path.is_file() and path.relative_to(REPORTS).parts[0] not in ignored]
     assert sum(path.stat().st_size for path in files) < LIMIT
     listed = {x for name in TABLES for folder in folders_of(REPORTS) for x in tables.files_of(name, folder)}
+    for folder in folders_of(REPORTS):
+        in_folder = {str(x.relative_to(folder)) for name in TABLES if name != "baseline" for x in tables.files_of(name, folder)}
+        assert checksums.read_checksums(folder).keys() == in_folder
+        checksums.require_unchanged(folder)
+        check_publishable(folder)
     assert {path for path in files if path.name not in others} == listed
     assert {x.parent.name for x in listed} == {"reports", "field", "times"}
     for name in TABLES:
@@ -127,7 +136,7 @@ def test_times_with_another_meaning_in_earlier_formats_are_missing(form: int, st
     """Format 1 gave stabilised runs those of plain steps; builds left out the first step until format 3."""
     if form > 1:
         (tmp_path / "tables.json").write_text(json.dumps({"format": form}), encoding="utf-8")
-    lines = ["mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,step_time,build_time"]
+    lines = [f"{','.join(KEY)},status,step_time,build_time"]
     lines += [f"four_bar,torque,gauss,default,rk4,{s},0.001,2,ok,5e-5,0.1" for s in ("none", "projection")]
     (tmp_path / "results.csv").write_text("\n".join(lines) + "\n")
     rows = tables.read_table("results", tmp_path)
@@ -135,25 +144,21 @@ def test_times_with_another_meaning_in_earlier_formats_are_missing(form: int, st
     assert all(math.isnan(row[x]) for row in rows for x in ("build_time", "cold_build_time"))
 
 
-def of_format_1(folder: Path) -> None:
-    """Return a folder of format 1, with errors of the crank and a baseline with dates and reasons."""
-    case = "four_bar,torque,gauss,default,rk4,none,0.001,2"
-    head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end"
-    files = {
-        "results": f"{head},status,steps,crank_error_t1,crank_error_bar_t1\n{case},ok,2000,1e-07,1e-12\n",
-        "references": "mechanism,scenario,t_end,method,crank_t05,crank_t1\nfour_bar,torque,2,two ways,0.123456789012345,2\n",
-        "certificates": "status,message,mechanism,scenario,crank_end\nok,,four_bar,torque,0.5\n",
-        "kernel_batch": "mechanism,scenario,states,steps,rival,settings,rival_steps\nfour_bar,torque,4096,1000,mujoco,tuned,10\n",
-        "baseline": f"{head},metric,value,accepted\n{case},crank_error_t1,1.5e-07,2026-11-21 first baseline\n"
-        "four_bar,torque,reference,,,,0,2,crank_t05,0.123456789012345,2026-11-22 a better reference\n",
-    }
-    for name, text in files.items():
-        (folder / f"{name}.csv").write_text(text)
+HEAD_OF_CASE, CASE_OF_1 = ",".join(KEY), "four_bar,torque,gauss,default,rk4,none,0.001,2"
+FORMAT_1 = {  # tables with errors of the crank, and a baseline with dates and reasons
+    "results": f"{HEAD_OF_CASE},status,steps,crank_error_t1,crank_error_bar_t1\n{CASE_OF_1},ok,2000,1e-07,1e-12\n",
+    "references": "mechanism,scenario,t_end,method,crank_t05,crank_t1\nfour_bar,torque,2,two ways,0.123456789012345,2\n",
+    "certificates": "status,message,mechanism,scenario,crank_end\nok,,four_bar,torque,0.5\n",
+    "kernel_batch": "mechanism,scenario,states,steps,rival,settings,rival_steps\nfour_bar,torque,4096,1000,mujoco,tuned,10\n",
+    "baseline": f"{HEAD_OF_CASE},metric,value,accepted\n{CASE_OF_1},crank_error_t1,1.5e-07,2026-11-21 first baseline\n"
+    "four_bar,torque,reference,,,,0,2,crank_t05,0.123456789012345,2026-11-22 a better reference\n",
+}
 
 
 @pytest.mark.parametrize("rewritten", [False, True])
 def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten: bool, tmp_path: Path) -> None:
-    of_format_1(tmp_path)
+    for name, text in FORMAT_1.items():
+        (tmp_path / f"{name}.csv").write_text(text)
     if rewritten:
         assert len(tables.migrate(tmp_path)) == 5
         assert tables.format_of(tmp_path) == FORMAT
@@ -170,9 +175,6 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     assert list(baseline["metric"]) == ["measured_error_t1", "measured_t05"]
     assert list(baseline["value"]) == ["1.5e-07", "0.123456789012345"]
     assert list(baseline["accepted"]) == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
-
-
-CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 
 
 def test_times_are_stored_apart_and_joined_when_read(tmp_path: Path) -> None:
@@ -196,8 +198,6 @@ def test_times_of_a_missing_row_are_refused(tmp_path: Path) -> None:
     accuracy.write_text(accuracy.read_text().replace("four_bar", "six_bar"))
     with pytest.raises(TableError, match=r"times/results.csv: a row of times has no row .* four_bar torque"):
         tables.read_table("results", tmp_path)
-    with pytest.raises(ValueError, match="same key"):
-        tables.write_table("results", [CASE | {"step_time": 5e-5}] * 2, tmp_path)
 
 
 @pytest.mark.parametrize(

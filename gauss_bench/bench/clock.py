@@ -57,12 +57,12 @@ class Key(NamedTuple):
     stabilization: str = "none"
 
 
-def interleave(blocks: list[Block], rounds: int, seed: int = 1, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
+def interleave(blocks: list[Block], rounds: int, watch: Watch = watch_nothing) -> Iterator[tuple[Block, int, float]]:
     """Time each block once in every round, in a new random order; yield block, round and seconds per repetition.
 
     A block that takes longer than SLOW, such as the generation of code, is left out after SLOW_ROUNDS rounds.
     """
-    order = random.Random(seed)
+    order = random.Random(1)
     slow: set[int] = set()  # identities of blocks, because blocks cannot be hashed
     gc.disable()
     try:
@@ -217,7 +217,7 @@ def time_of(samples: Array) -> float:
     return float(np.nanmedian(quartiles(samples)))
 
 
-def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
+def quotients(samples: Array, baseline: Array) -> Array:
     """Return several values of the ratio samples / baseline of two measured times, which show how uncertain it is.
 
     There is one value for each process that timed both quantities or, if only one did, RESAMPLES values from bootstrap samples of
@@ -229,7 +229,7 @@ def quotients(samples: Array, baseline: Array, seed: int = 1) -> Array:
     rounds = np.isfinite(numerators[0])
     pair = numerators[0][rounds], denominators[0][rounds]
     # the same rounds are drawn of both: a disturbance of one round affects both alike and cancels
-    picks = np.random.default_rng(seed).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
+    picks = np.random.default_rng(1).integers(0, rounds.sum(), (RESAMPLES, rounds.sum()))
     longer, shorter = (np.quantile(x[picks], 0.25, axis=1) for x in pair)
     return np.asarray(longer / shorter)
 

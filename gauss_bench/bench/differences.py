@@ -9,7 +9,7 @@ from typing import Any
 from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
-from gauss_bench.tables import ENDS, KEY, TABLES, TableError, key_of, read_table
+from gauss_bench.tables import ENDS, TABLES, TableError, case_of, key_of, read_table
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,18 @@ def differences(here: Path, there: Path) -> Differences:
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
     """
-    cases, references, figures = [], [], []
-    for folder in (here, there):
-        rows = accuracy_rows(folder)
-        found = figures_of(frame("results", rows), frame("references", read_table("references", folder)))
-        cases.append({_key(row) for row in rows})
-        references.append({_key(row) for row in found[found["engine"] == "reference"].to_dict("records")})
-        figures.append(found)
-    shared = cases[0] & cases[1]
-    keys = shared | (references[0] & references[1])
+    # every case has at least one figure: its status
+    tables = [(frame("results", accuracy_rows(x)), frame("references", read_table("references", x))) for x in (here, there)]
+    figures = [figures_of(*x) for x in tables]
+    keys = [set(map(case_of, x.to_dict("records"))) for x in figures]
+    shared = keys[0] & keys[1]
     metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
-    own, other = (x[[_key(row) in keys and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
+    own, other = (x[[case_of(row) in shared and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
+    only_here, only_there = (sum(engine != "reference" for _, _, engine, *_ in x - shared) for x in keys)
     verdicts = compare(own, other)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
-    return Differences(len(verdicts), beyond, only_here=len(cases[0] - shared), only_there=len(cases[1] - shared))
+    return Differences(len(verdicts), beyond, only_here, only_there)
 
 
 @dataclass(frozen=True)
@@ -121,11 +118,6 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
         is_crossed = (x > 1) != (y > 1)  # another side is the faster one
         overlap = low <= other_high and other_low <= high
         yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
-
-
-def _key(row: Mapping[Any, Any]) -> tuple[object, ...]:
-    """Return the values of those columns of a row that identify its case."""
-    return tuple(row[k] for k in KEY)
 
 
 def accuracy_rows(folder: Path) -> tuple[dict[str, Any], ...]:

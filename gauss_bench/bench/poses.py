@@ -23,7 +23,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, bodies
 from gauss_bench.metrics import common_times
 from gauss_bench.runs.offers import offer
-from gauss_bench.tables import KEY
+from gauss_bench.tables import case_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
@@ -92,11 +92,11 @@ def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
 
 def keep(results: Rows, poses: Rows) -> Rows:
     """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case."""
-    posed = {_key(row) for row in poses}
+    posed = {case_of(row) for row in poses}
     shown: set[tuple[Any, ...]] = set()
     best: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # linkage, scenario, engine -> least error, and key of its case
     for row in results:
-        key = _key(row)
+        key = case_of(row)
         if key not in posed:
             continue
         group = key[:3]  # linkage, scenario, engine; settings, integrator and stabilisation follow
@@ -105,9 +105,4 @@ def keep(results: Rows, poses: Rows) -> Rows:
         if row["status"] == "ok":
             best[group] = min(best.get(group, (np.inf, ())), (row["position_error"], key))
     shown |= {key for _, key in best.values()}
-    return [row for row in poses if _key(row) in shown]
-
-
-def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return the values of the columns that identify a case."""
-    return tuple(row[c] for c in KEY)
+    return [row for row in poses if case_of(row) in shown]

@@ -60,16 +60,14 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
     return list(rows)
 
 
-def race_processes(
-    race: Callable[..., Rows], entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int
-) -> Measured:
-    """Call `race` (`race_survivors` or, in tests, `race_here`) `processes` times, and collect the times of all entries.
+def race_processes(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str], processes: int) -> Measured:
+    """Call `race_survivors` `processes` times, and collect the times of all entries.
 
     An entry whose engine crashes or hangs in one of the calls has the reason of the failure and no times.
     """
     rows: Rows = []
     for number in range(processes):
-        rows += [row | {"process": number} for row in race(entries, arguments, rounds, engines)]
+        rows += [row | {"process": number} for row in race_survivors(entries, arguments, rounds, engines)]
     return gather_rounds(rows, strict=True)
 
 

@@ -172,6 +172,16 @@ class Run:
         samples = self.samples
         return None if samples is not None and samples.steps is None else self.seconds / max(1, self.sampling.count)
 
+    def complete(self) -> Trajectory:
+        """Return the complete trajectory.
+
+        Raises:
+            RunFailure: there is none; the exception has the status, the message and the samples before the failure.
+        """
+        if self.trajectory is None:
+            raise RunFailure(self.status, self.message, self.reached)
+        return self.trajectory
+
 
 def one_run(
     engine: Engine,

@@ -16,6 +16,7 @@ from gauss_bench.sweep.batch import SweepCase, family, rows_of
 from gauss_bench.sweep.figures import units
 from gauss_bench.sweep.summary import USED, Halved
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import spread_evenly
 
 MOST, SHARE = 16, 10  # one sample in SHARE of an engine is repeated, and at most MOST
 UNITS = ("m", "rad")
@@ -37,7 +38,7 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     if choice.integrator in offered.adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
         case, parts, how = replace(case, choices=((engine, tighter),)), 1, "a tighter tolerance"
-    chosen = np.unique(np.linspace(0, len(good) - 1, min(MOST, -(-len(good) // SHARE))).round().astype(int))
+    chosen = spread_evenly(len(good), min(MOST, -(-len(good) // SHARE)))
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
     numbers = good["sample"].to_numpy()[chosen]
     finer = rows_of(case, engine, numbers, values[numbers], parts)

@@ -7,6 +7,7 @@ import numpy as np
 
 from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import spread_evenly
 
 SHOWN = 500  # largest number of points in a panel, since more points overlap
 TICKS = 4  # largest number of intervals of an axis, since a small panel has no space for more
@@ -35,7 +36,7 @@ def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
             if not len(y):
                 continue
             line[0].hist(y, bins=_bins(y), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled")
-            few = np.linspace(0, len(y) - 1, min(len(y), SHOWN)).round().astype(int)
+            few = spread_evenly(len(y), SHOWN)
             for axis, path in zip(line[1:], plan.paths, strict=True):
                 axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
         for axis in line:

@@ -24,6 +24,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
+from gauss_bench.runs.questions import accelerations
 from gauss_bench.suites.schema import Agreement, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -105,5 +106,4 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
 
 def _accelerations(mechanism: Mechanism, name: str, q: Array, v: Array) -> Array:
     """Return the accelerations (k, n) of a formulation in numpy at states q, v (k, n)."""
-    model = get(name).build(mechanism, Choice())
-    return np.array([model.acceleration(0.0, *x) for x in zip(q, v, strict=True)])
+    return accelerations(np.zeros(len(q)), q, v, get(name).build(mechanism, Choice()))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.bench.clock import Key, Row, at_least, row
-from gauss_bench.bench.survived import race_processes, race_survivors
+from gauss_bench.bench.survived import race_processes
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, ask
@@ -33,18 +33,17 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return context.each(suite.batch, "kernel_batch", race_batch)
 
 
-def race_batch(linkage: str, scenario: str, part: Batch, race: Callable[..., Any] = race_survivors) -> Tables:
+def race_batch(linkage: str, scenario: str, part: Batch) -> Tables:
     """Time our own batch of trajectories and a rival engine's in several processes, and return the linkage's row.
 
-    Times are those of one step of one trajectory. If an engine crashes or hangs in a process, the row has the reason. `race` is
-    `race_survivors`, or `race_here` in tests.
+    Times are those of one step of one trajectory. If an engine crashes or hangs in a process, the row has the reason.
     """
     mechanism = load(linkage, scenario or None)
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = list_keys(part)
     arguments = (linkage, scenario, part)
-    measured = race_processes(race, entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
+    measured = race_processes(entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
     result = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(result, "ratio", part.targets.get(mechanism.name))]}
 

@@ -13,7 +13,6 @@ import statistics
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -79,14 +78,13 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return tasks
 
 
-def race_claim(linkage: str, scenario: str, part: Claim, number: int, race: Callable[..., Any] = race_survivors) -> Tables:
+def race_claim(linkage: str, scenario: str, part: Claim, number: int) -> Tables:
     """Time both formulations on a linkage in one process; return one row for each of QUANTITIES.
 
     A row has both times, and the ratio of the time with n + m unknowns to that with n - m. `number` is the index of the process.
-    `race` is `race_survivors`, or `race_here` in tests.
     """
     start: Row = place_of(load(linkage, scenario or None)) | {"process": number}
-    measured = gather_rounds(race(entries, (linkage, scenario, part), part.rounds, part.compiled))
+    measured = gather_rounds(race_survivors(entries, (linkage, scenario, part), part.rounds, part.compiled))
     return {"claim_races": [row(start | {"what": what}, measured.compare, *pair) for what, pair in pairs(part).items()]}
 
 

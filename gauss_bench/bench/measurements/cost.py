@@ -28,7 +28,7 @@ from gauss_bench.bench.cases import combinations
 from gauss_bench.bench.clock import NO_KEY, Key, Measured, gather_rounds, key_of, ratio_columns, time_of
 from gauss_bench.bench.measurements.processor import PROCESSOR, processor
 from gauss_bench.bench.survived import race_survivors
-from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, place_of, with_race_limit
+from gauss_bench.bench.tasks import LIMIT, LOST, Context, Rows, Tables, Task, group_by, place_of, with_race_limit
 from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
@@ -78,15 +78,15 @@ def task_of_first_step(context: Context, place: tuple[str, str], engine: str, st
     return context.task("untimed", time_first_step, arguments, *place, engine=engine, quantity=quantity)
 
 
-def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0, race: Callable[..., Any] = race_survivors) -> Tables:
+def race_cost(linkage: str, scenario: str, part: Cost, number: int = 0) -> Tables:
     """Time all engines on a linkage in process `number`; return the tables `samples` and `untimed`.
 
     `samples` has a row with the seconds of every entry in every round, `untimed` a row for each entry without times, with the
-    reason. `race` is `race_survivors`, or `race_here` in tests.
+    reason.
     """
     start = place_of(load(linkage, scenario or None))
     # the loops that measure the processor are entries of an engine named PROCESSOR
-    rows = race(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
+    rows = race_survivors(entries, (linkage, scenario, part), part.rounds, (*part.engines, PROCESSOR))
     samples = [start | r | {"step": part.step, "process": number} for r in rows if "seconds" in r]
     return {"samples": samples, "untimed": [start | r for r in rows if "status" in r]}
 
@@ -153,14 +153,11 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
     return {"samples": [start | {"step": step, "process": number, "round": 0} | sample]}
 
 
-def gather_by_linkage(tables: Tables) -> dict[tuple[str, str], Measured]:
+def gather_by_linkage(tables: Tables) -> dict[tuple[Any, ...], Measured]:
     """Return (mechanism, scenario) -> the results of its races."""
-    places: dict[tuple[str, str], Rows] = {}
-    for r in [*tables.get("samples", []), *tables.get("untimed", [])]:
-        here = places.setdefault((r["mechanism"], r["scenario"]), [])
-        if "quantity" in r:  # a race that failed as a whole has one row without a quantity
-            here.append(r)
-    return {place: gather_rounds(rows) for place, rows in places.items()}
+    places = group_by([*tables.get("samples", []), *tables.get("untimed", [])], "mechanism", "scenario")
+    # a race that failed as a whole has one row without a quantity
+    return {place: gather_rounds(r for r in rows if "quantity" in r) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -170,7 +167,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     add_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
-def add_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
+def add_costs(rows: Rows, races: dict[tuple[Any, ...], Measured]) -> None:
     """Add to each row of the results the times of its engine and setting, and their ratios to those of BASELINE.
 
     The time of a step does not depend on its length, so that the step of a row may differ from the timed one. `races` maps
@@ -181,7 +178,7 @@ def add_costs(rows: Rows, races: dict[tuple[str, str], Measured]) -> None:
         row |= columns(row["mechanism"], row["scenario"], key_of(row | {"quantity": ""}))  # a result is of no single quantity
 
 
-def _columns(races: dict[tuple[str, str], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
+def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: str, key: Key) -> dict[str, float]:
     """Return the cost columns of an engine and setting on a mechanism; the `quantity` of the key is not used."""
     samples = races[mechanism, scenario].samples if (mechanism, scenario) in races else {}
     columns: dict[str, float] = {}

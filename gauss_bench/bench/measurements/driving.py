@@ -5,11 +5,10 @@ are computed here from its accelerations. Without losses, the mean torque over o
 the joint forces of least norm are compared.
 """
 
-from typing import Any
-
 import numpy as np
 
 from gauss_bench import metrics
+from gauss_bench.bench.clock import Row, row
 from gauss_bench.bench.tasks import LIMIT, Context, Tables, Task
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
@@ -17,8 +16,8 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import build_reference
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling
-from gauss_bench.suites.schema import Driving, Suite
-from gauss_bench.trajectory import Status
+from gauss_bench.suites.schema import Driving, Method, Suite
+from gauss_bench.trajectory import RunFailure, Status
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
@@ -33,23 +32,21 @@ def driving(linkage: str, scenario: str, part: Driving) -> Tables:
     exact = metrics.reactions(evaluator, reference.samples)  # (k, m) forces and moments of joints, then the torque
     driver = evaluator.constraints.joint_rows  # index of the torque
     wanted = sampling(part.step, mechanism.duration, reference.t)
-    rows = []
-    for method in part.ways:
-        row: dict[str, Any] = {"mechanism": mechanism.name, **method.model_dump(), "status": str(Status.OK), "message": ""}
-        rows.append(row)
+
+    def compare(method: Method) -> Row:
+        """Run an engine with a setting, and return the columns of its errors; a RunFailure if it has no motion or joint forces."""
         choice = Choice(method.settings, method.integrator, method.stabilization, part.step)
-        run = run_of(Request(linkage, scenario, method.engine, choice, wanted), mechanism, LIMIT)
-        if run.trajectory is None:
-            row |= {"status": str(run.status), "message": run.message}
-            continue
+        x = run_of(Request(linkage, scenario, method.engine, choice, wanted), mechanism, LIMIT).complete()
         try:
-            reactions = metrics.reactions(evaluator, run.trajectory)
+            reactions = metrics.reactions(evaluator, x)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
-            row |= {"status": str(Status.ERROR), "message": f"no joint forces: {error}"}
-            continue
-        at, met = metrics.common_times(run.trajectory.t, reference.t)  # indices of the times that both have
+            raise RunFailure(Status.ERROR, f"no joint forces: {error}") from error
+        at, met = metrics.common_times(x.t, reference.t)  # indices of the times that both have
         errors, largest = np.abs(reactions[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)  # (m,)
-        row["torque_error"] = float(errors[driver] / largest[driver])
-        row["mean_torque"] = float(abs(reactions[:-1, driver].mean()) / largest[driver])  # the last sample repeats the first
-        row["force_error"] = float(errors[:driver].max() / largest[:driver].max())
-    return {"driving": rows}
+        return {
+            "torque_error": float(errors[driver] / largest[driver]),
+            "mean_torque": float(abs(reactions[:-1, driver].mean()) / largest[driver]),  # the last sample repeats the first
+            "force_error": float(errors[:driver].max() / largest[:driver].max()),
+        }
+
+    return {"driving": [row({"mechanism": mechanism.name, **way.model_dump()}, compare, way) for way in part.ways]}

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -97,22 +96,20 @@ def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
     return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
 
 
-def race_growth(
-    size: int, rounds: int, number: int = 0, outside: Sequence[Sequence[str]] = (), race: Callable[..., Any] = race_survivors
-) -> Tables:
+def race_growth(size: int, rounds: int, number: int, outside: Sequence[Sequence[str]]) -> Tables:
     """Time all contenders in process `number` on a chain of `size` four-bars; return one row for each timed quantity.
 
     If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` lists (engine, call) of
-    plug-ins and engines of other environments. `race` is `race_survivors`, or `race_here` in tests.
+    plug-ins and engines of other environments.
     """
     entered = contenders(outside)
-    measured = gather_rounds(race(entries, (size, outside), rounds, [*entered]))
+    measured = gather_rounds(race_survivors(entries, (size, outside), rounds, [*entered]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
     keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
     return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, measured.summary, k) for k in keys]}
 
 
-def entries(size: int, outside: Sequence[Sequence[str]] = ()) -> Iterator[tuple[Key, Callable[[], Block]]]:
+def entries(size: int, outside: Sequence[Sequence[str]]) -> Iterator[tuple[Key, Callable[[], Block]]]:
     """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block.
 
     `outside` lists (engine, call) of plug-ins and engines of other environments.

@@ -9,7 +9,7 @@ Source: Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), secti
 import numpy as np
 
 from gauss_bench import metrics
-from gauss_bench.bench.clock import Missing, Row, row
+from gauss_bench.bench.clock import Row, row
 from gauss_bench.bench.measurements.claim import FORMULATIONS
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.engines import get
@@ -52,17 +52,15 @@ def measure(mechanism: Mechanism, formulation: str, step: float, duration: float
     `energy` is the largest kinetic energy [J]; `energies` has the largest energy error in each time window.
 
     Raises:
-        Missing: the mechanism has no kernel, or the run ended too early.
+        RunFailure: the mechanism has no kernel, or the run ended too early.
     """
     engine = next(name for name, x in ENGINES.items() if x == formulation)
     wanted = sampling_at(step, np.arange(round(duration / SAMPLING) + 1) * SAMPLING)
-    run = one_run(get(engine), mechanism, Choice("default", "rk4", "projection", step), wanted)
-    if run.trajectory is None:
-        raise Missing(run.status, run.message)
+    x = one_run(get(engine), mechanism, Choice("default", "rk4", "projection", step), wanted).complete()
     evaluator = Evaluator(mechanism)
-    drift, energy_error = metrics.drift(evaluator, run.trajectory), np.abs(metrics.energy_error(evaluator, run.trajectory)[0])
-    energy_errors = [float(x.max()) for x in np.array_split(energy_error[1:], WINDOWS)]
-    kinetic = 0.5 * (evaluator.mass * run.trajectory.v**2).sum(axis=-1)  # (k,) [J]
+    drift, energy_error = metrics.drift(evaluator, x), np.abs(metrics.energy_error(evaluator, x)[0])
+    energy_errors = [float(part.max()) for part in np.array_split(energy_error[1:], WINDOWS)]
+    kinetic = 0.5 * (evaluator.mass * x.v**2).sum(axis=-1)  # (k,) [J]
     return {
         "position_drift": float(drift.position.max()),
         "velocity_drift": float(drift.velocity.max()),

@@ -6,13 +6,12 @@ which solves the linkage one group of links ("link unit") after the other.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.clock import NO_KEY, Key, Measured, Row, at_least, row
 from gauss_bench.bench.measurements.geometry import differences, exact_motion
-from gauss_bench.bench.survived import race_processes, race_survivors
+from gauss_bench.bench.survived import race_processes
 from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.closure import Sweep, compile_closure
 from gauss_bench.kinematics.loop_closure import loop_motion
@@ -31,13 +30,12 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     return context.each(suite.turns, "kernel_kinematics", race_turns)
 
 
-def race_turns(linkage: str, scenario: str, part: Turns, race: Callable[..., Any] = race_survivors) -> Tables:
+def race_turns(linkage: str, scenario: str, part: Turns) -> Tables:
     """Return a row for each of METHODS, the compiled method and the one in numpy: the time per position in a turn of the crank.
 
-    If a method crashes or hangs in one of the processes, its row has the reason. `race` is `race_survivors`, or `race_here` in
-    tests.
+    If a method crashes or hangs in one of the processes, its row has the reason.
     """
-    measured = race_processes(race, entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
+    measured = race_processes(entries, (linkage, scenario, part), part.rounds, METHODS, part.processes)
     place = place_of(load(linkage, scenario))
     return {"kernel_kinematics": [turn_row(place, part, method, measured) for method in METHODS]}
 
