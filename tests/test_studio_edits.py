@@ -23,7 +23,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pen]:
     return {name: draw(tmp_path_factory.mktemp(name)) for name, draw in DRAWN.items()}
 
 
-LOOPS = {"four_bar": 1, "quick_return": 2, "eight_bar": 3}
+LOOPS = {"four_bar": 1, "quick_return": 2}
 
 
 @pytest.mark.parametrize("name", DRAWN)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 pytest.importorskip("tomlkit")
 from gauss_bench.engines import MissingExtra, compiled, not_installed
 from gauss_bench.studio.requests import answer
-from tests.studio import Pen, Watched, eight_bar
+from tests.studio import Pen, Watched
 
 
 def test_marks_of_singular_positions_come_behind_the_motion(bars: Pen) -> None:
@@ -35,21 +34,20 @@ def test_what_is_drawn_without_a_law_turns_what_can_be_driven(pen: Pen) -> None:
 
 
 @pytest.mark.slow
-def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -> None:
-    pen = eight_bar(tmp_path)
-    pin = pen.at(0.42, 0.11)
-    before, at = pen.session.text, np.array([0.42, 0.11])
-    assert "fixed" in pen.refused("drag_begin", pin=pen.at(0.0, 0.0))
-    pen.ask("drag_begin", pin=pin)
+def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(pen: Pen) -> None:
+    x, y = at = next(p["at"] for p in pen.scene("template", name="eight_bar")["pins"] if p["id"] == "5")
+    before = pen.session.text
+    assert "fixed" in pen.refused("drag_begin", pin="1")
+    pen.ask("drag_begin", pin="5")
     for k in range(20):
-        found = pen.ask("drag", at=[0.42 - 0.002 * k, 0.11 + 0.001 * k])
-    moved = np.array(found["poses"]["bar2"])
-    assert np.abs(moved - next(x["pose"] for x in pen.now["links"] if x["name"] == "bar2")).max() > 0.05
+        found = pen.ask("drag", at=[x - 0.002 * k, y + 0.001 * k])
+    moved = np.array(found["poses"]["rocker"])
+    assert np.abs(moved - next(x["pose"] for x in pen.now["links"] if x["name"] == "rocker")).max() > 0.05
     assert pen.session.text == before
     kept = pen.scene("drag_end", keep=True)
-    drawn = next(x["pose"] for x in kept["links"] if x["name"] == "bar2")
+    drawn = next(x["pose"] for x in kept["links"] if x["name"] == "rocker")
     assert drawn == pytest.approx(moved.tolist(), abs=1e-7)
-    assert next(p["at"] for p in kept["pins"] if p["id"] == pin) != pytest.approx(at, abs=1e-3)
+    assert next(p["at"] for p in kept["pins"] if p["id"] == "5") != pytest.approx(at, abs=1e-3)
     assert kept["problems"] == []
     assert pen.scene("undo")["revision"] > kept["revision"]
     assert pen.session.text == before
