@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
 
 from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
@@ -20,13 +21,13 @@ from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, Si
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root
 from gauss_bench.kinematics.topology import find_graph
-from gauss_bench.linkage.load import document_of, load, load_document
-from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
+from gauss_bench.linkage.load import load, load_document
+from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
+from gauss_bench.mechanism.motion_laws import MotionLaw, constant
 from tests.conftest import DATA, driven, everything, redundant
-from tests.engine_runs import document
+from tests.drawn_linkages import PARTS, every_freedom, linkages
 from tests.four_bars import four_bar
 
 Solver = Callable[..., Motion]
@@ -162,62 +163,18 @@ def test_active_bars_are_links_of_their_own(solve: Solver) -> None:
     np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
 
 
-def turning(mechanism: Mechanism, **travels: float) -> Mechanism:
-    """Return the mechanism with links or slides driven over `travels` [rad, m] in a second, from the start, by the sine law."""
-    still = driven(mechanism, **dict.fromkeys(travels, constant(0.0, 0.0)))
-    starts = {driver.name: float(value(driver.coordinate, mechanism.q0)) for driver in still.drivers}
-    return driven(mechanism, **{name: rise("sine", starts[name], x, 1.0) for name, x in travels.items()})
-
-
-def slotted(slot_deg: float, offset: float, flag: bool) -> Mechanism:
-    """A crank whose block slides in the slot of a lever, with or without a link pinned to the lever's end."""
-    document = document_of("shaper")[0]
-    for gone in ("rod", "ram"):
-        del document["links"][gone]
-    for gone in ("B", "C", "ram"):
-        del document["joints"][gone]
-    document |= {"expect": {}, "assembly": {"sketch": {"A": [0.1, 0.3]}, "angles_deg": {"lever": 71.6 - slot_deg, "crank": 0.0}}}
-    document["observe"]["points"] = ["lever.B"]
-    document["joints"]["slot"] |= {"angle_deg": slot_deg, "offset": offset}
-    document["scenarios"] = {"rest": {"duration": 1.0, "start": {"angles_deg": {"crank": 0.0}}}}
-    if flag:
-        document["links"]["flag"] = {"points": {"B": [0.0, 0.0]}, "mass": 1.0, "inertia": 1.0}
-        document["joints"]["B"] = {"type": "revolute", "at": ["lever.B", "flag.B"]}
-        document["assembly"]["angles_deg"]["flag"] = 20.0
-        document["scenarios"]["rest"]["start"]["angles_deg"]["flag"] = 20.0
-    return load_document(document)
-
-
-def cylinder(flag: bool = False) -> Mechanism:
-    content = document("kinematics/cylinder")
-    if not flag:
-        del content["links"]["flag"], content["joints"]["Q"]
-        del content["assembly"]["angles_deg"]["flag"], content["scenarios"]["rest"]["start"]["angles_deg"]["flag"]
-    return load_document(content)
-
-
-MOVES: dict[str, tuple[Callable[[], Mechanism], dict[str, float], int]] = {  # linkage, travels [rad, m], number of equations
-    "slot along x": (lambda: slotted(0.0, 0.0, flag=True), {"crank": 6.0, "flag": -2.0}, 2),
-    "oblique slot": (lambda: slotted(30.0, 0.05, flag=True), {"crank": 6.0, "flag": -2.0}, 2),
-    "lever with one point": (lambda: slotted(30.0, 0.05, flag=False), {"crank": 6.0}, 2),
-    "boom": (cylinder, {"boom": 0.8}, 2),  # the barrel has one point: the piston shows its direction
-    "bore": (cylinder, {"bore": 0.1}, 4),
-    "barrel": (cylinder, {"barrel": -0.2}, 4),
-    "barrel and piston with two points": (lambda: cylinder(flag=True), {"boom": 0.8, "flag": 1.0}, 4),
-    "pins through three links": (lambda: load("jansen"), {"crank": 2 * np.pi}, 8),
-}
-
-
-@pytest.mark.parametrize("name", MOVES)
-def test_every_kind_of_link_moves_as_in_absolute_coordinates(name: str) -> None:
-    build, travel, rows = MOVES[name]
-    mechanism = turning(build(), **travel)
-    assert len(PointModel(mechanism).a) == rows
-    times = np.linspace(0.0, 1.0, 25)
-    motion = basic_motion(mechanism, times)
-    assert np.abs(motion.q[-1] - motion.q[0]).max() > 0.05
-    peak = max(1.0, np.abs(motion.a).max() / 100)  # rounding grows with accelerations
-    assert (violations(mechanism, times, motion) < peak * ROUNDING).all()
+@given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
+@settings(max_examples=12, derandomize=True, database=None, deadline=None)
+def test_any_linkage_moves_by_points_as_by_loops(document: dict[str, Any]) -> None:
+    """Links with one point, slots at any angle and offset, cylinders, active bars, and pins through several links."""
+    mechanism, times = load_document(document), np.linspace(0.0, 0.2, 5)
+    try:
+        true = loop_motion(mechanism, times)
+    except MotionError:
+        assume(False)
+    found = basic_motion(mechanism, times)
+    for level in "qva":
+        assert relative(getattr(found, level), getattr(true, level)) < 1e-12
 
 
 def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
@@ -288,7 +245,7 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: 
 
 def test_inputs_and_linkages_that_do_not_fit_are_refused() -> None:
     mechanism, five, law = load("crank_slider", "driven"), load("five_bar", "spring"), constant(0.0, 1.0)
-    for solve, given, text in (
+    for solve, wrong, text in (
         (loop_motion, driven(mechanism), "1 degrees of freedom, but the inputs are 0"),
         (basic_motion, driven(mechanism), "0 inputs for 1 degrees of freedom"),
         (loop_motion, driven(mechanism, slider=law), "cannot be driven at 'slider'"),
@@ -304,7 +261,7 @@ def test_inputs_and_linkages_that_do_not_fit_are_refused() -> None:
         ),
     ):
         with pytest.raises(ValueError, match=text):
-            solve(given, np.zeros(1))
+            solve(wrong, np.zeros(1))
     assert not issubclass(MotionError, ValueError)
 
 
