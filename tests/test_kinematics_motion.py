@@ -15,73 +15,25 @@ from hypothesis import assume, given, settings
 from gauss_bench.kinematics import basic_coordinates, root_finding
 from gauss_bench.kinematics.basic_coordinates import basic_motion, branch_of
 from gauss_bench.kinematics.branches import branches
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way, link_type
+from gauss_bench.kinematics.link_units import PIN, Element, link_type
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, SingularPosition
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Root
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
-from gauss_bench.mechanism.coordinates import acceleration, position, velocity
+from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw, constant
+from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from tests.conftest import DATA, driven, everything, redundant
 from tests.drawn_linkages import PARTS, every_freedom, linkages
+from tests.engine_runs import document
 from tests.four_bars import four_bar
 
 Solver = Callable[..., Motion]
 SOLVERS = [loop_motion, basic_motion]
 SIX = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
-
-
-def pin(name: str, at: complex) -> Element:
-    return Element(name, name, PIN, at)
-
-
-def guide(name: str, at: complex, along: complex, kind: str = GUIDE) -> Element:
-    return Element(name, name, kind, at, along, name)
-
-
-def block(name: str, at: complex) -> Element:
-    return Element(name, name, BLOCK, at)
-
-
-# Link units
-
-ENDS = {
-    "RR": (pin("a", 0.1 + 0.2j), pin("b", 0.4 - 0.1j)),
-    "RP1": (pin("a", 0.1j), block("p", 0.3)),
-    "RP2": (pin("a", 0.1), guide("p", 0.05 - 0.2j, np.exp(0.4j))),
-    "S": (pin("a", 0.0), guide("b", 0.0, 1.0, ROD_END)),
-    "PP": (guide("p", 0.02j, 1.0), guide("r", 0.1, np.exp(2.0j))),
-}
-
-
-@pytest.mark.parametrize("kind", ENDS)
-@pytest.mark.parametrize("turns", [True, False])
-def test_units_are_the_derivatives_of_the_vector_and_reverse_with_the_path(
-    kind: str, turns: bool, rng: np.random.Generator
-) -> None:
-    way = Way(0, *ENDS[kind], turns)
-    back = Way(0, way.leave, way.enter, turns)
-    p = len(way.slides)
-    x, rate = rng.normal(size=1 + p), rng.normal(size=1 + p)
-    rate[0] *= turns
-
-    def units(x: np.ndarray, way: Way = way) -> Any:
-        return way.units(x[0], rate[0], x[1:], rate[1:])
-
-    h = 1e-5
-    here = units(x)
-    columns = np.eye(1 + p)[0 if turns else 1 :]
-    assert here.J.shape == here.J_rate.shape == (2, turns + p)
-    # central differences: h^2 = 1e-10 of the third derivative, rounding 1e-16/h = 1e-11
-    slope = [(units(x + h * e).vector - units(x - h * e).vector) / (2 * h) for e in columns]
-    np.testing.assert_allclose(here.J, np.reshape(slope, (-1, 2)).T, atol=2e-9)
-    np.testing.assert_allclose(here.J_rate, (units(x + h * rate).J - units(x - h * rate).J) / (2 * h), atol=2e-9)
-    for one, other in zip(vars(here).values(), vars(units(x, back)).values(), strict=True):
-        np.testing.assert_array_equal(one, -other)
 
 
 def test_links_have_the_names_of_the_paper() -> None:
@@ -95,8 +47,9 @@ def test_links_have_the_names_of_the_paper() -> None:
         graph, names = find_graph(mechanism, active), [x.name for x in (*mechanism.links, *active)]
         assert {name: link_type(graph.elements(names.index(name))) for name in codes} == codes
     assert link_type(find_graph(load("six_bar")).elements(-1), frame=True) == "RRP0"
-    assert link_type([pin(x, 0.0) for x in "abcde"]) == "5R"
-    assert link_type([Element("B", "B", PIN, 1.0), Element("B.001", "B", PIN, 1.0), pin("C", 0.0)]) == "RR"  # a multiple joint at B
+    assert link_type([Element(x, x, PIN, 0j) for x in "abcde"]) == "5R"
+    multiple = [Element(pair, node, PIN, 0j) for pair, node in (("B", "B"), ("B.001", "B"), ("C", "C"))]
+    assert link_type(multiple) == "RR"
 
 
 # Loops
@@ -153,28 +106,33 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
         assert relative(acceleration(q, v, a, point), true[:, 4:]) < 1e-11
 
 
-@pytest.mark.parametrize("solve", SOLVERS)
-def test_active_bars_are_links_of_their_own(solve: Solver) -> None:
-    mechanism = load("excavator")
-    times = np.linspace(0.0, 2.0, 21)
-    motion = solve(mechanism, times)
-    # sums of lengths below 2 m and of angles below 10 rad
-    assert (violations(mechanism, times, motion) < 1e-13 * np.array([1.0, *[np.abs(motion.a).max() + 1.0] * 2])).all()
-    np.testing.assert_allclose(motion.q[0], mechanism.q0, atol=1e-13)  # the bars' own angles are found from the points
-
-
 @given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
 @settings(max_examples=12, derandomize=True, database=None, deadline=None)
-def test_any_linkage_moves_by_points_as_by_loops(document: dict[str, Any]) -> None:
+def test_any_linkage_moves_by_points_as_by_loops(drawn: dict[str, Any]) -> None:
     """Links with one point, slots at any angle and offset, cylinders, active bars, and pins through several links."""
-    mechanism, times = load_document(document), np.linspace(0.0, 0.2, 5)
+    mechanism, times = load_document(drawn), np.linspace(0.0, 0.2, 5)
     try:
         true = loop_motion(mechanism, times)
     except MotionError:
         assume(False)
+    assert_alike(mechanism, times, true)
+
+
+def assert_alike(mechanism: Mechanism, times: np.ndarray, true: Motion) -> None:
+    """Compare motion by points with the true one by loops."""
     found = basic_motion(mechanism, times)
+    np.testing.assert_allclose(true.q[0], mechanism.q0, atol=1e-12)
     for level in "qva":
         assert relative(getattr(found, level), getattr(true, level)) < 1e-12
+
+
+@pytest.mark.parametrize(("name", "travel"), [("boom", 0.8), ("bore", 0.1), ("barrel", -0.2)])
+def test_a_barrel_with_one_point_has_the_direction_that_its_piston_shows(name: str, travel: float) -> None:
+    mechanism, times = load_document(document("kinematics/cylinder")), np.linspace(0.0, 1.0, 25)
+    (still,) = driven(mechanism, **{name: constant(0.0, 0.0)}).drivers
+    start = float(value(still.coordinate, mechanism.q0))
+    mechanism = driven(mechanism, **{name: rise("sine", start, travel, 1.0)})
+    assert_alike(mechanism, times, loop_motion(mechanism, times))
 
 
 def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
