@@ -121,6 +121,22 @@ def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
+def pen(tmp_path: Path) -> Any:
+    """A session of the studio that draws by requests, with an empty drawing."""
+    from tests.studio import Pen
+
+    return Pen(tmp_path)
+
+
+@pytest.fixture
+def bars(tmp_path: Path) -> Any:
+    """A session with a four-bar, whose crank is driven."""
+    from tests.studio import four_bar
+
+    return four_bar(tmp_path)
+
+
+@pytest.fixture
 def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The interpreter of the environment of a test's engine: its case `engine`, or ENGINE of its file; skipped where there is none.
 

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from gauss_bench.api.telling import plain
 from gauss_bench.linkage.schema import FORMAT, SECOND
+from gauss_bench.mechanism.numbers import turn_vector
 from gauss_bench.terms import Array
 
 MOST = 9  # bodies
@@ -70,15 +72,14 @@ class Draft:
             table |= {"mass": body.mass, "com": [body.along * length, 0.0], "inertia": body.mass * length**2 / 10}
         elif body.told == "polar":
             way = {"from": "B", "r": body.aside * length, "deg": 90.0 + 90.0 * body.along}
-            turn = np.radians(way["deg"])
-            local["C"] = (np.array(local["B"]) + way["r"] * np.array([np.cos(turn), np.sin(turn)])).tolist()
+            local["C"] = np.array(local["B"]) + way["r"] * direction(np.radians(way["deg"]))
             table |= {"points": {**local, "C": way}, "bars": [["A", "B"]], "mass": body.mass}
         else:
             table |= {"bars": [["A", "B"], ["B", "C"]], "kg_per_m": body.mass / length}
         if body.point_mass:
             table["point_masses"], self.second = [{"point": "C", "mass": body.point_mass}], True
         self.tables["links"][name], self.angles[name], self.body[name] = table, angle, name
-        self.points |= {f"{name}.{p}": start + turned(np.array(x), angle) for p, x in local.items()}
+        self.points |= {f"{name}.{p}": start + turn_vector(x, angle) for p, x in local.items()}
         self.bodies += 1
         return name
 
@@ -110,11 +111,6 @@ def direction(angle: float) -> Array:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def turned(x: Array, angle: float) -> Array:
-    c, s = direction(angle)
-    return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
-
-
 def swing(draft: Draft, part: Part) -> None:
     at, place = draft.at(part.on)
     name = draft.link("p", place, place + part.length * direction(np.radians(part.turn)), part.body)
@@ -127,8 +123,8 @@ def two_bars(draft: Draft, part: Part) -> bool:
     base = float(np.hypot(*(b - a)))
     if base < APART:
         return False
-    along = (b - a) / base
-    apex = a + (0.5 + part.turn / 400) * (b - a) + np.sign(part.bend or 1) * max(part.length, base / 2) * turned(along, np.pi / 2)
+    left = turn_vector((b - a) / base, np.pi / 2)
+    apex = a + (0.5 + part.turn / 400) * (b - a) + np.sign(part.bend or 1) * max(part.length, base / 2) * left
     one, other = draft.link("u", a, apex, part.body), draft.link("w", b, apex, part.body)
     draft.pin(first, f"{one}.A", shared=part.shared)
     draft.pin(second, f"{other}.A")
@@ -180,7 +176,7 @@ def sled(draft: Draft, part: Part) -> bool:
     if part.shared:
         draft.tables["constraints"][f"e{name}"] = {"type": "knife_edge", "point": point, "angle_deg": float(part.bend)}
     for group, value in (("points", start), ("point_velocities", part.speed / 10 * direction(edge))):
-        draft.held[group][point] = value.tolist()
+        draft.held[group][point] = value
     draft.held["angles"][name], draft.held["speeds"][name] = angle, part.speed
     return True
 
@@ -198,7 +194,7 @@ def _guided(draft: Draft, guide: str, block: str, line: float, away: Array) -> s
     """A slide of a block at a place `away` from the guide's point, along a line of the world."""
     name, (on, of) = f"j{len(draft.tables['joints'])}", (x.partition(".")[0] for x in (guide, block))
     turns = {"angle": float(line - draft.angles[on]), "block_angle": float(line - draft.angles[of])}
-    offset = float(turned(direction(line), np.pi / 2) @ away)
+    offset = float(turn_vector(direction(line), np.pi / 2) @ away)
     draft.tables["joints"][name] = {"type": "prismatic", "guide": guide, "block": block, "offset": offset, **turns}
     return name
 
@@ -314,27 +310,15 @@ def document_of(
         "format": SECOND if draft.second else FORMAT,
         "name": "drawn",
         "gravity": gravity,
-        "ground": {"points": {k: x.tolist() for k, x in draft.ground.items()}},
+        "ground": {"points": draft.ground},
         **{k: x for k, x in draft.tables.items() if x},
         "assembly": {
-            "sketch": {f"{x}.A": draft.points[f"{x}.A"].tolist() for x in draft.tables["links"]},
+            "sketch": {f"{x}.A": draft.points[f"{x}.A"] for x in draft.tables["links"]},
             "angles": {x: draft.angles[x] for x in draft.tables["links"]},
         },
         "scenarios": {"run": scenario},
     }
-    return plain(found)
-
-
-def plain(x: Any) -> Any:
-    """The same in lists, tables and numbers of Python alone."""
-    match x:
-        case dict():
-            return {k: plain(v) for k, v in x.items()}
-        case list() | tuple():
-            return [plain(v) for v in x]
-        case float():
-            return float(x)
-    return x
+    return dict(plain(found))
 
 
 def tenths(low: int, high: int) -> st.SearchStrategy[float]:

@@ -123,24 +123,7 @@ def quick_return(folder: Path) -> Pen:
     return pen
 
 
-def eight_bar(folder: Path) -> Pen:
-    """Draw a class IV linkage of three loops."""
-    pen = Pen(folder)
-    for at in ((0.0, 0.0), (0.36, -0.08), (0.48, 0.48)):
-        pen.pin(*at, ground=True)
-    crank = pen.bar((0.0, 0.0), (0.08, 0.0))
-    pen.plate((0.08, 0.0), (0.42, 0.11), (0.13, 0.22))
-    pen.bar((0.36, -0.08), (0.42, 0.11))
-    pen.plate((0.13, 0.22), (0.33, 0.35), (0.15, 0.39))
-    rod = pen.bar((0.33, 0.35), (0.26, 0.58))
-    pen.bar((0.15, 0.39), (0.38, 0.70))
-    pen.plate((0.48, 0.48), (0.26, 0.58), (0.38, 0.70))
-    pen.ask("add_point", link=rod, at=[0.295, 0.465], observe=True)
-    pen.ask("drive", coordinate=crank)
-    return pen
-
-
-DRAWN = {"four_bar": four_bar, "quick_return": quick_return, "eight_bar": eight_bar}
+DRAWN = {"four_bar": four_bar, "quick_return": quick_return}
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 from gauss_bench import cli
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.limits import harmless, limit_faults
-from gauss_bench.linkage.load import built_in, document_of, load, load_document
+from gauss_bench.linkage.load import built_in, document_of, load_document
 from tests.fuzz.__main__ import over_files, over_lists, warm
 from tests.fuzz.calls import over_calls, simulated
 from tests.fuzz.files import damaged_file
@@ -48,6 +48,11 @@ def changed(**keys: Any) -> dict[str, Any]:
             "more than 100",
         ),
         (changed(scenarios={f"s{i}": {"duration": 1.0} for i in range(101)}), "scenarios: 101 entries"),
+        (
+            changed(scenarios__torque__override={"forces": {"motor": {"value": 1e300}}}),
+            r"scenarios\.torque\.override\.forces\.motor\.value: 1e\+300 is larger",
+        ),
+        (changed(ground__points={f"p{i}": {"from": f"p{(i + 1) % 300}", "r": 0.1} for i in range(300)}), "circular"),
     ],
 )
 def test_what_is_beyond_the_limits_is_refused_by_its_place_and_reason(document: dict[str, Any], said: str) -> None:
@@ -58,12 +63,6 @@ def test_what_is_beyond_the_limits_is_refused_by_its_place_and_reason(document: 
 def test_nothing_that_comes_with_the_suite_is_beyond_the_limits() -> None:
     for name in (*built_in(), "n_four_bar_400", "pendulums_400"):
         assert limit_faults(document_of(name)[0]) == []
-
-
-def test_points_that_follow_from_each_other_in_a_circle_are_told_as_that() -> None:
-    points = {f"p{i}": {"from": f"p{(i + 1) % 300}", "r": 0.1} for i in range(300)}
-    with pytest.raises(LinkageError, match="circular"):
-        load_document(changed(ground__points=points))
 
 
 def test_a_start_many_turns_away_is_reached_by_whole_turns() -> None:
@@ -153,11 +152,3 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
 @pytest.mark.long
 def test_calls_in_one_process_hold_no_more_at_their_end() -> None:
     assert [x for x in over_calls(simulated(3), 200) if x[2]] == []
-
-
-def test_a_scenario_may_not_replace_what_is_sound_by_what_is_beyond(tmp_path: Path) -> None:
-    path = tmp_path / "four_bar.toml"
-    content = built_in()["four_bar"].read_text(encoding="utf-8")
-    path.write_text(f"{content}\n[scenarios.torque.override.forces.motor]\nvalue = 1e300\n", encoding="utf-8")
-    with pytest.raises(LinkageError, match=r"scenarios\.torque\.override\.forces\.motor\.value: 1e\+300 is larger"):
-        load(str(path))

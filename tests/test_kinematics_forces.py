@@ -1,22 +1,18 @@
 """Instant centres, mechanical advantage, driving torque, pin forces and other assemblies, against constructions on paper."""
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import gauss_bench
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.centres import advantages, centres
 from gauss_bench.kinematics.loop_closure import loop_motion
+from gauss_bench.kinematics.motion import Motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Mechanism
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
-
-TEMPLATES = Path(gauss_bench.__file__).parent / "studio" / "templates"
 
 
 def cross(a: Array, b: Array) -> float:
@@ -28,11 +24,9 @@ def meeting(a: Array, b: Array, c: Array, d: Array) -> Array:
     return a + (b - a) * cross(c - a, d - c) / cross(b - a, d - c)
 
 
-def driven(name: str | Path, samples: int, scenario: str = "driven") -> tuple[Mechanism, Trajectory]:
-    mechanism = load(name, scenario)
-    t = np.linspace(0.0, mechanism.duration, samples)
-    motion = loop_motion(mechanism, t)
-    return mechanism, Trajectory(t, motion.q, motion.v, motion.a, 0)
+def driven(name: str, samples: int) -> tuple[Mechanism, Motion]:
+    mechanism = load(name, "driven")
+    return mechanism, loop_motion(mechanism, np.linspace(0.0, mechanism.duration, samples))
 
 
 def test_any_three_centres_of_the_eight_bar_lie_in_a_line() -> None:
@@ -48,19 +42,12 @@ def test_any_three_centres_of_the_eight_bar_lie_in_a_line() -> None:
 
 def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
     mechanism, motion = driven("crank_slider", 9)
-    (found,) = (x for x in centres(mechanism, motion.q[1]) if x.links == (GROUND, 2))
-    assert found.at is None
-    assert found.along is not None
-    assert np.abs(found.along) == pytest.approx([1.0, 0.0], abs=1e-12)
-    rod = next(x for x in centres(mechanism, motion.q[1]) if x.links == (GROUND, 1))
-    pin, slider = (position(motion.q[1], mechanism.find_point(x)) for x in ("crank.A", "slider.B"))
-    assert rod.at == pytest.approx(meeting(np.zeros(2), pin, slider, slider + np.array([0.0, 1.0])), abs=1e-10)
-
-
-def test_more_freedom_than_one_has_no_centres_of_its_own() -> None:
-    mechanism = load("five_bar")
-    with pytest.raises(ValueError, match="2 free motions"):
-        centres(mechanism, mechanism.q0)
+    found = {x.links: x for x in centres(mechanism, motion.q[1])}
+    slider, rod = found[GROUND, 2], found[GROUND, 1]
+    assert slider.at is None
+    assert np.abs(slider.along) == pytest.approx([1.0, 0.0], abs=1e-12)
+    A, B = (position(motion.q[1], mechanism.find_point(x)) for x in ("crank.A", "slider.B"))
+    assert rod.at == pytest.approx(meeting(np.zeros(2), A, B, B + np.array([0.0, 1.0])), abs=1e-10)
 
 
 def test_at_a_dead_centre_the_advantage_is_infinite() -> None:
@@ -70,10 +57,11 @@ def test_at_a_dead_centre_the_advantage_is_infinite() -> None:
     assert abs(told.velocity[0]) < 1e-12
 
 
-def test_branches_of_what_is_not_held_are_refused() -> None:
-    mechanism = load("five_bar")
-    with pytest.raises(ValueError, match="1 of its motions stay free"):
-        branches(load("five_bar", "spring"), mechanism.q0)
+def test_more_freedom_than_one_has_no_centres_and_no_branches_of_its_own() -> None:
+    mechanism = load("five_bar", "spring")
+    for search, said in ((centres, "2 free motions"), (branches, "1 of its motions stay free")):
+        with pytest.raises(ValueError, match=said):
+            search(mechanism, mechanism.q0)
 
 
 def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse() -> None:
@@ -83,7 +71,6 @@ def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse()
     assert (told.input, told.output, told.units) == ("crank", "rocker", ("rad", "rad"))
     for q, ratio in zip(motion.q, told.velocity, strict=True):
         (at,) = (x.at for x in centres(mechanism, q) if x.links == (0, 2))
-        assert at is not None
         assert ratio == pytest.approx(at[0] / (at[0] - 0.4), rel=1e-9)
     assert told.mechanical * told.velocity == pytest.approx(1.0)
     assert told.velocity == pytest.approx(motion.v[:, 8] / motion.v[:, 2], rel=1e-9)

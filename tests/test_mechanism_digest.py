@@ -1,4 +1,7 @@
-"""Digests change with everything that a result depends on, and with nothing else."""
+"""Digests change with everything that a result depends on, and with nothing else.
+
+test_reference_certify tests that they are byte for byte what they were when the certificates of the suite were made.
+"""
 
 import copy
 import pickle
@@ -12,25 +15,11 @@ import pytest
 import gauss_bench
 from gauss_bench.linkage import digest
 from gauss_bench.linkage.digest import content_digest
-from gauss_bench.linkage.load import built_in, document_of, load, load_document, merge
+from gauss_bench.linkage.load import built_in, document_of, load_document, merge
 from gauss_bench.linkage.schema import physics_digest
-from gauss_bench.reference.certificate import certificate_path, check_holds, read_certificate
 from tests.conftest import DATA
 
 PACKAGE = Path(gauss_bench.__file__).parent
-
-
-def test_every_certificate_of_the_suite_still_holds() -> None:
-    """Digests are byte for byte what they were when the certificates were made."""
-    held = 0
-    for name in built_in():
-        for scenario in document_of(name)[0]["scenarios"]:
-            mechanism = load(name, scenario)
-            path = certificate_path(mechanism)
-            if path is not None and path.exists():
-                check_holds(read_certificate(path), mechanism, path)
-                held += 1
-    assert held >= 30
 
 
 def leaves(item: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

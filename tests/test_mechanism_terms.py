@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from gauss_bench.linkage.load import built_in, document_of, load
+from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
@@ -55,6 +55,15 @@ def test_all_terms_follow_from_positions_and_energies(path: Path, scenario: str,
 
 def test_redundant_rows_too(rng: np.random.Generator) -> None:
     check(redundant(), rng)
+
+
+@pytest.mark.parametrize("law", ["constant", "sine", "cosine", "poly345", "table"])
+def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.random.Generator) -> None:
+    rows = [[0.0, 0.0], [0.2, 30.0], [0.5, 20.0], [0.7, 90.0]]
+    numbers = {"constant": {"speed": 2.0}, "table": {"rows": rows}}.get(law, {"travel_deg": 90.0, "time": 0.7})
+    document = document_of("four_bar")[0]
+    document["scenarios"]["driven"]["driver"] = {"link": "crank", "law": law, "start_deg": 10.0, **numbers}
+    check(load_document(document, "driven"), rng)
 
 
 def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:

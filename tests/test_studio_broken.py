@@ -1,6 +1,7 @@
 """Unfinished and faulty linkages: the readable part is shown, faults are explained, no request ends in a fault of the studio."""
 
 import math
+import stat
 import tomllib
 from pathlib import Path
 
@@ -72,16 +73,15 @@ HOSTILE = (
 )
 
 
-def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    text = pen.session.text
+def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path, bars: Pen) -> None:
+    text = bars.session.text
     for word in HOSTILE:
-        assert pen.refused("rename", what="links.bar1", to=word)
+        assert bars.refused("rename", what="links.bar1", to=word)
         for do, key in (("save", "path"), ("open", "name"), ("template", "name")):
-            assert pen.refused(do, **{key: word}), word
-        assert pen.refused("set", path=word, value=1.0)
-        assert pen.refused("picture", picture={"url": word})
-    assert pen.session.text == text
+            assert bars.refused(do, **{key: word}), word
+        assert bars.refused("set", path=word, value=1.0)
+        assert bars.refused("picture", picture={"url": word})
+    assert bars.session.text == text
     assert [*tmp_path.iterdir()] == []
 
 
@@ -98,22 +98,29 @@ def test_files_are_of_the_working_folder_alone(tmp_path: Path) -> None:
     assert (outside / "secret.toml").read_text(encoding="utf-8") == BASE
 
 
-def test_a_file_that_is_there_is_replaced_only_where_that_is_wished(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text("# mine\n", encoding="utf-8")
-    pen = four_bar(tmp_path)
-    assert "there already" in pen.refused("save", path="mine")
-    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "# mine\n"
-    pen.ask("save", path="mine", replace=True)
-    assert not pen.now["unsaved"]
-    pen.ask("set", path="title", value="Changed")
-    assert pen.now["unsaved"]
-    pen.ask("save")
-    assert "built-in" in pen.refused("save", path="eight_bar")
+def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path: Path, bars: Pen) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(theirs := "# mine\n", encoding="utf-8")
+    assert "there already" in bars.refused("save", path="mine")
+    assert file.read_text(encoding="utf-8") == theirs
+    bars.ask("save", path="mine", replace=True)
+    assert not bars.now["unsaved"]
+    bars.ask("set", path="title", value="Changed")
+    assert bars.now["unsaved"]
+    bars.ask("save")
+    assert "built-in" in bars.refused("save", path="eight_bar")
+    bars.ask("set", path="title", value="Changed here")
+    file.write_text(theirs := file.read_text(encoding="utf-8") + "# and there\n", encoding="utf-8")
+    assert "changed by someone else" in bars.refused("save")
+    file.chmod(stat.S_IRUSR)
+    assert "may only be read" in bars.refused("save", replace=True)
+    assert file.read_text(encoding="utf-8") == theirs
+    file.chmod(stat.S_IRUSR | stat.S_IWUSR)
+    assert bars.scene("save", replace=True)["unsaved"] is False
 
 
-def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path) -> None:
+def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path, pen: Pen) -> None:
     """A template can be opened again, so nothing of an unchanged template is kept."""
-    pen = Pen(tmp_path)
     for how in (
         {"do": "template", "name": "crank_rocker"},
         {"do": "open", "name": "four_bar"},
@@ -129,8 +136,7 @@ def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path) -> None:
     assert pen.scene("open", text=text)["unsaved"] is True, "the server cannot have a text of the page again"
 
 
-def test_half_a_drawing_is_saved_and_opened_as_it_is(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_half_a_drawing_is_saved_and_opened_as_it_is(tmp_path: Path, pen: Pen) -> None:
     pen.pin(0.5, 0.5)
     pen.bar((0.0, 0.0), (0.1, 0.0))
     before = pen.now["pins"]

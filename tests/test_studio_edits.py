@@ -13,7 +13,7 @@ pytest.importorskip("tomlkit")
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.studio.document import write_document
 from tests.conftest import DATA, exhaustive
-from tests.studio import DRAWN, Pen, four_bar
+from tests.studio import DRAWN, Pen
 
 EDITS = tomllib.loads((DATA / "page" / "edits.toml").read_text(encoding="utf-8"))
 
@@ -23,7 +23,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pen]:
     return {name: draw(tmp_path_factory.mktemp(name)) for name, draw in DRAWN.items()}
 
 
-LOOPS = {"four_bar": 1, "quick_return": 2, "eight_bar": 3}
+LOOPS = {"four_bar": 1, "quick_return": 2}
 
 
 @pytest.mark.parametrize("name", DRAWN)
@@ -44,23 +44,21 @@ def test_what_was_drawn_from_nothing_assembles_and_is_a_file_that_the_suite_take
         assert not mechanism.v0.any() or scenario == "driven"
 
 
-def test_every_edit_is_taken_back_and_made_again(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    last, seen = pen.session.text, []
-    while pen.now["can_undo"]:
-        seen.append(pen.session.text)
-        pen.ask("undo")
-    assert pen.now["pins"] == []
+def test_every_edit_is_taken_back_and_made_again(bars: Pen) -> None:
+    last, seen = bars.session.text, []
+    while bars.now["can_undo"]:
+        seen.append(bars.session.text)
+        bars.ask("undo")
+    assert bars.now["pins"] == []
     assert len(set(seen)) == len(seen) == 7
-    while pen.now["can_redo"]:
-        pen.ask("redo")
-    assert pen.session.text == last
+    while bars.now["can_redo"]:
+        bars.ask("redo")
+    assert bars.session.text == last
 
 
 @pytest.mark.parametrize("name", exhaustive(sorted(built_in()), "crank_slider", "four_bar", "shaper"))
-def test_an_edit_leaves_comments_and_everything_else_as_they_were(tmp_path: Path, name: str) -> None:
+def test_an_edit_leaves_comments_and_everything_else_as_they_were(pen: Pen, name: str) -> None:
     before = built_in()[name].read_text(encoding="utf-8")
-    pen = Pen(tmp_path)
     pen.ask("template", name=name)
     link = pen.now["links"][0]["name"]
     pen.ask("set", path="gravity", value=[0.0, -1.62])
@@ -75,8 +73,7 @@ def test_an_edit_leaves_comments_and_everything_else_as_they_were(tmp_path: Path
     pen.refused("rename", what=f"links.{link}", to="no name")
 
 
-def test_a_renamed_link_is_the_same_motion(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_a_renamed_link_is_the_same_motion(tmp_path: Path, pen: Pen) -> None:
     pen.ask("template", name="shaper")
     pen.ask("rename", what="links.lever", to="arm")
     pen.ask("rename", what="pins.A", to="77")
@@ -97,45 +94,42 @@ def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
     assert tomllib.loads(write_document(odd, document)) == document
 
 
-def test_moving_a_pin_changes_lengths_and_nothing_else_and_a_trial_shows_that_before(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    before, pin = (pen.session.text, pen.session.revision), pen.at(0.3, 0.28)
-    tried = pen.ask("move", pin=pin, at=[0.35, 0.3], trial=True)["trial"]
-    assert (pen.session.text, pen.session.revision) == before
-    found = pen.scene("move", pin=pin, at=[0.35, 0.3])
+def test_moving_a_pin_changes_lengths_and_nothing_else_and_a_trial_shows_that_before(bars: Pen) -> None:
+    before, pin = (bars.session.text, bars.session.revision), bars.at(0.3, 0.28)
+    tried = bars.ask("move", pin=pin, at=[0.35, 0.3], trial=True)["trial"]
+    assert (bars.session.text, bars.session.revision) == before
+    found = bars.scene("move", pin=pin, at=[0.35, 0.3])
     assert {key: tried[key] for key in ("links", "pins", "status")} == {key: found[key] for key in ("links", "pins", "status")}
     assert found["status"]["assembles"]
-    assert pen.at(0.35, 0.3)
-    assert pen.at(0.0, 0.12)
+    assert bars.at(0.35, 0.3)
+    assert bars.at(0.0, 0.12)
     lengths = {x["name"]: max(p[0] for p in x["points"].values()) for x in found["links"]}
     assert lengths == pytest.approx({"bar1": 0.12, "bar2": math.hypot(0.35, 0.18), "bar3": math.hypot(0.05, 0.3)}, abs=1e-10)
 
 
-def test_a_length_and_an_angle_are_numbers(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    pen.ask("set_length", link="bar1", a="1", b="3", value=0.1)
-    assert pen.now["links"][0]["points"]["3"] == [0.1, 0.0]
-    pen.ask("set_angle", link="bar1", value_deg=30.0)
-    found = pen.now
+def test_a_length_and_an_angle_are_numbers(bars: Pen) -> None:
+    bars.ask("set_length", link="bar1", a="1", b="3", value=0.1)
+    assert bars.now["links"][0]["points"]["3"] == [0.1, 0.0]
+    bars.ask("set_angle", link="bar1", value_deg=30.0)
+    found = bars.now
     assert found["links"][0]["pose"][2] == pytest.approx(math.radians(30.0), abs=1e-8)
     assert found["status"]["assembles"]
     scenarios = {x["name"]: x["table"] for x in found["scenarios"]}
     assert scenarios["driven"]["driver"]["start_deg"] == pytest.approx(30.0, abs=1e-7)
     assert scenarios["released"]["start"]["angles_deg"]["bar1"] == pytest.approx(30.0, abs=1e-7)
-    assert "cannot stand" in pen.refused("set_angle", link="bar3", value_deg=0.0)
-    found = pen.scene("set_length", link="bar1", a="1", b="3", value=2.0)  # which does not assemble
+    assert "cannot stand" in bars.refused("set_angle", link="bar3", value_deg=0.0)
+    found = bars.scene("set_length", link="bar1", a="1", b="3", value=2.0)  # which does not assemble
     assert not found["status"]["assembles"]
     assert found["problems"][0]["level"] == "error"
     assert found["problems"][0]["apart"] > 0.5
-    assert pen.scene("undo")["status"]["assembles"]
+    assert bars.scene("undo")["status"]["assembles"]
 
 
 @pytest.mark.long
-def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
+def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(bars: Pen) -> None:
     for force in EDITS["forces"]:
-        pen.ask("add_force", **force)
-    found = pen.now
+        bars.ask("add_force", **force)
+    found = bars.now
     assert found["problems"] == []
     assert len(found["forces"]) == 8
     assert all(x["at"] for x in found["forces"])
@@ -143,14 +137,13 @@ def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(tmp_path: Path
     assert released["table"]["forces"] == [x["id"] for x in found["forces"]]
     (rest,) = [x["table"]["rest"] for x in found["forces"] if x["id"] == "spring1"]
     assert rest == pytest.approx(math.hypot(0.4, 0.12), abs=1e-8)
-    pen.ask("add_force", type="cylinder", a=pen.at(0.0, 0.0), b=pen.at(0.3, 0.28))
-    assert pen.now["status"] == found["status"] | {"dof": 1, "loops": 2, "loop_names": pen.now["status"]["loop_names"]}
-    pen.ask("delete", ids=["forces.cylinder1", "forces.spring1", "links.bar3"])
-    assert not any(x["level"] == "error" for x in pen.now["problems"])
+    bars.ask("add_force", type="cylinder", a=bars.at(0.0, 0.0), b=bars.at(0.3, 0.28))
+    assert bars.now["status"] == found["status"] | {"dof": 1, "loops": 2, "loop_names": bars.now["status"]["loop_names"]}
+    bars.ask("delete", ids=["forces.cylinder1", "forces.spring1", "links.bar3"])
+    assert not any(x["level"] == "error" for x in bars.now["problems"])
 
 
-def test_joining_and_freeing_pins(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_joining_and_freeing_pins(pen: Pen) -> None:
     first = pen.bar((0.0, 0.0), (0.1, 0.0))
     pen.bar((0.2, 0.1), (0.3, 0.05))
     pen.ask("ground", pin=pen.at(0.0, 0.0))
@@ -167,16 +160,14 @@ def test_joining_and_freeing_pins(tmp_path: Path) -> None:
     assert pen.now["links"][0]["name"] == first
 
 
-def test_what_cannot_be_drawn_is_refused_with_its_reason(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    text = pen.session.text
+def test_what_cannot_be_drawn_is_refused_with_its_reason(bars: Pen) -> None:
+    text = bars.session.text
     for case in EDITS["refused"]:
-        assert case["said"] in pen.refused(**case["message"])
-    assert pen.session.text == text
+        assert case["said"] in bars.refused(**case["message"])
+    assert bars.session.text == text
 
 
-def test_deleting_takes_what_cannot_be_without_it(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_deleting_takes_what_cannot_be_without_it(pen: Pen, bars: Pen) -> None:
     pen.ask("template", name="eight_bar")
     pen.ask("delete", ids=["links.upper"])
     found = pen.now
@@ -187,49 +178,43 @@ def test_deleting_takes_what_cannot_be_without_it(tmp_path: Path) -> None:
     pen.ask("delete", ids=[f"links.{x['name']}" for x in pen.now["links"]])
     assert pen.now["links"] == []
     assert pen.session.text.count("[joints") == 0
-    other = four_bar(tmp_path)
-    after = other.scene("delete", ids=["links.bar2"])  # the ends of the bars beside it are loose, each a single pin
+    after = bars.scene("delete", ids=["links.bar2"])  # the ends of the bars beside it are loose, each a single pin
     assert (len(after["pins"]), after["problems"]) == (4, [])
-    assert other.scene("undo")["status"]["loops"] == 1
+    assert bars.scene("undo")["status"]["loops"] == 1
 
 
-def test_a_drawing_is_exported_as_it_moves(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    assert pen.ask("export", kind="toml")["text"] == pen.session.text
-    assert pen.ask("export", kind="svg")["text"].startswith("<svg")
-    head, *rows = pen.ask("export", kind="csv", samples=2)["text"].splitlines()
+def test_a_drawing_is_exported_as_it_moves(bars: Pen) -> None:
+    assert bars.ask("export", kind="toml")["text"] == bars.session.text
+    assert bars.ask("export", kind="svg")["text"].startswith("<svg")
+    head, *rows = bars.ask("export", kind="csv", samples=2)["text"].splitlines()
     assert "bar2.P.x [m]" in head
     assert len(rows) == 3
-    assert base64.b64decode(pen.ask("export", kind="gif", samples=2)["base64"]).startswith(b"GIF8")
-    assert "no export" in pen.refused("export", kind="nothing")
+    assert base64.b64decode(bars.ask("export", kind="gif", samples=2)["base64"]).startswith(b"GIF8")
+    assert "no export" in bars.refused("export", kind="nothing")
 
 
 @pytest.mark.slow
-def test_an_exported_drawing_comes_back_by_import(tmp_path: Path) -> None:
+def test_an_exported_drawing_comes_back_by_import(pen: Pen, bars: Pen) -> None:
     pytest.importorskip("mujoco")
-    pen, other = four_bar(tmp_path), Pen(tmp_path)
-    drawn, back = pen.now, other.scene("import", text=pen.ask("export", kind="mujoco")["text"])
+    drawn, back = bars.now, pen.scene("import", text=bars.ask("export", kind="mujoco")["text"])
     assert back["status"]["dof"] == 1
     assert {x["name"]: x["mass"] for x in back["links"]} == {x["name"]: pytest.approx(x["mass"]) for x in drawn["links"]}
 
 
-def test_a_linkage_is_a_link_that_carries_itself(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    text, fragment = pen.session.text, pen.ask("share")["fragment"]
+def test_a_linkage_is_a_link_that_carries_itself(pen: Pen, bars: Pen) -> None:
+    text, fragment = bars.session.text, bars.ask("share")["fragment"]
     assert set(fragment) <= set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_")
     assert len(fragment) < 2000
-    other = Pen(tmp_path)
-    other.ask("open", fragment=fragment)
-    assert other.session.text == text
+    pen.ask("open", fragment=fragment)
+    assert pen.session.text == text
     for spoilt in ("", "AAAA", fragment[:-8], "%%%", fragment + "*"):
-        assert other.refused("open", fragment=spoilt)
+        assert pen.refused("open", fragment=spoilt)
     huge = base64.urlsafe_b64encode(zlib.compress(bytes(64 << 20), 9)).decode()
-    assert "more than a linkage file" in other.refused("open", fragment=huge)
+    assert "more than a linkage file" in pen.refused("open", fragment=huge)
 
 
-def test_a_locked_length_stays_whatever_is_edited(tmp_path: Path) -> None:
+def test_a_locked_length_stays_whatever_is_edited(pen: Pen) -> None:
     """Edits that would change the length are refused and change nothing."""
-    pen = Pen(tmp_path)
     plate = pen.plate((0.0, 0.0), (0.3, 0.0), (0.1, 0.2))
     a, b, c = pen.now["links"][0]["points"]
     pen.ask("lock", link=plate, a=a, b=b)
@@ -265,8 +250,7 @@ def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, m
     assert not list((tmp_path / "cache").rglob("*.picture"))
 
 
-def test_an_edit_that_continues_another_is_undone_with_it(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_an_edit_that_continues_another_is_undone_with_it(pen: Pen) -> None:
     pen.pin(0.0, 0.0, ground=True)
     alone = pen.session.text
     pen.pin(0.3, 0.0, ground=True)

@@ -5,7 +5,6 @@ import json
 import os
 import random
 import socket as sockets
-import stat
 import subprocess
 import sys
 import time
@@ -52,8 +51,7 @@ def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> No
                 session.undo()
 
 
-def test_half_a_character_is_refused_before_it_is_in_the_drawing(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_half_a_character_is_refused_before_it_is_in_the_drawing(pen: Pen) -> None:
     assert "half a character" in pen.refused("set", path="title", value="\ud800")
     assert "half a character" in pen.refused("open", text='name = "x\udfff"')
 
@@ -71,21 +69,6 @@ def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
         assert Path(f"/proc/{process.pid}").exists() or sys.platform != "linux"
 
 
-def test_a_file_that_may_only_be_read_or_was_changed_by_others_is_not_overwritten(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    pen.ask("save", path="mine")
-    file = tmp_path / "mine.toml"
-    pen.ask("set", path="title", value="Changed here")
-    file.write_text(theirs := file.read_text(encoding="utf-8") + "# and there\n", encoding="utf-8")
-    assert "changed by someone else" in pen.refused("save")
-    assert file.read_text(encoding="utf-8") == theirs
-    file.chmod(stat.S_IRUSR)
-    assert "may only be read" in pen.refused("save", replace=True)
-    assert file.read_text(encoding="utf-8") == theirs
-    file.chmod(stat.S_IRUSR | stat.S_IWUSR)
-    assert pen.scene("save", replace=True)["unsaved"] is False
-
-
 PLACES = [(0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.4, 0.0)]
 CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
 
@@ -100,10 +83,9 @@ CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
     ids=["line", "strut", "double parallelogram"],
 )
 def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
-    tmp_path: Path, grounds: Any, bars: Any, plate: Any, dof: int, redundant: list[int]
+    pen: Pen, grounds: Any, bars: Any, plate: Any, dof: int, redundant: list[int]
 ) -> None:
     """The rows of the joints lose rank if all bars lie in one line. A double parallelogram has a redundant row everywhere."""
-    pen = Pen(tmp_path)
     for x in grounds:
         pen.pin(x, 0.0, ground=True)
     for a, b in bars:
@@ -128,15 +110,14 @@ def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path: Pat
     assert not pen.session.jobs.running
 
 
-def test_jobs_stopped_at_once_leave_room_for_others(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
+def test_jobs_stopped_at_once_leave_room_for_others(bars: Pen) -> None:
     told: list[dict[str, Any]] = []
-    pen.session.tell = told.append
+    bars.session.tell = told.append
     for _ in range(6):
-        job = pen.ask("release", until=20.0, engine="gauss")["job"]
-        pen.ask("stop", job=job)
-        pen.session.jobs.stop_all()
-    assert not pen.session.jobs.running
+        job = bars.ask("release", until=20.0, engine="gauss")["job"]
+        bars.ask("stop", job=job)
+        bars.session.jobs.stop_all()
+    assert not bars.session.jobs.running
     assert [x["error"] for x in told if x["event"] == "release_done"] == ["it was stopped"] * 6
 
 

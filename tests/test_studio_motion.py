@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,19 +11,17 @@ import pytest
 pytest.importorskip("tomlkit")
 from gauss_bench.engines import MissingExtra, compiled, not_installed
 from gauss_bench.studio.requests import answer
-from tests.studio import Pen, Watched, eight_bar, four_bar
+from tests.studio import Pen, Watched
 
 
-def test_marks_of_singular_positions_come_behind_the_motion(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    watched = Watched(pen)
-    job, event = pen.ask("motion", samples=4)["job"], watched.until("singular")
+def test_marks_of_singular_positions_come_behind_the_motion(bars: Pen) -> None:
+    watched = Watched(bars)
+    job, event = bars.ask("motion", samples=4)["job"], watched.until("singular")
     assert event["job"] == job
     assert {x["kind"] for x in event["singular"]} == {"dead centre"}
 
 
-def test_what_is_drawn_without_a_law_turns_what_can_be_driven(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_what_is_drawn_without_a_law_turns_what_can_be_driven(pen: Pen) -> None:
     pen.bar((0.0, 0.0), (0.1, 0.0))
     assert "driven" in pen.refused("motion")
     pen.ask("ground", pin=pen.at(0.0, 0.0))
@@ -37,30 +34,28 @@ def test_what_is_drawn_without_a_law_turns_what_can_be_driven(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(tmp_path: Path) -> None:
-    pen = eight_bar(tmp_path)
-    pin = pen.at(0.42, 0.11)
-    before, at = pen.session.text, np.array([0.42, 0.11])
-    assert "fixed" in pen.refused("drag_begin", pin=pen.at(0.0, 0.0))
-    pen.ask("drag_begin", pin=pin)
+def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(pen: Pen) -> None:
+    x, y = at = next(p["at"] for p in pen.scene("template", name="eight_bar")["pins"] if p["id"] == "5")
+    before = pen.session.text
+    assert "fixed" in pen.refused("drag_begin", pin="1")
+    pen.ask("drag_begin", pin="5")
     for k in range(20):
-        found = pen.ask("drag", at=[0.42 - 0.002 * k, 0.11 + 0.001 * k])
-    moved = np.array(found["poses"]["bar2"])
-    assert np.abs(moved - next(x["pose"] for x in pen.now["links"] if x["name"] == "bar2")).max() > 0.05
+        found = pen.ask("drag", at=[x - 0.002 * k, y + 0.001 * k])
+    moved = np.array(found["poses"]["rocker"])
+    assert np.abs(moved - next(x["pose"] for x in pen.now["links"] if x["name"] == "rocker")).max() > 0.05
     assert pen.session.text == before
     kept = pen.scene("drag_end", keep=True)
-    drawn = next(x["pose"] for x in kept["links"] if x["name"] == "bar2")
+    drawn = next(x["pose"] for x in kept["links"] if x["name"] == "rocker")
     assert drawn == pytest.approx(moved.tolist(), abs=1e-7)
-    assert next(p["at"] for p in kept["pins"] if p["id"] == pin) != pytest.approx(at, abs=1e-3)
+    assert next(p["at"] for p in kept["pins"] if p["id"] == "5") != pytest.approx(at, abs=1e-3)
     assert kept["problems"] == []
     assert pen.scene("undo")["revision"] > kept["revision"]
     assert pen.session.text == before
 
 
 @pytest.mark.parametrize(("template", "crank"), [("crank_rocker", "B"), ("eight_bar", "2"), ("five_bar", "B"), ("whitworth", "A")])
-def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str, crank: str, tmp_path: Path) -> None:
+def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str, crank: str, pen: Pen) -> None:
     """The pointer goes around in a wave about the circle, and the crank makes a whole turn with it."""
-    pen = Pen(tmp_path)
     pin = next(x for x in pen.scene("template", name=template)["pins"] if x["id"] == crank)
     owner = pin["members"][0].partition(".")[0]
     others = [x for x in pen.now["pins"] if x["ground"] and any(m.startswith(f"{owner}.") for m in x["members"])]
@@ -76,87 +71,80 @@ def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str,
     assert np.ptp(np.unwrap(angles)) > 6.2
 
 
-def test_a_rocker_drawn_beyond_its_swing_says_that_it_comes_no_nearer_and_no_longer_when_it_comes_back(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_a_rocker_drawn_beyond_its_swing_says_that_it_comes_no_nearer_and_no_longer_when_it_comes_back(pen: Pen) -> None:
     pin = next(x for x in pen.scene("template", name="crank_rocker")["pins"] if x["id"] == "C")
     pen.ask("drag_begin", pin="C")
     assert "cannot come nearer" in pen.ask("drag", at=[pin["at"][0] + 5.0, pin["at"][1]])["note"]
     assert pen.ask("drag", at=[pin["at"][0], pin["at"][1] + 0.01])["note"] is None
 
 
-def test_locked_angles_hold_a_drag(tmp_path: Path) -> None:
+def test_locked_angles_hold_a_drag(pen: Pen, bars: Pen) -> None:
     """The angle of a link, and the angle between the two bars of a pin."""
-    pen = four_bar(tmp_path)
-    pen.ask("lock", link="bar1")
-    pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
-    found = pen.ask("drag", at=[0.2, 0.2])
+    bars.ask("lock", link="bar1")
+    bars.ask("drag_begin", pin=bars.at(0.3, 0.28))
+    found = bars.ask("drag", at=[0.2, 0.2])
     assert not found["reached"]
     assert found["poses"]["bar1"][2] == pytest.approx(math.pi / 2, abs=1e-9)
-    arm = Pen(tmp_path)
-    arm.bar((0.0, 0.0), (0.2, 0.0))
-    arm.bar((0.2, 0.0), (0.35, 0.15))
-    arm.ask("ground", pin=arm.at(0.0, 0.0))
-    arm.ask("lock", joint=arm.at(0.2, 0.0))
-    arm.ask("drag_begin", pin=arm.at(0.35, 0.15))
-    poses = arm.ask("drag", at=[0.1, 0.35])["poses"]
+    pen.bar((0.0, 0.0), (0.2, 0.0))
+    pen.bar((0.2, 0.0), (0.35, 0.15))
+    pen.ask("ground", pin=pen.at(0.0, 0.0))
+    pen.ask("lock", joint=pen.at(0.2, 0.0))
+    pen.ask("drag_begin", pin=pen.at(0.35, 0.15))
+    poses = pen.ask("drag", at=[0.1, 0.35])["poses"]
     assert poses["bar2"][2] - poses["bar1"][2] == pytest.approx(math.pi / 4, abs=1e-9)
     assert poses["bar1"][2] > 0.5
 
 
-def test_other_branches_have_the_same_input(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    found = pen.ask("branches")["branches"]
+def test_other_branches_have_the_same_input(bars: Pen) -> None:
+    found = bars.ask("branches")["branches"]
     assert len(found) == 2
     assert found[0]["poses"]["bar1"] == pytest.approx(found[1]["poses"]["bar1"], abs=1e-8)
-    chosen = pen.scene("branch", index=1)
+    chosen = bars.scene("branch", index=1)
     drawn = {x["name"]: x["pose"] for x in chosen["links"]}
     assert drawn["bar3"] == pytest.approx(found[1]["poses"]["bar3"], abs=1e-7)
     assert chosen["problems"] == []
-    assert pen.refused("branch", index=5)
+    assert bars.refused("branch", index=5)
 
 
-def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    found = {frozenset(x["links"]): x["at"] for x in pen.ask("centres")["centres"]}
+def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(bars: Pen) -> None:
+    found = {frozenset(x["links"]): x["at"] for x in bars.ask("centres")["centres"]}
     assert len(found) == 6
     assert found[frozenset({"bar1", "bar2"})] == pytest.approx([0.0, 0.12], abs=1e-9)
-    poses = pen.ask("motion", samples=4)["poses"]
-    along = pen.ask("centres", along=poses)["centres"]
+    poses = bars.ask("motion", samples=4)["poses"]
+    along = bars.ask("centres", along=poses)["centres"]
     for k in range(5):
-        here = pen.ask("centres", at={name: list(map(float, x[k])) for name, x in poses.items()})["centres"]
+        here = bars.ask("centres", at={name: list(map(float, x[k])) for name, x in poses.items()})["centres"]
         assert [x["links"] for x in here] == [x["links"] for x in along]
         for one, all_of_them in zip(here, along, strict=True):
             assert one["at"] == pytest.approx(all_of_them["at"][k], abs=1e-9)
-    pen.ask("drag_begin", pin=pen.at(0.3, 0.28))
-    assert len(pen.ask("drag", at=[0.29, 0.28], centres=True)["centres"]) == 6
-    assert "centres" not in pen.ask("drag", at=[0.28, 0.28])
-    assert "missing" in pen.refused("centres", at={})
+    bars.ask("drag_begin", pin=bars.at(0.3, 0.28))
+    assert len(bars.ask("drag", at=[0.29, 0.28], centres=True)["centres"]) == 6
+    assert "centres" not in bars.ask("drag", at=[0.28, 0.28])
+    assert "missing" in bars.refused("centres", at={})
     for wrong in ({}, [], {"bar1": []}, {"bar1": [[0, 0, 0]], "bar2": []}, {"bar1": [[0, 0, 0]]}, {"bar1": ["x"], "bar2": [1]}):
-        assert pen.refused("centres", along=wrong)
+        assert bars.refused("centres", along=wrong)
 
 
-def test_what_an_engine_or_a_limit_refuses_is_a_sentence(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    assert "no engine" in pen.refused("release", engine="nothing")
-    assert pen.refused("release", until=1e9)
-    assert "required" in pen.refused("recommend")
-    assert pen.refused("recommend", position=-1.0)
-    assert answer(pen.session, {"id": 2, "do": "stop", "job": 77})["ok"]
+def test_what_an_engine_or_a_limit_refuses_is_a_sentence(bars: Pen) -> None:
+    assert "no engine" in bars.refused("release", engine="nothing")
+    assert bars.refused("release", until=1e9)
+    assert "required" in bars.refused("recommend")
+    assert bars.refused("recommend", position=-1.0)
+    assert answer(bars.session, {"id": 2, "do": "stop", "job": 77})["ok"]
 
 
-def test_what_is_not_installed_is_said_with_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_installed_is_said_with_how_to_install_it(bars: Pen, monkeypatch: pytest.MonkeyPatch) -> None:
     def lacking(library: str) -> None:
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
     monkeypatch.setattr(compiled, "require", lacking)
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    pen = four_bar(tmp_path)
-    told = {x["name"]: x for x in pen.ask("hello")["engines"]}
+    told = {x["name"]: x for x in bars.ask("hello")["engines"]}
     how = "no package llvmlite; pip install 'gauss-bench[kernel]'"
     assert told["gauss"]["here"]
     assert not told["gauss-native"]["here"]
     assert told["gauss-native"]["reason"] == f"not installed: {how}"
-    assert how in pen.refused("release", engine="gauss-native")
+    assert how in bars.refused("release", engine="gauss-native")
 
 
 def test_a_recommendation_tells_each_answer_as_it_comes_and_all_of_them_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-import tomllib
 from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -283,11 +282,8 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
-    """With Shift, the cross moves by five steps of the grid. A held arrow moves the selected pin in one step of the history.
-
-    test_studio_means makes every edit by keys alone.
-    """
+def test_a_held_arrow_moves_the_selected_pin_in_one_step_of_the_history(page: Page) -> None:
+    """The bar is drawn by keys alone, with which test_studio_means makes every edit; Shift moves the cross by five steps."""
     press = page.page.keyboard.press
 
     def go(*keys: str) -> None:
@@ -315,22 +311,6 @@ def test_keys_alone_draw_pull_drive_and_save(page: Page, folder: Path) -> None:
     press("Control+z")
     page.changed(revision + 1)
     assert page.stands_at() == before
-    press("v")
-
-    for _ in range(60):
-        press("Tab")
-        if page.page.locator("details.drive > summary:focus").count():
-            break
-    for key in ("Enter", "Tab", "b"):
-        press(key)
-    page.page.locator("details.drive > summary", has_text="Drives bar1").wait_for()
-    press("Control+s")
-    page.page.locator('dialog input[name="path"]:focus').wait_for()
-    press("Control+a")
-    page.page.keyboard.type("by_keys")
-    press("Enter")
-    page.page.wait_for_selector("dialog", state="detached")
-    assert "driven" in tomllib.loads((folder / "by_keys.toml").read_text(encoding="utf-8"))["scenarios"]
 
 
 @pytest.mark.slow
@@ -418,12 +398,6 @@ def test_the_sources_of_the_page_import_each_other_in_no_circle() -> None:
     assert sum(map(len, arrows.values())) > 40
     order = [*TopologicalSorter(arrows).static_order()]  # raises where there is a circle
     assert order[-1] == "main"
-
-
-def picture(path: Path) -> Path:
-    """Write a small grey PNG, and return its path."""
-    Image.new("L", (40, 20), 128).save(path)
-    return path
 
 
 @pytest.mark.long
@@ -602,10 +576,11 @@ def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
 @pytest.mark.slow
 def test_a_picture_lies_behind_and_outlives_the_page(page: Page, folder: Path) -> None:
     """The picture is scaled by two points, is there after a reload, and is sent once but in no scene."""
+    Image.new("L", (40, 20), 128).save(folder / "grey.png")
     page.button("Picture").click()
     sent: list[str] = []
     page.page.once("websocket", lambda s: s.on("framereceived", lambda frame: sent.append(str(frame))))
-    page.page.locator(".picturebar input[type=file]").set_input_files(picture(folder / "grey.png"))
+    page.page.locator(".picturebar input[type=file]").set_input_files(folder / "grey.png")
     behind = page.page.locator("image.behind")
     behind.wait_for(state="attached")
     width = float(behind.get_attribute("width"))

@@ -1,6 +1,5 @@
 """The studio's server answers its own page with the right token, and nobody else."""
 
-import contextlib
 import json
 import signal
 import time
@@ -13,6 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from gauss_bench.report.site.view import view_page
 from gauss_bench.studio.security import RATE, WINDOW, Rate
+from tests.faults import alive
 from tests.studio import Running, ask, ended, started
 
 
@@ -134,17 +134,7 @@ def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a
     assert ended(third) == 0
     assert [*cache.iterdir()] == []
     for _ in range(100):  # what ran ends with the server that began it
-        if not (left := of_the_studio(tmp_path)):
+        if not (left := alive(f"XDG_CACHE_HOME={tmp_path / 'cache'}\0".encode())):
             break
         time.sleep(0.1)
     assert not left
-
-
-def of_the_studio(folder: Path) -> list[str]:
-    """Return the processes that were started with the cache in a folder."""
-    sign, found = f"XDG_CACHE_HOME={folder / 'cache'}".encode(), []
-    for path in Path("/proc").glob("[0-9]*/environ"):
-        with contextlib.suppress(OSError):
-            if sign in path.read_bytes().split(b"\0"):
-                found.append(path.parent.name)
-    return found

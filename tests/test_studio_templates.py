@@ -80,11 +80,9 @@ def test_hoeckens_line_is_as_straight_as_its_template_claims() -> None:
     """Over half a turn, the point moves on a line that is 4.18 cranks long and straight to 0.096 % of its length."""
     mechanism, q = moved("hoecken", 361)
     line = path(mechanism, q, "coupler.M")[90:271]
-    by_hand = on_isosceles(0.1 * np.exp(1j * np.radians(np.arange(90, 271))), 0.22, 0.28)
-    assert np.abs(line @ (1, 1j) - by_hand).max() < 1e-12
-    length = np.ptp(by_hand.real)
+    length = np.ptp(line[:, 0])
     assert f"{length / 0.1:.2f} cranks" == "4.18 cranks"
-    assert f"{np.ptp(by_hand.imag) / length:.3%}" == "0.096%"
+    assert f"{np.ptp(line[:, 1]) / length:.3%}" == "0.096%"
     text = (FOLDER / "hoecken.toml").read_text(encoding="utf-8")
     assert "4.18 cranks" in text
     assert "0.096 %" in text
@@ -94,8 +92,6 @@ def test_the_lambda_linkage_stays_within_two_thousandths_of_its_line() -> None:
     mechanism, q = moved("chebyshev_lambda", 181)
     line = path(mechanism, q, "coupler.M")[45:136]
     assert np.ptp(line[:, 1]) / np.ptp(line[:, 0]) < 0.004
-    by_hand = on_isosceles(0.1 * np.exp(2j * np.pi * np.arange(45, 136) / 180), 0.2, 0.25)
-    assert np.abs(line @ (1, 1j) - by_hand).max() < 1e-12
 
 
 def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn() -> None:
@@ -124,6 +120,8 @@ CLOSED_FORMS: dict[str, Callable[[Callable[[str], Array], Array], Array]] = {  #
     "pantograph": lambda of, q: of("short.Q") - 0.4 * of("forearm.P"),
     "scotch_yoke": lambda of, q: of("yoke.Y")[:, 0] - 0.1 * np.cos(q[:, 2]),
     "scissor_lift": scissor_lift,
+    "hoecken": lambda of, q: of("coupler.M") @ (1, 1j) - on_isosceles(0.1 * np.exp(1j * q[:, 2]), 0.22, 0.28),
+    "chebyshev_lambda": lambda of, q: of("coupler.M") @ (1, 1j) - on_isosceles(0.1 * np.exp(1j * q[:, 2]), 0.2, 0.25),
 }
 
 

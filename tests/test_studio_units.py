@@ -169,10 +169,7 @@ def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(
     wanted = ("input crank", "x coupler.P", "speed coupler.P", "acceleration", "drive torque", "transmission angle", "pin forces A")
     for name in (*wanted, "mechanical advantage"):
         assert any(x.startswith(name) for x in head), f"{name} is not in {head}"
-    page.button("Save").click()
-    page.page.locator('dialog input[name="path"]').fill("curves.toml")
-    page.button("Save the file").click()
-    page.page.wait_for_selector("dialog", state="detached")
+    page.save("curves")
     computed = told("kinematics", studio_server.folder / "curves.toml", "--intervals", str(len(rows) - 1))
     point = computed["points"]["coupler.P"]
     assert table["x coupler.P [mm]"] == pytest.approx(1e3 * np.array(point["x"]), abs=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("tomlkit")
 from gauss_bench.report.site.view import INTERVALS
-from tests.studio import Pen, Running, four_bar, quick_return
+from tests.studio import Pen, Running, quick_return
 from tests.test_studio_page import Page
 from tests.test_view import content, poses
 
@@ -29,8 +29,7 @@ def test_a_link_has_the_motion_that_the_studio_shows(tmp_path: Path) -> None:
         assert np.abs(states[:, 3 * i + 2] - turned).max() < 1e-3
 
 
-def test_what_cannot_move_is_shared_as_drawn_and_says_why(tmp_path: Path) -> None:
-    pen = Pen(tmp_path)
+def test_what_cannot_move_is_shared_as_drawn_and_says_why(pen: Pen) -> None:
     assert "nothing is drawn" in pen.refused("view")
     pen.bar((0.0, 0.0), (0.3, 0.0))
     made = pen.ask("view")
@@ -41,14 +40,13 @@ def test_what_cannot_move_is_shared_as_drawn_and_says_why(tmp_path: Path) -> Non
     assert [len(x["points"]) for x in held["links"]] == [2]
 
 
-def test_a_drawing_beyond_an_address_is_refused_in_words(tmp_path: Path) -> None:
-    pen = four_bar(tmp_path)
-    before = pen.session.text
+def test_a_drawing_beyond_an_address_is_refused_in_words(bars: Pen) -> None:
+    before = bars.session.text
     letters = "".join(chr(0x4E00 + (k * k * 7919 + k * 31) % 20_000) for k in range(9000))
-    pen.ask("set", path="title", value=letters)
-    assert "share the file" in pen.refused("view")
-    pen.ask("undo")
-    assert pen.session.text == before
+    bars.ask("set", path="title", value=letters)
+    assert "share the file" in bars.refused("view")
+    bars.ask("undo")
+    assert bars.session.text == before
 
 
 @pytest.mark.long("390-dark")

@@ -40,6 +40,9 @@ SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, s
 FORKED = 1e-7  # smallest ratio of singular values of J at which assemblies can be distinguished
 REGULAR = 1e-4  # smallest ratio for rates, whose relative error is rounding over its square: eight digits are left
 
+# the angle of the link with this index (slides make further links share it), or the coordinate along the slide or bar of this name
+Variable = int | str
+
 
 class Stopped(ArithmeticError):
     """The loops cannot be closed near a state, or J loses rank there; `singular` is True in the second case."""
@@ -47,14 +50,6 @@ class Stopped(ArithmeticError):
     def __init__(self, text: str, singular: bool):
         self.singular = singular
         super().__init__(text)
-
-
-@dataclass(frozen=True)
-class Variable:
-    """The angle of a link (slides make further links share it), or the coordinate along a slide or active bar (link None)."""
-
-    name: str
-    link: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +99,7 @@ class LoopEquations:
         bars: the drivers of lengths.
         graph: links and pairs of the linkage, with the active bars as links after those of the mechanism.
         variables: the unknown, then the known variables, in the order of x.
-        column: index of a link, or name of a slide or bar -> index of its variable in x.
+        column: variable -> its index in x.
         is_angle: (TU + TK,) True for variables that are angles.
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
@@ -132,18 +127,19 @@ class LoopEquations:
         order = [*range(self.graph.links), GROUND]
         self.roots, self.phase = [frames[i][0] for i in order], np.array([frames[i][1] for i in order])
         self.offsets = np.array([self.phase[x.link] if isinstance(x, AngleDriver) else 0.0 for x in self.drivers])
-        names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
         # one angle for each root; links that slide on the frame share its angle, which is no variable
-        angles = [Variable(names[i], i) for i in range(self.graph.links) if self.roots[i] == i]
-        slides = [Variable(e.slide) for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
-        self.known = [self._find_variable(x, [*angles, *slides]) for x in self.drivers]
+        variables: list[Variable] = [i for i in range(self.graph.links) if self.roots[i] == i]
+        variables += [e.slide for pair in self.graph.pairs for e in pair.elements if e.kind in MOVING]
+        self.known = [self._find_variable(x, variables) for x in self.drivers]
         if len(set(self.known)) < len(self.drivers):
-            self._refuse(f"has two inputs for one variable: {', '.join(x.name for x in self.known)}")
-        self.unknown = [x for x in [*angles, *slides] if x not in self.known]
+            names = [link.name for link in mechanism.links] + [bar.name for bar in self.bars]
+            twice = ", ".join(names[x] if isinstance(x, int) else x for x in self.known)
+            self._refuse(f"has two inputs for one variable: {twice}")
+        self.unknown = [x for x in variables if x not in self.known]
         self.variables = (*self.unknown, *self.known)
-        self.column = {x.name if x.link is None else x.link: k for k, x in enumerate(self.variables)}
-        self.is_angle = np.array([x.link is not None for x in self.variables])
-        self.turning = np.array([[float(x.link == root) for x in self.variables] for root in self.roots])
+        self.column = {x: k for k, x in enumerate(self.variables)}
+        self.is_angle = np.array([isinstance(x, int) for x in self.variables])
+        self.turning = np.array([[float(x == root) for x in self.variables] for root in self.roots])
         self.ways = [[self._place(p) for p in loop.passages] for loop in self.graph.loops]
         # length of the longest vector through a moving link [m]; 1 m if there is none
         vectors = (p.way.leave.at - p.way.enter.at for loop in self.ways for p in loop if p.way.link != GROUND)
@@ -156,24 +152,19 @@ class LoopEquations:
 
     def _find_variable(self, driver: Driver, variables: Sequence[Variable]) -> Variable:
         """Return the variable that a driver prescribes."""
-        if isinstance(driver, AngleDriver):
-            matching = [x for x in variables if x.link == self.roots[driver.link]]
-        else:
-            matching = [x for x in variables if x.link is None and x.name == driver.name]
-        if not matching:
+        variable = self.roots[driver.link] if isinstance(driver, AngleDriver) else driver.name
+        if variable not in variables:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
-        return matching[0]
+        return variable
 
     def _place(self, passage: Passage) -> PlacedWay:
         """Return the path of a loop through one link, with the places of its variables in a state x."""
         link = passage.link
         way = Way(link, passage.enter.element(link), passage.leave.element(link), turns=self.roots[link] != GROUND)
+        slides = [self.column[name] for name in way.slides]
         # in the order of the columns of the link unit: the angle of the link's root, then slides
-        own: list[Variable] = [x for x in self.variables if way.turns and x.link == self.roots[link]]
-        own += [Variable(name) for name in way.slides]
-        # the shape is given because `own` may be empty
-        factors = np.array([[float(c == x) for x in self.variables] for c in own]).reshape(len(own), len(self.variables))
-        return PlacedWay(way, [self.column[name] for name in way.slides], factors)
+        own = [self.column[self.roots[link]], *slides] if way.turns else slides
+        return PlacedWay(way, slides, np.eye(len(self.variables))[own])
 
     def input_levels(self, times: Array) -> Levels:
         """Return the TK inputs and their first and second time derivatives, (k, TK) each, at times (k,).
@@ -197,7 +188,7 @@ class LoopEquations:
     def start(self) -> Array:
         """Return the state x at the mechanism's start q0."""
         q = self.mechanism.q0
-        values: dict[str | int, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
+        values: dict[Variable, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links
@@ -261,5 +252,5 @@ class LoopEquations:
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""
         angles = (x @ self.turning.T + self.phase, x_rate @ self.turning.T, x_second @ self.turning.T)
-        slides = {v.name: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if v.link is None}
+        slides = {v: (x[:, k], x_rate[:, k], x_second[:, k]) for k, v in enumerate(self.variables) if isinstance(v, str)}
         return absolute_states(self.graph, len(self.mechanism.links), angles, slides)

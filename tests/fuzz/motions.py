@@ -11,13 +11,11 @@ import numpy as np
 from gauss_bench import judge
 from gauss_bench.api.simulate import simulate
 from gauss_bench.linkage.errors import LinkageError
-from gauss_bench.linkage.load import load
 from tests.drawn_linkages import random_linkage
-from tests.fuzz.files import toml
+from tests.fuzz.judged import MOTIONS, read
 from tests.fuzz.mechanics import NoMotion, true_end
 
 UNTIL = 0.2  # [s]
-MOTIONS = 100_000  # of one seed
 KINDS = ("as drawn", "stiff", "uneven masses", "fast", "stiff and uneven")
 ENGINES = ("gauss", "lagrange", "schur")
 
@@ -44,16 +42,14 @@ def drawn(seed: int) -> tuple[str, dict[str, Any]]:
 def ending(seed: int, folder: Path) -> tuple[str, str]:
     """Return how the run with this number ended, in a word, and a sentence if it is wrong and yet called ok."""
     kind, document = drawn(seed)
-    path = folder / f"{document['name']}.toml"
-    path.write_bytes(toml(document))
     try:
-        mechanism = load(str(path))
+        mechanism = read(document, folder)
     except LinkageError:
         return "not assembled", ""
     rng = np.random.default_rng([seed, 11])
     engine, step = ENGINES[int(rng.integers(len(ENGINES)))], float(10 ** rng.uniform(-3.0, -1.7))
     stabilization = ("none", "projection")[int(rng.integers(2))]
-    found = simulate(str(path), engine, step=step, at=[0.0, UNTIL], stabilization=stabilization)
+    found = simulate(mechanism.source, engine, step=step, at=[0.0, UNTIL], stabilization=stabilization)
     if not found.valid or found.trajectory is None:
         return f"not ok: {found.status}", ""
     try:

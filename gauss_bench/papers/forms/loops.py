@@ -81,9 +81,7 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
             q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
             equations = LoopEquations(replace(mechanism, q0=q))
             rates = [  # first and second derivative of each variable
-                (v[3 * x.link + 2], a[3 * x.link + 2])
-                if x.link is not None
-                else (float(coordinates.rate(slides[x.name].motion, q, v)), np.nan)
+                (v[3 * x + 2], a[3 * x + 2]) if isinstance(x, int) else (float(coordinates.rate(slides[x].motion, q, v)), np.nan)
                 for x in equations.variables
             ]
             rate, second = np.array(rates).T
