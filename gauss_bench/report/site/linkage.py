@@ -23,6 +23,7 @@ from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
     POSITIONS,
+    VARIANT,
     Setting,
     all_settings,
     cheapest_stored,
@@ -30,7 +31,6 @@ from gauss_bench.report.site.settings import (
     describe_size,
     engines_short_of,
     fastest_first,
-    variant_of,
 )
 from gauss_bench.report.words import count, ratio_text
 
@@ -43,6 +43,7 @@ TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")  # engines whose lines come first
 DRIFT = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
 ENERGY = "Energy gained beyond the work done, over time."
+case_of = itemgetter(*VARIANT, "step")  # values that identify a case in the tables `results` and `series`
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
@@ -201,25 +202,19 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     preferred, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are left out.
     Engines in FIRST come first.
     """
-    cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
-    series = group_by(with_number(of_linkage, column), _case)
-    chosen = [row for key, row in cases.items() if key in series]
+    series = group_by(with_number(of_linkage, column), case_of)
+    chosen = [r for r in run.of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
     lines = []
     order = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
     by_engine = group_by(chosen, "engine")
     for engine in sorted(by_engine, key=order.index):
         row = min(by_engine[engine], key=_plainness)
-        samples = sorted(series[_case(row)], key=itemgetter("t"))
+        samples = sorted(series[case_of(row)], key=itemgetter("t"))
         drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})
         words = {"said": setting_words(row)}
         lines.append([chart_row(engine, engine, samples[i]["t"], abs(samples[i][column])) | words for i in drawn])
     return lines
-
-
-def _case(row: Row) -> tuple[Any, ...]:
-    """Return the values that identify a case in the tables `results` and `series`."""
-    return *variant_of(row), row["step"]
 
 
 def _plainness(row: Row) -> tuple[Any, ...]:
