@@ -137,10 +137,9 @@ def list_leaders(run: Run, name: str) -> Table | None:
 
 def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     """Return the chart of error against time, with the Pareto front of each engine's settings; None without settings."""
-    rows = []
-    for group in group_by(settings, lambda x: x.engine).values():
-        for x in pareto_front(group, lambda x: x.seconds, lambda x: x.position):
-            rows.append(chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR))
+    groups = group_by(settings, lambda x: x.engine).values()
+    front = [x for group in groups for x in pareto_front(group, lambda x: x.seconds, lambda x: x.position)]
+    rows = [chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR) for x in front]
     if not rows:
         return None
     longest = max(x.until for x in settings)
@@ -180,10 +179,9 @@ def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Ca
 def force_chart(run: Run, name: str) -> Chart | None:
     """Return the chart of joint-force errors against numbers of steps, with the Pareto front of each engine; None without rows."""
     ladder = [r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0]
-    rows = []
-    for engine, trials in group_by(with_number(ladder, "force_error"), "engine").items():
-        for r in pareto_front(trials, itemgetter("steps"), itemgetter("force_error")):
-            rows.append(chart_row(engine, f"{engine} {r['settings']}", r["steps"], r["force_error"]))
+    groups = group_by(with_number(ladder, "force_error"), "engine").values()
+    front = [r for group in groups for r in pareto_front(group, itemgetter("steps"), itemgetter("force_error"))]
+    rows = [chart_row(r["engine"], f"{r['engine']} {r['settings']}", r["steps"], r["force_error"]) for r in front]
     if not rows:
         return None
     words = (
