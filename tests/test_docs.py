@@ -21,7 +21,7 @@ from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.write import asset_files
 from gauss_bench.verbs.formats import find_schema, list_formats
 from tests.conftest import DOCUMENTATION, needs
-from tests.published import build_guide
+from tests.published import build_guide, watch
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "gauss_bench" / "docs"
@@ -235,9 +235,7 @@ def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Pa
 def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser: Any, site: Path) -> None:
     context = browser.new_context(offline=True)
     page = context.new_page()
-    wrong: list[str] = []
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("request", lambda request: wrong.append(request.url) if not request.url.startswith(("file:", "data:")) else None)
+    wrong = watch(page, "file:")
     page.goto((site / "docs" / "drift.html").as_uri())
     page.get_by_role("search").get_by_role("searchbox").fill("kg_per_m links")
     page.keyboard.press("Enter")

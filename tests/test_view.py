@@ -18,6 +18,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
 from tests.conftest import exhaustive
+from tests.published import watch
 
 
 @cache
@@ -120,11 +121,8 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
     """Return the page after it has drawn or refused its link, and a list of errors and of requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"} | look))
-    wrong: list[str] = []
-    page.on("console", lambda m: wrong.append(m.text))
-    page.on("pageerror", lambda e: wrong.append(str(e)))
+    wrong = watch(page, address.split("#")[0])
     page.on("dialog", lambda d: wrong.append(d.message) or d.dismiss())
-    page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((address.split("#")[0], "data:")) else None)
     page.goto(address)
     for _ in range(200):
         if page.locator("#stage svg").count() or "This " in page.locator("#lead").inner_text():
