@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from operator import itemgetter
 from typing import Any
 
@@ -264,17 +265,14 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
     picks: dict[str, list[Any]] = {}
     reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it is met
     words: dict[str, int] = {}
-    for i, position in enumerate(POSITIONS):
-        for j, force in enumerate(FORCES):
-            chosen = cheapest_stored(run, mechanism, position, force)
-            over = multiples({engine: x.seconds for engine, x in chosen.items()})
-            line: list[Any] = []
-            for setting in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
-                line.append([picked.setdefault(setting, len(picked)), to_json(over.get(setting.engine, math.nan))])
-            picks[f"{i},{j}"] = line
-            for engine, missed in engines_short_of(run, mechanism, position, force).items():
-                places = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
-                places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
+    for place, ((i, position), (j, force)) in enumerate(product(enumerate(POSITIONS), enumerate(FORCES))):
+        chosen = cheapest_stored(run, mechanism, position, force)
+        over = multiples({engine: x.seconds for engine, x in chosen.items()})
+        ordered = sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine))
+        picks[f"{i},{j}"] = [[picked.setdefault(x, len(picked)), to_json(over.get(x.engine, math.nan))] for x in ordered]
+        for engine, missed in engines_short_of(run, mechanism, position, force).items():
+            of_engine = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
+            of_engine[place] = words.setdefault(missed.words, len(words))
     until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     data = []
@@ -344,9 +342,8 @@ def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement])
         return reach(ladders, wanted, "no race took it in")
     if not ladders:
         return _read_race(race)
-    if race["status"] == Status.OK:
-        return reach(ladders, wanted)
-    return reach(ladders, wanted, race["message"].removeprefix(f"{Kind.UNTIMED}: "))
+    untimed = None if race["status"] == Status.OK else race["message"].removeprefix(f"{Kind.UNTIMED}: ")
+    return reach(ladders, wanted, untimed)
 
 
 def engines_of(run: Run, mechanism: str) -> list[str]:
