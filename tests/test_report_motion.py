@@ -69,10 +69,10 @@ def numbers(text: str) -> Array:
 
 def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array | None:
     """Return the pixels (k, 2) of a point at parts (k,) of the loop, or None if it is no end of a bar."""
+    if point.link == GROUND:
+        return None
     link, _, name = point.name.partition(".")
-    bars = (
-        [x for x in groups(svg)[link].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"] if point.link != GROUND else []
-    )
+    bars = [x for x in groups(svg)[link].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"]
     names = [name for pair in bar_ends(mechanism.links[point.link]) for name in pair]
     return carry(groups(svg)[link], numbers(bars[0].attrib["d"])[names.index(name)], parts) if bars and name in names else None
 
