@@ -27,22 +27,24 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 """
 
 
-def python_alone(file: Path, *arguments: object) -> str:
-    """Return the output of a script in a process that cannot import gauss_bench, and has only installed packages on its path."""
-    command = [sys.executable, "-I", "-c", BLOCKED, str(file), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT, cwd=file.parent, env=ENVIRONMENT, check=False)
+def output_of(*command: object, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:
+    """Return what a command prints; it must end with exit code 0."""
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=LIMIT, cwd=cwd, env=env, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def python_alone(file: Path, *arguments: object) -> str:
+    """Return the output of a script in a process that cannot import gauss_bench, and has only installed packages on its path."""
+    return output_of(sys.executable, "-I", "-c", BLOCKED, file, *arguments, cwd=file.parent, env=ENVIRONMENT)
 
 
 def c_alone(file: Path, *arguments: object) -> str:
     """Compile a program in C without warnings, and return its output."""
     program = file.with_suffix(".exe")
     warnings = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
-    subprocess.run([str(compiler()), "-O0", *warnings, str(file), "-o", str(program), "-lm"], check=True)
-    done = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, timeout=LIMIT, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    output_of(compiler(), "-O0", *warnings, file, "-o", program, "-lm")
+    return output_of(program, *arguments)
 
 
 def rows_of(printed: str) -> tuple[list[str], Array]:

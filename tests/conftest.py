@@ -104,6 +104,15 @@ def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 @pytest.fixture
+def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's file of engines, which need not exist."""
+    path = tmp_path / "engines.toml"
+    monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+    return path
+
+
+@pytest.fixture
 def elsewhere(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The interpreter of the environment of a test's engine: its case `engine`, or ENGINE of its file; skipped where there is none.
 

@@ -11,8 +11,9 @@ from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.reference.certificate import find_certified
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Samples, Trajectory
+from gauss_bench.trajectory import Reference, Samples, Trajectory
 from tests.conftest import DATA
 
 LINKAGES = {"crank_slider": "paper", "four_bar": "torque", "six_bar": "torque", "eight_bar": "torque"}
@@ -37,10 +38,20 @@ def linkage(name: str, scenario: str | None = None) -> Mechanism:
 
 
 def ran(engine: Engine, mechanism: Mechanism, times: Iterable[float], native: bool = True, **choice: Any) -> Trajectory:
-    model = engine.build(mechanism, Choice(**{"integrator": engine.integrators[0], **choice}))
+    return moved(engine.build(mechanism, Choice(**{"integrator": engine.integrators[0], **choice})), times, native)
+
+
+def moved(model: Any, times: Iterable[float], native: bool = True) -> Trajectory:
+    """Return the run of a built model."""
     model.prepare(np.array([*times], dtype=float), native)
     model.run()
     return model.read()
+
+
+def certified(mechanism: Mechanism, until: float) -> Reference:
+    found = find_certified(mechanism, until)
+    assert found is not None
+    return found
 
 
 def by_gauss(mechanism: Mechanism, times: Iterable[float], **choice: Any) -> Trajectory:

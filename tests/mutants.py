@@ -21,6 +21,7 @@ import time
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import accumulate
 from pathlib import Path
 
 from tests.test_mutations import ROOT, copy_project, run_tests
@@ -235,13 +236,10 @@ def _tests_of(mutant: Mutant, ran: Ran) -> list[str]:
 
 
 def _affordable(tests: Sequence[str], took: Mapping[str, float], most: float) -> list[str]:
-    chosen, spent = [], 0.0
-    for test in sorted(tests, key=lambda x: took[x]):
-        spent += took[test]
-        if chosen and spent > most:
-            break
-        chosen.append(test)
-    return chosen
+    """Return the quickest of the tests that take no more than `most` seconds together; one at least."""
+    quickest = sorted(tests, key=lambda x: took[x])
+    spent = accumulate(took[x] for x in quickest)
+    return quickest[: max(1, sum(x <= most for x in spent))]
 
 
 def _outcome(copy: Path, mutant: Mutant, tests: list[str]) -> str:

@@ -10,6 +10,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench import judge as judging
+from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
 from gauss_bench.cli import main
 from gauss_bench.engines.base import Choice
@@ -160,3 +161,10 @@ def test_former_names_serve_for_one_release_with_a_warning() -> None:
     former = import_module("gauss_bench.mechanism.load")
     with pytest.warns(DeprecationWarning, match=r"gauss_bench\.linkage\.load"):
         assert former.load is gauss_bench.load
+    with pytest.warns(DeprecationWarning, match=r"gauss_bench\.api\.exchange\.Export"):
+        assert import_module("gauss_bench.api.results").Export is Export
+    mechanism = gauss_bench.load("four_bar")
+    with pytest.warns(DeprecationWarning, match="find_body"):
+        assert mechanism.placed("crank") == mechanism.find_body("crank")
+    with pytest.warns(DeprecationWarning, match="find_point"):
+        assert mechanism.named_point("ground.A").name == "ground.A"

@@ -2,7 +2,6 @@
 
 import ctypes
 import platform
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -13,37 +12,33 @@ import pytest
 from gauss_bench.compiler.closure import compile_closure
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.compiler.machine import native_code
+from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.linkage.load import load
 from gauss_bench.terms import Array
 
 pytest.importorskip("llvmlite")
-COMPILER = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-compiled_c = pytest.mark.skipif(COMPILER is None, reason="no C compiler: none of cc, gcc and clang is installed")
-POINTER = ctypes.POINTER(ctypes.c_double)
+compiled_c = pytest.mark.skipif(compiler() is None, reason=NO_COMPILER)
+DOUBLES = np.ctypeslib.ndpointer(float, flags="C_CONTIGUOUS")
 
 
 def library(kernel: Kernel, folder: Path, integrator: str = "rk4") -> Any:
     source, target = folder / "kernel.c", folder / "kernel.so"
     source.write_text(kernel.c_source(integrator), encoding="utf-8")
     warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
-    subprocess.run([str(COMPILER), "-std=c99", "-O1", *warnings, "-shared", "-fPIC", source, "-o", target, "-lm"], check=True)
+    subprocess.run([str(compiler()), "-std=c99", "-O1", *warnings, "-shared", "-fPIC", source, "-o", target, "-lm"], check=True)
     return ctypes.CDLL(str(target))
-
-
-def pointers(*arrays: Array) -> list[Any]:
-    return [x.ctypes.data_as(POINTER) for x in arrays]
 
 
 def accelerated(c: Any, t: float, q: Array, v: Array, p: Array) -> tuple[int, Array]:
     out = np.full(len(q) + 1, np.nan)
-    c.accelerate.argtypes = [POINTER] * 4
-    return c.accelerate(*pointers(np.append(q, v), p, np.array([t]), out)), out[:-1]
+    c.accelerate.argtypes = [DOUBLES] * 4
+    return c.accelerate(np.append(q, v), p, np.array([t]), out), out[:-1]
 
 
 def rolled(c: Any, q: Array, v: Array, p: Array, h: float, n: int) -> tuple[int, Array, Array]:
     y, sample, report = np.append(q, v), np.full(2 * len(q), np.nan), np.zeros(3)
-    c.rollout.argtypes = [*[POINTER] * 4, ctypes.c_double, ctypes.c_double, *[ctypes.c_long] * 3]
-    return c.rollout(*pointers(y, p, sample, report), h, 0.0, n, n, 1), sample, report
+    c.rollout.argtypes = [*[DOUBLES] * 4, ctypes.c_double, ctypes.c_double, *[ctypes.c_long] * 3]
+    return c.rollout(y, p, sample, report, h, 0.0, n, n, 1), sample, report
 
 
 @compiled_c
@@ -55,9 +50,7 @@ def test_code_in_c_computes_what_native_code_does(stabilization: str, integrator
     c = library(kernel, tmp_path, integrator)
     code, a = accelerated(c, 0.0, m.q0, m.v0, p)
     assert code == 0
-    np.testing.assert_allclose(
-        a, kernel.acceleration(m.q0, m.v0), rtol=1e-12, atol=1e-11
-    )  # rounding of another order of operations
+    np.testing.assert_allclose(a, kernel.acceleration(m.q0, m.v0), rtol=1e-12, atol=1e-11)  # rounding in another order
     code, found, report = rolled(c, m.q0, m.v0, p, h, n)
     assert code == 0
     assert report.tolist() == [n, 1, 0]

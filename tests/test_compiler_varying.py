@@ -16,27 +16,24 @@ from gauss_bench.integrate.legs import legs
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import Trajectory
 from tests.conftest import needs
+from tests.engine_runs import ran
 from tests.test_mechanism_second import OVER_TIME, VARYING, rotor
 
 OPEN = ("forces.switch.value", "forces.ratchet.value", "links.bar.mass")
 
 
-@cache
-def varying() -> Mechanism:
-    return load(str(VARYING))
+needs("llvmlite")
+
+
+@pytest.fixture(scope="module")
+def mechanism() -> Mechanism:
+    return load(VARYING)
 
 
 @cache
 def kernel(**form: Any) -> Kernel:
-    return compile_kernel(varying(), **({"formulation": "gauss", "stabilization": "projection"} | form))
-
-
-@pytest.fixture(autouse=True)
-def compiler() -> None:
-    needs("llvmlite")
+    return compile_kernel(load(VARYING), **({"formulation": "gauss", "stabilization": "projection"} | form))
 
 
 @pytest.mark.parametrize("name", ["gauss-native", "lagrange-native"])
@@ -46,21 +43,14 @@ def test_the_impulse_of_each_law_is_exact_where_it_is_made_of_lines(law: str, na
     table, integral = OVER_TIME[law]
     mechanism = rotor({"value": 2.0, "over_time": table})
     for integrator, close in (("rk4", 1e-12 if law != "sine" else 2e-5), ("dop853", 1e-11)):
-        found = followed(mechanism, name, np.linspace(0.0, 1.0, 4), Choice("default", integrator, "none", 0.07, 1e-12))
+        assert get(name).skip(mechanism, Choice(integrator=integrator)) is None
+        found = ran(get(name), mechanism, np.linspace(0.0, 1.0, 4), integrator=integrator, step=0.07, tolerance=1e-12)
         assert found.v[-1, 2] == pytest.approx(2.0 * integral / 0.5, abs=close)
-
-
-def followed(mechanism: Mechanism, name: str, times: Array, choice: Choice) -> Trajectory:
-    assert get(name).skip(mechanism, choice) is None
-    model = get(name).build(mechanism, choice)
-    model.prepare(times)
-    model.run()
-    return model.read()
 
 
 def test_a_torque_against_its_direction_has_a_share_of_its_value() -> None:
     mechanism = rotor({"value": -1.0, "against": {"share": 3.0, "speed": 1e-3}}, speed=1.0)
-    found = followed(mechanism, "gauss-native", np.array([0.0, 0.1, 1.0]), Choice("default", "dop853", "none", 1e-2, 1e-12))
+    found = ran(get("gauss-native"), mechanism, [0.0, 0.1, 1.0], integrator="dop853", tolerance=1e-12)
     np.testing.assert_allclose(found.v[:, 2], [1.0, 0.4, -2.0 * (1.0 - 1 / 6)], atol=1e-2)
     np.testing.assert_allclose(found.v[1, 2], 0.4, atol=1e-12)
 
@@ -69,8 +59,8 @@ FORMS = [{}, {"backend": "numpy"}, {"formulation": "lagrange"}]
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-def test_all_forms_of_the_code_have_the_accelerations_of_the_linkage(form: dict[str, Any]) -> None:
-    mechanism, found = varying(), kernel(**form)
+def test_all_forms_of_the_code_have_the_accelerations_of_the_linkage(form: dict[str, Any], mechanism: Mechanism) -> None:
+    found = kernel(**form)
     evaluator, times = Evaluator(mechanism), np.array([0.0, 0.03, 0.0999, 0.1, 0.13, 0.19, 5.0])
     states = mechanism.q0 + 0.0 * times[:, None], mechanism.v0 * np.linspace(-2.0, 2.0, len(times))[:, None]
     true = np.array([gauss(evaluator.terms(t, q, v)).a for t, q, v in zip(times, *states, strict=True)])
@@ -80,8 +70,8 @@ def test_all_forms_of_the_code_have_the_accelerations_of_the_linkage(form: dict[
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-def test_where_a_rollout_is_cut_makes_no_difference(form: dict[str, Any]) -> None:
-    mechanism, found, h = varying(), kernel(**form), 2.3e-3
+def test_where_a_rollout_is_cut_makes_no_difference(form: dict[str, Any], mechanism: Mechanism) -> None:
+    found, h = kernel(**form), 2.3e-3
     whole, _ = found.rollout(mechanism.q0, mechanism.v0, h, 80)
     samples = found.rollout(mechanism.q0, mechanism.v0, h, 80, every=9)
     np.testing.assert_allclose(samples[0][-1], whole, rtol=0, atol=1e-13)
@@ -91,8 +81,8 @@ def test_where_a_rollout_is_cut_makes_no_difference(form: dict[str, Any]) -> Non
     np.testing.assert_allclose(whole, usual.rollout(mechanism.q0, mechanism.v0, h, 80)[0], rtol=0, atol=1e-11)
 
 
-def test_batches_with_open_numbers_go_over_kinks_as_each_does_alone() -> None:
-    mechanism, found = varying(), kernel(open_parameters=OPEN)
+def test_batches_with_open_numbers_go_over_kinks_as_each_does_alone(mechanism: Mechanism) -> None:
+    found = kernel(open_parameters=OPEN)
     assert found.parameters == OPEN
     numbers = np.array([[0.4 + 0.1 * k, -0.3, 0.6 + 0.05 * k] for k in range(5)])
     starts = np.tile(mechanism.q0, (5, 1)), np.tile(mechanism.v0, (5, 1))

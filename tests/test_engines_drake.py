@@ -40,50 +40,6 @@ def test_every_force_that_drake_takes_acts_as_defined(tmp_path: Path) -> None:
     assert run.status == "ok", run.message
 
 
-def test_contact_approximations_and_the_near_rigid_threshold_change_no_bit(elsewhere: str) -> None:
-    """This is why they are no knobs."""
-    script = """
-import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia
-from pydrake.systems.analysis import Simulator
-
-def plant_with_a_pendulum(step, approximation=None, threshold=None):
-    plant = MultibodyPlant(step)
-    if approximation:
-        plant.set_discrete_contact_approximation(getattr(DiscreteContactApproximation, approximation))
-        plant.set_sap_near_rigid_threshold(threshold)
-    inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.1))
-    body, ground = plant.AddRigidBody("body", inertia), plant.AddRigidBody("ground", inertia)
-    plant.WeldFrames(plant.world_frame(), ground.body_frame())
-    plant.AddBallConstraint(body, np.array([-0.1, 0.0, 0.0]), ground, np.zeros(3))
-    plant.Finalize()
-    return plant, body
-
-ends = set()
-for approximation in ("kSap", "kLagged", "kSimilar"):
-    for threshold in (1.0, 0.0):
-        plant, body = plant_with_a_pendulum(1e-3, approximation, threshold)
-        simulator = Simulator(plant)
-        context = simulator.get_mutable_context()
-        plant.SetFreeBodyPose(context, body, RigidTransform(np.array([0.1, 0.0, 0.0])))
-        simulator.AdvanceTo(0.1)
-        ends.add(plant.GetPositions(context).tobytes())
-print(len(ends))
-for name, refused in {
-    "kTamsi": lambda: plant_with_a_pendulum(1e-3, "kTamsi", 1.0),
-    "continuous": lambda: Simulator(plant_with_a_pendulum(0.0)[0]).AdvanceTo(0.1),
-}.items():
-    try:
-        refused()
-    except RuntimeError as error:
-        print(name, "constraints" in str(error))
-"""
-    run = subprocess.run([elsewhere, "-c", script], capture_output=True, text=True, check=True)
-    assert run.stdout.splitlines() == ["1", "kTamsi True", "continuous True"]
-
-
 @pytest.mark.long
 def test_the_findings_on_drake_are_as_told(elsewhere: str) -> None:
     crash, ignored = (

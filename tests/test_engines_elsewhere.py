@@ -16,9 +16,10 @@ import pytest
 
 import gauss_bench
 from gauss_bench.compiler import user_cache
-from gauss_bench.engines import ELSEWHERE, FILE, UnknownEngine, all_names, get, names
+from gauss_bench.engines import ELSEWHERE, UnknownEngine, all_names, get, names
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.translate import joint_forces
+from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.translate import EXPLICIT, IMPLICIT, forces_of
 from gauss_bench.engines.given_forces import GivenForces, on_one_joint
 from gauss_bench.engines.newton import kernels
@@ -27,32 +28,27 @@ from gauss_bench.engines.tree_loads import OnJoints
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
-from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import USERS_CACHE, everything
-from tests.engine_runs import linkage
+from tests.engine_runs import certified, linkage
 
 
-def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
-    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
+def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install(engines: Path) -> None:
     assert not {*ELSEWHERE} & {*all_names()}
     for name in ELSEWHERE:
         for ask in (get, lambda name: offers([name])):
             with pytest.raises(UnknownEngine, match=f"engines install {name}"):
                 ask(name)
-    (tmp_path / "engines.toml").write_text('[opensim]\npython = "/nowhere/python"\n')  # which needs no class
+    engines.write_text('[opensim]\npython = "/nowhere/python"\n')  # which needs no class
     assert "opensim" in names()
     assert type(get("opensim")).__name__ == "OpenSim"
-    (tmp_path / "engines.toml").write_text('[opensim]\nclass = "my_engine:Other"\npython = "/nowhere/python"\n')
+    engines.write_text('[opensim]\nclass = "my_engine:Other"\npython = "/nowhere/python"\n')
     assert in_python("opensim", load("four_bar"), Choice()) == NOT_TOLD  # and that class is not imported here
 
 
-def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
+def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(engines: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("dart", "tests.faulty_engines:Sound", "gauss_bench.engines")
     monkeypatch.setattr("gauss_bench.engines._plug_ins", lambda: [point])
     assert names().count("dart") == 1
@@ -224,13 +220,37 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
     engine: str, name: str, scenario: str, settings: str, step: float, measured: float
 ) -> None:
     mechanism = load(name, scenario)
-    certified = find_certified(mechanism, 1.0)
-    crank = mechanism.crank
-    assert certified is not None
+    true, crank = certified(mechanism, 1.0), mechanism.crank
     assert crank is not None
-    at = int(np.abs(certified.t - (0.1 if engine == "newton" else 1.0)).argmin())
-    run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, float(certified.t[at])])
+    at = int(np.abs(true.t - (0.1 if engine == "newton" else 1.0)).argmin())
+    run = gauss_bench.simulate(name, engine, scenario, settings, step=step, at=[0.0, float(true.t[at])])
     assert run.status == "ok" or (engine in ("bullet", "dart", "drake", "newton") and run.status == "invalid"), run.message
-    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - certified.q[at, 3 * crank + 2])
+    error = abs(run.links[mechanism.link_name(crank)]["theta"][-1] - true.q[at, 3 * crank + 2])
     low, high = SHARE.get(engine, (0.9, 1.1))
     assert low * measured < error < high * measured
+
+
+# The messages that DART prints become failures
+
+
+@pytest.mark.usefixtures("elsewhere")
+@pytest.mark.parametrize("engine", ["dart"])
+def test_a_run_that_blows_up_is_a_warning_of_one_sentence(engine: str) -> None:
+    run = gauss_bench.simulate("eight_bar", engine, "torque", "shut,lcp=PGS", at=[0.0, 1.0], step=1e-2)
+    assert run.status == "warning"
+    assert run.message.startswith("DART: Warning")
+    assert "\x1b" not in run.message
+
+
+def test_what_a_library_prints_is_a_failure_with_its_first_line_and_does_not_reach_the_streams(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with Messages() as messages:
+        messages.check()
+        os.write(2, b"\x1b[1;33mWarning [X.cpp:1]\x1b[0m Non-finite\n" * 3)
+        os.write(1, b"and more\n")
+        with pytest.raises(RunFailure, match=r"^DART: Warning \[X.cpp:1\] Non-finite$") as caught:
+            messages.check()
+    assert caught.value.status is Status.WARNING
+    print("after")
+    assert capfd.readouterr() == ("after\n", "")

@@ -14,11 +14,11 @@ import sys
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gauss_bench.cli import main
 from gauss_bench.engines import ELSEWHERE, FILE, environment_of, installation, read_environments
+from tests.plugin import link_numpy
 from tests.test_environments import STAND_IN
 
 OWN = '# engines of mine\n[heun]  # a trial\nclass = "my_engine:Heun"\npython = "/home/me/heun/bin/python"\n'
@@ -66,9 +66,7 @@ def write_wheel(folder: Path, tmp_path: Path) -> Path:
     """Write a wheel of the stand-in, which also makes the numpy of this environment importable, and that alone."""
     there = tmp_path / "numpy alone"
     there.mkdir()
-    for part in ("numpy", "numpy.libs"):
-        if (source := Path(np.__file__).parents[1] / part).exists():
-            (there / part).symlink_to(source)
+    link_numpy(there)
     about = "twin-1.0.dist-info"
     files = {
         "stand_in.py": STAND_IN,

@@ -3,7 +3,6 @@
 Without MJX, MuJoCo itself stands in for it behind the same four calls: then the adapter must give MuJoCo's own motion.
 """
 
-import ast
 import copy
 import os
 import subprocess
@@ -26,10 +25,9 @@ from gauss_bench.linkage.load import load
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 from tests.conftest import needs
-from tests.engine_runs import linkage
+from tests.engine_runs import linkage, moved
 
 ENGINE = "mjx"
-FINDING = Path(__file__).parents[1] / "reports" / "findings" / "mjx_missing_bias.py"
 
 
 class OnMujoco:
@@ -84,11 +82,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_where_mujoco_computes_the_motion_is_mujocos_own(name: str, scenario: str | None, native: bool) -> None:
     mechanism, times = linkage(name, scenario), np.array([0.0, 0.01, 0.0137, 0.03])
     choice = Choice("tuned", "rk4", "none", 1e-3)
-    models = [Mjx().build(mechanism, choice), MujocoModel(mechanism, choice)]
-    for model in models:
-        model.prepare(times, native)
-        model.run()
-    given, own = (model.read() for model in models)
+    given, own = (moved(model, times, native) for model in (Mjx().build(mechanism, choice), MujocoModel(mechanism, choice)))
     assert given.steps == own.steps == 10 + 4 + 17
     for a, b in ((given.q, own.q), (given.v, own.v), (given.a, own.a)):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-8 * np.abs(b).max())  # a driven hinge holds a speed in both, to 1e-9
@@ -98,13 +92,10 @@ def test_where_mujoco_computes_the_motion_is_mujocos_own(name: str, scenario: st
 def test_a_model_takes_another_step_and_its_softness_with_it() -> None:
     mechanism, times = load("crank_slider", "paper"), np.array([0.0, 0.02])
     resized = Mjx().build(mechanism, Choice("tuned", "rk4", "none", 1e-3))
-    resized.prepare(times)
+    moved(resized, times)
     resized.choice = Choice("tuned", "rk4", "none", 2e-3)
     fresh = Mjx().build(mechanism, resized.choice)
-    for model in (resized, fresh):
-        model.prepare(times)
-        model.run()
-    assert (resized.read().q == fresh.read().q).all()
+    assert (moved(resized, times).q == moved(fresh, times).q).all()
     assert (resized.device.model.eq_solref[:, 0] == 2 * 2e-3).all()
 
 
@@ -123,13 +114,6 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
 def test_settings_are_those_of_mujoco_under_their_names() -> None:
     for label in ("default", "tuned"):
         assert VARIANTS.options(label) == MUJOCO.options(label)
-
-
-def test_the_finding_needs_mujoco_and_mjx_alone() -> None:
-    tree = ast.parse(FINDING.read_text(encoding="utf-8"))
-    names = {alias.name for x in ast.walk(tree) if isinstance(x, ast.Import) for alias in x.names}
-    names |= {x.module or "" for x in ast.walk(tree) if isinstance(x, ast.ImportFrom)}
-    assert names == {"importlib.metadata", "jax", "mujoco", "numpy"}
 
 
 @pytest.mark.slow

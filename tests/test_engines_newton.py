@@ -22,7 +22,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import random_states
 from gauss_bench.trajectory import Trajectory
 from tests import newton_stand_in
-from tests.engine_runs import by_gauss, linkage, relative_error
+from tests.engine_runs import by_gauss, linkage, moved, ran, relative_error
 from tests.newton_stand_in import Kamino
 
 STAND_IN = Libraries(newton_stand_in.warp, newton_stand_in.newton, None)
@@ -38,11 +38,8 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adapter, "load_libraries", lambda: STAND_IN)
 
 
-def run(mechanism: Mechanism, times: list[float], step: float, settings: str = "default") -> Trajectory:
-    model = Newton().build(mechanism, Choice(settings, "semi_implicit_euler", "none", step))
-    model.prepare(np.array(times))
-    model.run()
-    return model.read()
+def run(mechanism: Mechanism, times: list[float], step: float) -> Trajectory:
+    return ran(Newton(), mechanism, times, step=step)
 
 
 @pytest.mark.usefixtures("stand_in")
@@ -71,11 +68,9 @@ def test_a_step_of_copies_shows_the_accelerations_of_closed_loops(name: str) -> 
 def test_a_model_that_has_run_takes_another_step_as_a_new_one_does() -> None:
     mechanism, times = load("four_bar", "torque"), [0.0, 0.02]
     model: Any = Newton().build(mechanism, Choice())
-    for step in (1e-3, 2e-3):
-        model.choice = Choice(step=step)
-        model.prepare(np.array(times))
-        model.run()
-    np.testing.assert_array_equal(model.read().q, run(mechanism, times, 2e-3).q)
+    moved(model, times)
+    model.choice = Choice(step=2e-3)
+    np.testing.assert_array_equal(moved(model, times).q, run(mechanism, times, 2e-3).q)
 
 
 @pytest.mark.usefixtures("stand_in")

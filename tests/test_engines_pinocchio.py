@@ -1,12 +1,23 @@
-"""Pinocchio: on and off the constraints its accelerations are those of Gauss's principle; the suite's integrators step them."""
+"""Pinocchio: on and off the constraints its accelerations are those of Gauss's principle; the suite's integrators step them.
 
+Its compiled loop computes what calls from Python compute; it is built once, in bounded memory, or is missing.
+"""
+
+import os
+import stat
+import sys
 from dataclasses import replace
+from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gauss_bench.compiler import user_cache
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.pinocchio import build as building
+from gauss_bench.engines.pinocchio import compiled
 from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, PinocchioModel
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.tree import spanning_tree
@@ -17,8 +28,8 @@ from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.conftest import everything, exhaustive, needs, redundant
-from tests.engine_runs import LINKAGES, acceleration_errors, linkage, relative_error
+from tests.conftest import USERS_CACHE, everything, exhaustive, needs, redundant
+from tests.engine_runs import LINKAGES, acceleration_errors, linkage, moved, relative_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = needs("pinocchio")
@@ -110,3 +121,132 @@ def test_an_exploding_run_ends_in_a_sentence(name: str, stabilization: str) -> N
     with pytest.raises(RunFailure, match="t = ") as failure:
         ran(wild, np.linspace(0.0, 1.0, 3), integrator="rk4", step=0.02, stabilization=stabilization)
     assert failure.value.status in (Status.NAN, Status.NOT_CONVERGED)
+
+
+# The compiled loop
+
+COMPILED = "compiled/rk4/least depth"
+SEARCHED = exhaustive(["crank_slider", "five_bar", "jansen", "eight_bar", "everything"], "crank_slider", "everything")
+
+
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop of the user's own cache: no test builds it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", os.environ[USERS_CACHE])
+    if reason := building.missing() or building.absent():
+        pytest.skip(reason)
+
+
+def pair(mechanism: Mechanism, integrator: str, stabilization: str = "none", **choice: Any) -> list[Any]:
+    """The models of the same settings, called from Python and compiled."""
+    both = ("one_iteration", "one_iteration,loop=compiled")
+    return [ENGINE.build(mechanism, Choice(x, integrator, stabilization, **choice)) for x in both]
+
+
+@pytest.mark.usefixtures("built")
+@pytest.mark.parametrize("name", SEARCHED)
+def test_accelerations_of_the_compiled_loop_are_those_of_calls_from_python(name: str) -> None:
+    mechanism = made(name)
+    python, own_loop = pair(mechanism, "rk4")
+    states = random_states(mechanism, 20)
+    for q, v in zip(states.q, states.v, strict=True):
+        assert relative_error(own_loop.acceleration(0.0, q, v), python.acceleration(0.0, q, v)) < 1e-12
+
+
+@pytest.mark.usefixtures("built")
+@pytest.mark.parametrize("stabilization", ["none", "baumgarte"])
+@pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
+def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: str, stabilization: str) -> None:
+    models = pair(load("five_bar"), integrator, stabilization, step=0.01)
+    python, own_loop = (moved(model, [0.0, 0.013, 0.2, 0.21, 0.5]) for model in models)
+    assert np.abs(np.array([python.q, python.v, python.a]) - np.array([own_loop.q, own_loop.v, own_loop.a])).max() < 1e-8
+    assert python.steps == own_loop.steps
+    assert 0.9 * python.evaluations < own_loop.evaluations <= python.evaluations  # scipy evaluates the ends of refused steps too
+
+
+def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
+    four_bar, driven = load("four_bar"), load("crank_slider", "driven")
+    assert "has no projection" in str(ENGINE.skip(four_bar, Choice(COMPILED, "rk4", "projection")))
+    assert "has no lcaba" in str(ENGINE.skip(four_bar, Choice("articulated/rk4/least depth,loop=compiled", "rk4")))
+    assert "has no drivers" in str(ENGINE.skip(driven, Choice(COMPILED, "rk4")))
+
+
+@pytest.fixture
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(building, "NEEDED", {})  # headers
+    building._describe_compiler.cache_clear()
+    compiled._library.cache_clear()  # another test of this process may have loaded the user's
+    return tmp_path
+
+
+def compiler_in(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> Path:
+    """A stand-in for the compiler, which is found first: it writes down its arguments and does as `body` says."""
+    program = folder / "c++"
+    text = f"""#!{sys.executable}
+import sys, time, resource
+if "--version" in sys.argv:
+    print("stand-in 1"); raise SystemExit
+open({str(folder / "calls")!r}, "a").write(" ".join(sys.argv[1:]) + chr(10))
+target = sys.argv[sys.argv.index("-o") + 1]
+{body}
+"""
+    program.write_text(text)
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setattr(building, "prefix", lambda: folder)
+    return folder / "calls"
+
+
+WRITES = 'open(target, "w").write("library of " + str(resource.getrlimit(resource.RLIMIT_AS)[0]))'
+
+
+def test_a_loop_is_built_once_with_generic_alignment_and_bounded_memory(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = compiler_in(own_cache, monkeypatch, f"time.sleep(0.3)\n{WRITES}")
+    with pytest.raises(RunFailure, match="not built yet") as caught:  # a run does not build it
+        ENGINE.build(load("four_bar"), Choice(COMPILED, "rk4"))
+    assert caught.value.status is Status.SKIP
+    assert "2 minutes" in ENGINE.unbuilt(COMPILED)
+    assert not ENGINE.unbuilt("default")
+    both = [Thread(target=building.build_loop) for _ in range(2)]
+    for x in both:
+        x.start()
+    for x in both:
+        x.join()
+    (arguments,) = calls.read_text().splitlines()
+    assert "-march" not in arguments
+    assert f"-Wl,-rpath,{own_cache / 'lib'}" in arguments
+    assert building.loop_library() == f"library of {3 << 30}".encode()
+    assert not ENGINE.unbuilt(COMPILED)
+
+
+def test_another_source_flag_or_compiler_is_another_loop(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler_in(own_cache, monkeypatch, WRITES)
+    building.build_loop()
+    source = own_cache / "loop.cpp"
+    source.write_text("// another")
+    others = {"FLAGS": (*building.FLAGS, "-g"), "SOURCE": source, "_describe_compiler": lambda program: "stand-in 2"}
+    for name, other in others.items():
+        assert not building.absent()
+        with monkeypatch.context() as patch:
+            patch.setattr(building, name, other)
+            assert building.absent()
+
+
+@pytest.mark.parametrize(("body", "said"), [('sys.exit("no such header")', "no such header"), ("time.sleep(60)", "did not finish")])
+def test_a_build_that_fails_leaves_nothing(body: str, said: str, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler_in(own_cache, monkeypatch, body)
+    monkeypatch.setattr(building, "LONGEST", 1.0)
+    with pytest.raises(RunFailure, match=said):
+        building.build_loop()
+    assert [x.suffix for x in user_cache.folder().iterdir()] == [".lock"]
+    assert building.absent()
+
+
+def test_without_a_compiler_or_headers_a_run_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    choice = Choice(COMPILED, "rk4")
+    for program, root, reason in ((None, building.prefix(), "no C++ compiler"), ("c++", tmp_path, "headers")):
+        monkeypatch.setattr(building, "compiler", lambda program=program: program)
+        monkeypatch.setattr(building, "prefix", lambda root=root: root)
+        assert reason in str(ENGINE.skip(load("four_bar"), choice))
+    assert ENGINE.skip(load("four_bar"), Choice("default", "rk4")) is None

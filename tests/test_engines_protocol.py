@@ -1,16 +1,10 @@
 """The interface of engines: all that is asked stands in one place with its default, and engines from outside may offer it all."""
 
 import ast
-import csv
-import json
 import math
 import re
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -40,13 +34,12 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import compare_joint_forces, joint_forces
 from gauss_bench.reach import Requirement, Trial, convergence, reach, trial_of
-from gauss_bench.reference.certificate import find_certified
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.offers import NOT_INSTALLED, Offer, offer
 from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.runs.programs import LONGEST, read_program
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
-from tests.plugin import installed
+from tests.engine_runs import certified
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "gauss_bench"
@@ -152,8 +145,7 @@ def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
 
 def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_are_unknown() -> None:
     mechanism = load("four_bar")
-    run, truth = Run("four_bar", mechanism, 0.5), find_certified(mechanism, 0.5)
-    assert truth is not None
+    run, truth = Run("four_bar", mechanism, 0.5), certified(mechanism, 0.5)
     equal = evaluate_run(run, Evaluator(mechanism), truth, Way(f"{FAULTY}:Uncounted", "default", "rk4", "none", 0.005), False, 10)
     chosen = evaluate_run(run, Evaluator(mechanism), truth, Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-8), True, 10)
     assert (equal.status, equal.steps) == (Status.OK, 100)
@@ -220,8 +212,7 @@ def test_versions_of_the_packages_that_engines_name_are_provenance(monkeypatch: 
 
 def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accelerations() -> None:
     mechanism = load("four_bar")
-    truth = find_certified(mechanism, 0.5)
-    assert truth is not None
+    truth = certified(mechanism, 0.5)
     states = Trajectory(truth.t[:3], truth.q[:3], truth.v[:3], truth.a[:3], None)
     found = joint_forces(Evaluator(mechanism), states)
     told = np.array([[x["fx"], x["fy"], x["moment"]] for x in found.values()]).transpose(2, 0, 1)
@@ -247,41 +238,6 @@ def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.Monke
     off, largest = map(float, re.findall(r"\d\.\de[+-]\d+", next(x for x in remarks if "joint forces" in x)))
     assert off == pytest.approx(2 * largest, rel=0.06)  # each is the opposite of what it should be; both are rounded
     assert not gauss_bench.diagnose("four_bar", f"{FAULTY}:Sound", until=0.1).remarks
-
-
-# The template of an engine of joint trees
-
-
-@pytest.fixture(scope="module")
-def trees(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment of processes in which the template is installed as a plug-in."""
-    folder = tmp_path_factory.mktemp("trees")
-    shutil.copytree(TEMPLATE / "my_trees", folder / "my_trees")
-    where = installed(folder, "from my_trees import Trees\n", ("trees",))
-    return where | {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-
-
-def command(where: dict[str, str], *arguments: object) -> Any:
-    """Return the JSON that a command prints, or its last line of errors."""
-    line = [sys.executable, "-m", "gauss_bench", *map(str, arguments), "--json"]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=600, check=False, env=where)
-    return json.loads(done.stdout) if done.stdout else done.stderr
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_template_writes_a_program_that_moves_as_its_run(trees: dict[str, str], tmp_path: Path) -> None:
-    file = tmp_path / "four_bar.py"
-    error = command(trees, "export", "four_bar", "--engine", "trees", "--step", "0.002", "--out", file)["error"]
-    text = file.read_text(encoding="utf-8")
-    assert f"off by {error['position']:.1e} m at most" in text.splitlines()[5]
-    done = subprocess.run([sys.executable, "-I", str(file)], capture_output=True, text=True, check=True, cwd=tmp_path)
-    head, *rows = csv.reader(done.stdout.splitlines())
-    assert head[:4] == ["t", "crank.x", "crank.y", "crank.theta"]
-    links = command(trees, "simulate", "four_bar", "--engine", "trees", "--step", "0.002", "--at", rows[-1][0])["links"]
-    wanted = [links[name][key][0] for name in links for key in ("x", "y", "theta")]
-    np.testing.assert_allclose([float(x) for x in rows[-1][1:]], wanted, rtol=0, atol=1e-9)
-    assert len(rows) > 50
 
 
 def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:

@@ -19,7 +19,7 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
-from tests.engine_runs import DRIVEN, by_gauss, linkage
+from tests.engine_runs import DRIVEN, by_gauss, linkage, moved
 
 TREE = {"tree": "file order"}
 
@@ -50,10 +50,7 @@ class StandIn(TreeModel):
 @pytest.mark.parametrize("name", ["crank_slider", "four_bar", "swinging_block"])
 def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> None:
     mechanism, times = linkage(name), np.linspace(0.0, 0.1, 6)
-    model = StandIn(mechanism, Choice(step=5e-3))
-    model.prepare(times)
-    model.run()
-    found, expected = model.read(), by_gauss(mechanism, times)
+    found, expected = moved(StandIn(mechanism, Choice(step=5e-3)), times), by_gauss(mechanism, times)
     assert np.abs(found.q - expected.q).max() < 1e-9  # DOP853 with a tolerance of 1e-10, along a tenth of a second
     assert np.abs(found.a - expected.a).max() < 1e-8 * np.abs(expected.a).max()
     assert found.steps == 5 * 4  # five intervals of 20 ms

@@ -1,6 +1,5 @@
 """Engines of users in environments of their own: their imports, their offers, and environments that are refused."""
 
-import shutil
 import venv
 from pathlib import Path
 
@@ -12,12 +11,13 @@ from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measurements.growth import exact_state
 from gauss_bench.bench.provenance import package_versions
 from gauss_bench.cli import main
-from gauss_bench.engines import FILE, EnvironmentFault, names, read_environments
+from gauss_bench.engines import EnvironmentFault, names, read_environments
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.blocks import call_of
 from gauss_bench.runs.offers import in_python, offer
 from gauss_bench.trajectory import RunFailure
+from tests.plugin import environment_with
 
 TEMPLATE = Path(gauss_bench.__file__).parent / "docs" / "pages" / "template" / "trees"
 STAND_IN = """
@@ -59,26 +59,10 @@ class Greedy(Twin):
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The interpreter of an environment that has numpy, the stand-in and the template of joint trees, and nothing else."""
-    folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=False)
-    (site,) = folder.glob("lib/python*/site-packages")
-    for part in ("numpy", "numpy.libs"):
-        if (there := Path(np.__file__).parents[1] / part).exists():
-            (site / part).symlink_to(there)
-    (site / "stand_in.py").write_text(STAND_IN)
-    shutil.copytree(TEMPLATE / "my_trees", site / "my_trees")
-    (site / "twin_library-2.5.dist-info").mkdir()
-    (site / "twin_library-2.5.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: twin-library\nVersion: 2.5\n")
-    return folder / "bin" / "python"
-
-
-@pytest.fixture
-def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's file of engines."""
-    path = tmp_path / "engines.toml"
-    monkeypatch.setenv(FILE, str(path))
-    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    return path
+    about = "Metadata-Version: 2.1\nName: twin-library\nVersion: 2.5\n"
+    template = {f"my_trees/{x.name}": x.read_text(encoding="utf-8") for x in (TEMPLATE / "my_trees").glob("*.*")}
+    files = {"stand_in.py": STAND_IN, "twin_library-2.5.dist-info/METADATA": about, **template}
+    return environment_with(files, tmp_path_factory.mktemp("environment"))
 
 
 def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_one(python: Path, engines: Path) -> None:

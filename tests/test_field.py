@@ -18,7 +18,7 @@ from gauss_bench.bench.measurements.search import space_of
 from gauss_bench.bench.runner import run as run_suite
 from gauss_bench.bench.sizes import required_by, size_of
 from gauss_bench.checksums import ChangedRows, checksum_of_run, read_checksums
-from gauss_bench.engines import ELSEWHERE, FILE, FOREIGN
+from gauss_bench.engines import ELSEWHERE, FOREIGN
 from gauss_bench.engines.installation import read_offered
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, read_run
@@ -61,14 +61,9 @@ SEARCH = Search(linkages={"four_bar": "torque"}, own=("gauss",), until=0.1, budg
 DICE = """
 import os
 from dataclasses import replace
-from gauss_bench.engines.interpreted import Interpreted
+from stand_in import Twin
 
-class Steady(Interpreted):
-    integrators, stabilizations = ("rk4",), ("none",)
-    def __init__(self):
-        super().__init__("udwadia_kalaba")  # which needs numpy alone
-
-class Dice(Steady):
+class Dice(Twin):
     def build(self, mechanism, choice):
         return Thrown(super().build(mechanism, choice))
 
@@ -100,18 +95,14 @@ def test_two_runs_agree_only_if_every_bit_does() -> None:
     assert field.repeats(one, signed) == (False, 0.0)
 
 
-def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(
-    python: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(python: Path, engines: Path, tmp_path: Path) -> None:
     """Two engines of another environment: one adds noise below 1e-9 to its samples, one does not."""
-    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
-    monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     (site,) = python.parents[1].glob("lib/python*/site-packages")
     (site / "dice.py").write_text(DICE)
-    tables = "".join(f'[{x.lower()}]\nclass = "dice:{x}"\npython = "{python}"\n' for x in ("Steady", "Dice"))
-    (tmp_path / "engines.toml").write_text(tables)
+    classes = {"steady": "stand_in:Twin", "dice": "dice:Dice"}
+    engines.write_text("".join(f'[{name}]\nclass = "{x}"\npython = "{python}"\n' for name, x in classes.items()))
     rows = {}
-    for name in ("steady", "dice"):
+    for name in classes:
         found = field.compare_runs("four_bar", "torque", name, ("default", "rk4", "none"), 1e-3, 0.05, str(tmp_path / "store"))
         (rows[name],) = found["field"]
         assert rows[name]["status"] == "ok", rows[name]["message"]
@@ -125,8 +116,7 @@ def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(
     assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
 
 
-def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv(FILE, str(tmp_path / "none.toml"))
+def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(engines: Path) -> None:
     tables: dict[str, list[dict[str, Any]]] = {}
     field.complete(Suite(format="gauss-bench-suite/1", title="one", field=(PART,)), tables)
     rows = {row["engine"]: row for row in tables["field"]}
@@ -149,12 +139,11 @@ def test_the_start_of_an_engine_is_the_middle_of_its_processes() -> None:
     assert field.start_columns(samples, "z") == {}
 
 
-def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines: Path, tmp_path: Path) -> None:
     """Without caches and links."""
-    monkeypatch.setenv(FILE, str(tmp_path / "engines.toml"))
     place = tmp_path / "there"
     (place / "bin" / "__pycache__").mkdir(parents=True)
-    (tmp_path / "engines.toml").write_text(f'[twin]\nclass = "a:B"\npython = "{place}/bin/python"\n')
+    engines.write_text(f'[twin]\nclass = "a:B"\npython = "{place}/bin/python"\n')
     assert math.isnan(size_of("twin").megabytes)  # the interpreter is in no environment of its own
     (place / "pyvenv.cfg").write_bytes(bytes(500_000))
     (place / "library.so").write_bytes(bytes(2_000_000))

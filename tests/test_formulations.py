@@ -69,24 +69,13 @@ def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
 @pytest.mark.parametrize("decades", [0, 4, 8, 12])
 @pytest.mark.parametrize("seed", range(4))
 def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int) -> None:
-    """Whether rows are redundant is a matter of geometry: masses of 1 to 1e12 kg in one system make none so."""
+    """Whether rows are redundant is a matter of geometry: masses of 1 to 1e12 kg in one system neither make nor hide it."""
     terms = random_terms(seed, 8, 5)
+    J, gamma = terms.J, terms.gamma
     uneven = replace(terms, M=np.diag(10.0 ** np.linspace(0, decades, 8)))
-    assert difference(FORMULATIONS["lagrange"](uneven).a, exact(uneven)) < 1e-13 * 10.0 ** (decades / 2) * np.linalg.cond(terms.J)
-
-
-@pytest.mark.parametrize("decades", [0, 4, 8, 12])
-@pytest.mark.parametrize("seed", range(4))
-def test_multipliers_refuse_redundant_rows_whatever_the_masses(seed: int, decades: int) -> None:
-    terms = random_terms(seed, 8, 5)
-    twice = replace(
-        terms,
-        M=np.diag(10.0 ** np.linspace(0, decades, 8)),
-        J=np.vstack([terms.J, terms.J[0] + terms.J[1]]),
-        gamma=np.append(terms.gamma, terms.gamma[0] + terms.gamma[1]),
-    )
+    assert difference(FORMULATIONS["lagrange"](uneven).a, exact(uneven)) < 1e-13 * 10.0 ** (decades / 2) * np.linalg.cond(J)
     with pytest.raises(SingularSystem, match="redundant"):
-        FORMULATIONS["lagrange"](twice)
+        FORMULATIONS["lagrange"](replace(uneven, J=np.vstack([J, J[0] + J[1]]), gamma=np.append(gamma, gamma[0] + gamma[1])))
 
 
 @pytest.mark.parametrize("name", SOUND)

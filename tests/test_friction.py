@@ -21,7 +21,7 @@ from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference, RunFailure, Samples, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA
 from tests.engine_runs import document, ran
 
@@ -32,10 +32,7 @@ GRAVITY = 9.81
 
 def crank_slider(scenario: str = "torque", **mu: float) -> Mechanism:
     """The linkage with friction in all four joints; `mu` replaces coefficients by the forces' names."""
-    document = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    for name, value in mu.items():
-        document["forces"][name]["mu"] = value
-    return load_document(document, scenario)
+    return load_document(merge(document("friction"), {"forces": {name: {"mu": value} for name, value in mu.items()}}), scenario)
 
 
 def rubbing(name: str, scenario: str, mu: float = 0.1, radius: float = 0.02, speed: float = 0.5) -> Mechanism:
@@ -69,10 +66,6 @@ def run(
     every_millisecond = np.arange(round(t / 1e-3) + 1) * 1e-3
     samples = every_millisecond if times is None else times
     return ran(get(name), mechanism, samples, integrator="rk4", stabilization="projection", step=h)
-
-
-def as_trajectory(states: Reference | Samples) -> Trajectory:
-    return Trajectory(states.t, states.q, states.v, states.a, 0)
 
 
 # Closed forms -----------------------------------------------------------------------------------------------------------
@@ -152,9 +145,6 @@ def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> Non
             ask()
 
 
-# Work -------------------------------------------------------------------------------------------------------------------
-
-
 # Files ------------------------------------------------------------------------------------------------------------------
 
 FAULTS = tomllib.loads((DATA / "faults" / "linkages.toml").read_text(encoding="utf-8"))["friction"]
@@ -173,7 +163,8 @@ def test_a_fault_is_named_by_table_and_field(name: str) -> None:
 def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
     mechanism = crank_slider("driven")
     evaluator = Evaluator(mechanism)
-    turn = as_trajectory(build_reference(mechanism, 1.0))
+    true = build_reference(mechanism, 1.0)
+    turn = Trajectory(true.t, true.q, true.v, true.a, 0)
     assert turn.t[-1] == 1.0
     torque = metrics.driving_forces(evaluator, turn)[:-1, 0]
     dissipated = -metrics.friction_power(evaluator, turn)[:-1].mean() * 1.0  # W over one turn of 1 s

@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 
 from gauss_bench import metrics
-from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
 from gauss_bench.integrate import StepFailure
 from gauss_bench.integrate.adaptive import dop853
 from gauss_bench.integrate.fixed_step import STEPS, step_counts
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
+from tests.engine_runs import by_gauss
 
 ORDERS = {"rk4": 4.0, "semi_implicit_euler": 1.0, "dop853_fixed": 8.0, "gauss_legendre": 6.0}
 FEW = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16), "gauss_legendre": (1 / 5, 1 / 10, 1 / 20)}  # [s]: below, only rounding is left
@@ -43,18 +41,10 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     assert np.abs(order[1:] - ORDERS[integrator]).max() < MARGINS.get(integrator, 0.15)
 
 
-def run(mechanism: Mechanism, integrator: str = "rk4", stabilization: str = "none", h: float = 1e-3, t: float = 1.0) -> Trajectory:
-    model = get("gauss").build(mechanism, Choice(integrator=integrator, stabilization=stabilization, step=h))
-    model.prepare(np.arange(round(t / max(h, 1e-3)) + 1) * max(h, 1e-3))
-    model.run()
-    return model.read()
-
-
 def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_back() -> None:
-    mechanism = load("six_bar")
-    drift = {
-        s: metrics.drift(Evaluator(mechanism), run(mechanism, stabilization=s, h=1e-2)) for s in ("none", "baumgarte", "projection")
-    }
+    mechanism, times, drift = load("six_bar"), 1e-2 * np.arange(101), {}
+    for s in ("none", "baumgarte", "projection"):
+        drift[s] = metrics.drift(Evaluator(mechanism), by_gauss(mechanism, times, integrator="rk4", stabilization=s, step=1e-2))
     assert drift["projection"].position.max() < 1e-14
     assert drift["projection"].velocity.max() < 1e-13
     assert drift["none"].position.max() > 1e-6  # large first, ...
@@ -71,11 +61,11 @@ def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
 
 @pytest.mark.long
 def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock() -> None:
-    mechanism = load("parallelogram", "torque")
+    mechanism, times = load("parallelogram", "torque"), 1e-3 * np.arange(1001)
     with pytest.raises(RunFailure, match="redundant rows have drifted apart") as caught:
-        run(mechanism)
+        by_gauss(mechanism, times, integrator="rk4")
     assert caught.value.status == Status.RANK_LOST
-    cured = run(mechanism, stabilization="projection")
+    cured = by_gauss(mechanism, times, integrator="rk4", stabilization="projection")
     assert cured.q[-1, 2] > 15.0  # it turns on: three cranks move as one
     assert np.abs(cured.q[:, 2] - cured.q[:, 5]).max() < 1e-12
 

@@ -1,14 +1,32 @@
 """Scalar coordinates against differences, and the coordinate by which motions are compared."""
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gauss_bench.compiler.elimination.program import generate
+from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism import coordinates
-from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Point
+from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.forces import AppliedForces
+from gauss_bench.mechanism.model import (
+    GROUND,
+    Along,
+    Angle,
+    Coordinate,
+    Distance,
+    Law,
+    Load,
+    Mechanism,
+    Point,
+    PointForce,
+    Weighted,
+)
+from gauss_bench.mechanism.motion_laws import Factor, read_factor
 from tests.engine_runs import document, table_of_faults
 
 LINKS = 3
@@ -51,6 +69,62 @@ def test_batches_and_long_double_are_the_single_state_again(coordinate: Coordina
         assert longer.dtype == np.longdouble
         np.testing.assert_allclose(batch, [f(coordinate, *x) for x in zip(*arguments, strict=True)], rtol=1e-14, atol=1e-14)
         np.testing.assert_allclose(np.asarray(longer, float), batch, rtol=1e-13, atol=1e-13)
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A force of a kind that the suite does not know, given by its loads."""
+
+    name: str
+    parts: tuple[Load, ...]
+    factor: Factor | None = None
+
+    def to_loads(self) -> tuple[Load, ...]:
+        return self.parts
+
+
+def pushed(*parts: Load, factor: Factor | None = None) -> Mechanism:
+    return replace(load("four_bar", "torque"), forces=(Push("push", parts, factor),))  # type: ignore[arg-type]
+
+
+def test_a_law_acts_along_every_coordinate_in_terms_and_kernels() -> None:
+    """Q is the force of the law times the gradient of its coordinate, and a kernel has the same accelerations."""
+    mechanism = load("four_bar", "torque")
+    a, b = mechanism.find_point("ground.D"), mechanism.find_point("coupler.P")
+    turn = Angle(GROUND, 2)
+    along: list[Coordinate] = [turn, Along(a, b, 0.3, across=True), Along(b, a, 0.3), Along(a, b, 0.2, body=0), Distance(a, b)]
+    q, v = mechanism.q0, mechanism.v0 + 0.1
+    for x in (*along, Weighted(((turn, 0.3), (Distance(a, b), -2.0)))):
+        law = Law(x, k=3.0, c=0.5, rest=0.2, bias=0.7, inverse_square=0.04)
+        value, rate = coordinates.value(x, q), coordinates.rate(x, q, v)
+        force = law.bias - law.k * (value - law.rest) - law.c * rate + law.inverse_square / value**2
+        changed = pushed(law)
+        forces = AppliedForces(changed)
+        np.testing.assert_allclose(forces.generalised(q, v) - forces.gravity, force * coordinates.gradient(x, q), rtol=1e-12)
+        # the potential falls by the work of the force and of gravity, but for what the damping dissipates
+        fall = -derivative(lambda s, forces=forces: forces.potential(q + s * v))
+        assert fall == pytest.approx(forces.generalised(q, v) @ v + law.c * rate**2, abs=1e-8)
+        program = generate(changed, "gauss")
+        compiled, _ = program.acceleration(np.zeros((1, 1)), q[None], changed.v0[None], program.values)
+        np.testing.assert_allclose(
+            compiled[0], FORMULATIONS["gauss"](Evaluator(changed).terms(0.0, q, changed.v0)).a, rtol=1e-9, atol=1e-9
+        )
+
+
+def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too() -> None:
+    mechanism = load("four_bar", "torque")
+    at, values = mechanism.find_point("coupler.P"), np.array([0.0, 4.0])
+    computed, given = pushed(PointForce("f", at, values, 1)), replace(mechanism, forces=(PointForce("f", at, values, 1),))
+    a, b = (generate(m, "gauss").acceleration(np.zeros((1, 1)), m.q0[None], m.v0[None], np.zeros(0))[0] for m in (computed, given))
+    np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+def test_a_force_of_another_kind_that_varies_is_refused() -> None:
+    factor = read_factor({"over_time": {"law": "ramp", "start": 0.1, "time": 0.3}})
+    at = load("four_bar").find_point("coupler.P")
+    for refused in (lambda: pushed(PointForce("f", at, np.ones(2), 1, factor)), lambda: pushed(factor=factor)):
+        with pytest.raises(TypeError, match="force push: only a Torque or a PointForce may vary, not a Push"):
+            refused()
 
 
 def slotted(**more: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from gauss_bench.reference import extended
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.extended import extend_motion, start
+from gauss_bench.reference.extended import Linkage, extend_motion
 from gauss_bench.reference.motion import Motion
 from tests.conftest import DATA, exhaustive
 
@@ -69,7 +69,8 @@ STARTS += [
 @pytest.mark.parametrize(("linkage", "scenario"), STARTS, ids=str)
 def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: str) -> None:
     document = decimals(linkage, scenario)
-    found, q, v = start(document, scenario)
+    found = Linkage(document, scenario)
+    q, v = found.q0, found.v0
     rows = found.rows(LONG(0), q, v)
     size = 1 + float(np.abs(q).max())
     assert np.abs(rows.phi).max(initial=0.0) < 4 * EPS * size

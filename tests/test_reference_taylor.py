@@ -21,11 +21,11 @@ from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
 from gauss_bench.reference.taylor.rows import loop_rows, start_state
 from gauss_bench.reference.taylor.samples import LoopStates, sample
+from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.reference.taylor.vector_sums import LoopCoordinates, at_states
-from tests.conftest import exhaustive, needs
+from tests.conftest import DATA, exhaustive, needs
 from tests.test_reference_extended import decimals as document_of
 
-DATA = Path(__file__).parent / "data"
 LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the condition of a linkage
 OTHER_COORDINATES = 1e-10  # double precision, DOP853 at 1e-13 and some growth
 
@@ -40,27 +40,14 @@ def decimals(end: str, count: int) -> list[str]:
     return [str(Decimal(end) * k / count) for k in range(count + 1)]
 
 
-def taylor_motion(document: dict[str, Any], scenario: str, times: Sequence[str], *options: Any) -> Motion:
-    needs("heyoka")
-    return needs("gauss_bench.reference.taylor.series").taylor_motion(document, scenario, times, *options)  # type: ignore[no-any-return]
-
-
 def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
+    needs("heyoka")
     return taylor_motion(document_of(linkage, scenario), scenario, times, double)
 
 
 def off(one: Any, other: Any) -> float:
     """Largest difference of numbers of any type, taken before they are rounded."""
     return float(np.abs(np.asarray(one - other)).astype(float).max(initial=0.0))
-
-
-def to_long(values: Any) -> Any:
-    """Numbers of mpmath in 128 bit."""
-    import heyoka
-    import mpmath
-
-    with mpmath.workdps(40):
-        return np.array([heyoka.real128(mpmath.nstr(x, 38)) for x in values.ravel()]).reshape(values.shape)
 
 
 @pytest.mark.parametrize(
@@ -109,13 +96,14 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     [("pendulum", "swing", "3"), ("projectile", "flight", "3"), ("sleigh", "glide", "3"), ("n_four_bar_3", "fall", "0.6")],
 )
 def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
-    needs("heyoka")
-    times = decimals(end, 6)
+    times, heyoka, mpmath = decimals(end, 6), needs("heyoka"), needs("mpmath")
     found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
     assert exact is not None
     assert found.stopped == ""
     for level in ("q", "v", "a"):
-        wanted = to_long(getattr(exact, level))
+        values = getattr(exact, level)
+        with mpmath.workdps(40):
+            wanted = np.array([heyoka.real128(mpmath.nstr(x, 38)) for x in values.ravel()]).reshape(values.shape)
         assert off(getattr(found, level), wanted) < LAST_DIGITS * (1.0 + np.abs(wanted.astype(float)).max())
 
 
@@ -167,7 +155,7 @@ def test_a_singular_position_is_never_passed() -> None:
 
 def test_an_override_that_is_merged_is_not_merged_again() -> None:
     times = ["0", "0.1"]
+    own = motion("crank_slider", "settles", times, double=True)
     document = copy.deepcopy(document_of("crank_slider", "settles"))
     document["forces"]["motor"]["value"] = -0.3
-    changed = taylor_motion(document, "settles", times, True)
-    assert off(changed.q, motion("crank_slider", "settles", times, double=True).q) > 1e-3
+    assert off(taylor_motion(document, "settles", times, True).q, own.q) > 1e-3

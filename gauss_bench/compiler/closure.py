@@ -11,7 +11,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.elimination.closing import closing_program
+from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine.native_code import Target, choose_target
 from gauss_bench.compiler.turns.tracker import Loss, Status, Tracker
 from gauss_bench.kinematics.loop_equations import LoopEquations
@@ -78,7 +78,7 @@ class Closure:
         """Generate and compile the code of a mechanism, whose drivers are the inputs."""
         self.mechanism, self.backend = mechanism, target.backend
         LoopEquations(mechanism)  # not kept: it raises ValueError if the drivers do not fit the degrees of freedom
-        self._tracker = Tracker(closing_program(mechanism), target)
+        self._tracker = Tracker(ClosingProgram(mechanism), target)
         self.inputs = tuple(driver.name for driver in mechanism.drivers)
         self._tracker.loaded.call(target.lanes)  # compiles now, so that the first sweep does not have to
 

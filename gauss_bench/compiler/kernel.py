@@ -19,9 +19,12 @@ import numpy as np
 from gauss_bench.compiler.elimination.partition import study
 from gauss_bench.compiler.elimination.program import KernelError, Program, known_program, partitions
 from gauss_bench.compiler.elimination.rank import RankDecision
+from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
+from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
+from gauss_bench.compiler.stepping.rollout import acceleration, plain_body, rollout
 from gauss_bench.integrate import BAUMGARTE_RATE, STABILIZATIONS
 from gauss_bench.integrate.fixed_step import EVALUATIONS
 from gauss_bench.integrate.legs import Leg, legs
@@ -42,13 +45,8 @@ class Options:
     stabilization: str
     open_parameters: tuple[str, ...]
     independent: tuple[int, ...] | None
-    baumgarte: tuple[float, float]
+    damping: tuple[float, float] | None  # alpha and beta [1/s] under Baumgarte's stabilisation
     target: Target
-
-    @property
-    def damping(self) -> tuple[float, float] | None:
-        """Alpha and beta [1/s] under Baumgarte's stabilisation, else None."""
-        return self.baumgarte if self.stabilization == "baumgarte" else None
 
 
 def compile_kernel(
@@ -87,8 +85,9 @@ def compile_kernel(
     if form is not None:
         warnings.warn("compile_kernel(form=...) has no effect: all code is straight-line code", DeprecationWarning, stacklevel=2)
     target = choose_target(backend, lanes, cache)
-    options = Options(formulation, stabilization, tuple(open_parameters), independent, baumgarte, target)
-    return Kernel(mechanism, options, "straight line", start)
+    damping = baumgarte if stabilization == "baumgarte" else None
+    options = Options(formulation, stabilization, tuple(open_parameters), independent, damping, target)
+    return Kernel(mechanism, options, start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -143,9 +142,9 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
+    def __init__(self, mechanism: Mechanism, options: Options, start: float):
         """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
-        self.mechanism, self.options, self.form = mechanism, options, form
+        self.mechanism, self.options, self.form = mechanism, options, "straight line"
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
@@ -156,7 +155,7 @@ class Kernel:
         # times [s] at which a force or its derivative jumps: steps are split there
         self._kinks = tuple(sorted({t for _, factor in list_lines(mechanism) for t in factor.kinks}))
         # the usual step is compiled now; code for other integrators, for many states or for larger rotations follows on demand
-        self._programs.prepare("rk4", many=False, extended=False)
+        self._programs.runner(0, "rk4").loaded.call(1)
         self.generate_seconds = time.perf_counter() - start - self.compile_seconds
 
     @property
@@ -189,17 +188,22 @@ class Kernel:
 
     def prepare(self, integrator: str = "rk4", many: bool = False) -> None:
         """Compile all code of the first program for rollouts from a single state or, if `many`, from a batch of states."""
-        self._programs.prepare(integrator, many)
+        if integrator == "dop853":
+            self._programs.adaptive(0).call(1)
+            return
+        runner = self._programs.runner(0, integrator)
+        runner.extend()
+        runner.loaded.call(self.lanes if many else 1)  # compiles; the function itself is not needed here
 
     @property
     def directions(self) -> int:
         """Number of independent coordinates of the first program; an implicit step needs derivatives in so many directions."""
-        return len(self._programs.partitions[0])
+        return len(self.partitions[0])
 
     @property
     def partitions(self) -> tuple[tuple[int, ...], ...]:
         """Independent coordinates of every program generated so far."""
-        return self._programs.partitions
+        return tuple(code.program.independent for code in self._programs.codes)
 
     def rollout(
         self,
@@ -297,13 +301,13 @@ class Kernel:
         # each step that was tried, accepted or not, has as many evaluations as a step of fixed size
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
-    def alone(self, q0: Array, v0: Array, dt: float, n: int, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at t = 0.
+    def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
+        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at the time t0.
 
         If so, exported C source, which has the first program alone, is valid for these steps.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
-        for leg in self.legs(0.0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
+        for leg in self.legs(t0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
             done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
             if isinstance(done, Stop):
                 return False
@@ -368,8 +372,14 @@ class Kernel:
         return np.asarray(energies[0] if single else energies)
 
     def c_source(self, integrator: str = "rk4") -> str:
-        """Return the first program as C source, with the functions `accelerate` and `rollout`."""
-        return self._programs.c_source(integrator)
+        """Return the first program as C source, with the functions `accelerate` and `rollout`.
+
+        Programs that replace it at states where its pivots vanish are left out.
+        """
+        first = self._programs.codes[0]
+        steps = rollout([plain_body(first, integrator)], many=False)
+        # "none": only `rollout` has Baumgarte's terms, `accelerate` is the exact acceleration
+        return C_HEADER + in_c(acceleration(Code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
 
     def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
         """Return the arrays t (k,), q, v (k, n_q) and number arguments (k, n_p), and whether a single state was given."""

@@ -139,8 +139,7 @@ def closure_of(own: OwnMotion, bursts: tuple[Burst, ...], errors: Array) -> Clos
     with np.errstate(all="ignore"):  # the part of the error that projection would remove
         share = size(at.q - own.project(at).q) / max(size(errors), 1e-300)
     worst = int(gaps[-1].max(axis=0).argmax()) if gaps[-1].shape[1] else 0  # the row with the largest gap
-    rows = [x.name for x in (*own.mechanism.joints, *own.mechanism.couplings) for _ in x.held]
-    name = [*rows, *(x.name for x in own.mechanism.drivers), ""][worst]
+    name = [*own.mechanism.held_names, *(x.name for x in own.mechanism.drivers), ""][worst]
     stays = len(opened) > 1 and opened[-1] >= STAYS * opened[-2]
     early, late = float(sizes[:third].max()), float(sizes[-third:].max())
     # correlation and ratio of gap and force, of the run with the smallest step

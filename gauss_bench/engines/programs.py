@@ -7,7 +7,6 @@ recorded (`transcript.py`), and the engine's `program.py` adds the lines that ta
 import inspect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from string import Template
 from textwrap import indent
 from typing import Any
@@ -143,23 +142,6 @@ $run    return rows
 $main''')
 
 
-@dataclass(frozen=True)
-class Parts:
-    """The parts of a program that differ between engines.
-
-    Attributes:
-        numbers: name -> value of the engine's constants.
-        model: statements that build the library's model for steps of the length `step`.
-        run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after each group of
-            `every` steps.
-    """
-
-    imports: Sequence[str]
-    numbers: dict[str, Any]
-    model: Sequence[str]
-    run: str
-
-
 def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict[str, Any]:
     """Return the constants, name -> value, of a program that passes the forces on tree coordinates y to the library at every step.
 
@@ -170,19 +152,34 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
     return {"CONSTANT": forces.constant, "STIFFNESS": forces.stiffness, "DAMPING": forces.damping, "LAWS": driven}
 
 
-def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: Parts) -> str:
+def write_tree_program(
+    mechanism: Mechanism,
+    tree: Tree,
+    choice: Choice,
+    *,
+    imports: Sequence[str],
+    numbers: dict[str, Any],
+    model: Sequence[str],
+    run: str,
+) -> str:
     """Return the text of a program that runs a linkage in a library that models trees of joints, with the step size `choice.step`.
 
     In the program, the angles of the links are ANGLES + TURNS y, where y are the tree coordinates.
+
+    Args:
+        numbers: name -> value of the engine's constants.
+        model: statements that build the library's model for steps of the length `step`.
+        run: statements that take `steps` steps, and append [t, *absolute(y, dy, places, speeds)] to `rows` after each group of
+            `every` steps.
     """
     y0, dy0 = tree.relative(mechanism.q0, mechanism.v0)
     turns = turning(tree)
     angles = {"ANGLES": turns.constants[:-1], "TURNS": turns.rows[:-1]}  # without those of the ground
-    numbers = {"Y0": y0, "DY0": dy0, **angles, **parts.numbers}
+    constants = {"Y0": y0, "DY0": dy0, **angles, **numbers}
     laws = write_laws(mechanism)
     return FRAME.substitute(
         title=TITLE,
-        imports="\n".join(sorted(["import numpy as np", *parts.imports], key=lambda line: line.split()[1])),
+        imports="\n".join(sorted(["import numpy as np", *imports], key=lambda line: line.split()[1])),
         names=python(coordinates(mechanism)),
         rates=python(rates(mechanism)),
         q0=python(mechanism.q0.tolist()),
@@ -190,10 +187,10 @@ def write_tree_program(mechanism: Mechanism, tree: Tree, choice: Choice, parts: 
         end=python(float(mechanism.duration)),
         step=python(choice.step),
         samples=SAMPLES,
-        numbers="\n".join(f"{name} = {python(x)}" for name, x in numbers.items()),
+        numbers="\n".join(f"{name} = {python(x)}" for name, x in constants.items()),
         laws=f"{laws}\n\n" if laws else "",
         plan=PLAN,
-        model=indent("\n".join(parts.model), "    "),
-        run=parts.run,
+        model=indent("\n".join(model), "    "),
+        run=run,
         main=MAIN,
     )

@@ -6,10 +6,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice, Variant
+from gauss_bench.engines.base import Choice, EngineDefaults
 from gauss_bench.engines.base import LibraryCall as LibraryCall  # plug-ins import it from here
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
-from gauss_bench.engines.variants import Knob, Variants
+from gauss_bench.engines.variants import Variants
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -36,16 +36,11 @@ PARALLEL = 1e-12  # largest sine of the angle between parallel axes: angles are 
 End = TypeVar("End")
 
 
-class LibraryEngine:
+class LibraryEngine(EngineDefaults):
     """The members that adapters to libraries have in common: class Adapter(LibraryEngine, file=VARIANTS of its `variants.toml`)."""
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
-    variants: Mapping[str, Variant]
-    knobs: Mapping[str, Knob]
-    first: tuple[str, ...]
-    soft: Mapping[str, str]
-    unfinished: Mapping[str, str]
 
     def __init_subclass__(cls, file: Variants | None = None) -> None:
         if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
@@ -199,16 +194,11 @@ class OpenTree:
 def open_tree(evaluator: Evaluator, tree: Tree, y: Array, dy: Array) -> OpenTree:
     """Evaluate the suite's own equations of motion of the tree at a tree state y, dy (n,) and t = 0; loops may be open."""
     q, v, a0 = tree.absolute(y, dy, np.zeros(tree.n))
-    speeds = unit_speeds(tree, y)
+    speeds = tree.unit_speeds(y)
     Q, inertial = evaluator.applied.generalised(q, v, 0.0), evaluator.mass * a0
     gaps = measure_gaps(closing_pins(tree), lambda point: position(q, point))
     load = float(np.abs(Q).max() + np.abs(inertial).max())
     return OpenTree(q, (speeds * evaluator.mass) @ speeds.T, speeds @ (Q - inertial), load, gaps)
-
-
-def unit_speeds(tree: Tree, y: Array) -> Array:
-    """Return V^T (n, 3 links): row k holds the absolute speeds if tree rate k is 1 and all others are 0, at y (n,)."""
-    return tree.absolute(np.tile(y, (tree.n, 1)), np.eye(tree.n), np.zeros((tree.n, tree.n))).v
 
 
 def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance: float) -> None:

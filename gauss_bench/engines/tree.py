@@ -160,10 +160,12 @@ class Tree:
     def forces(self, q: Array, Q: Array) -> Array:
         """Return the forces (..., n) on the tree coordinates that do the virtual work of the forces Q (..., 3 links) at q."""
         y, _ = self.relative(q, np.zeros_like(q))
+        return np.asarray((self.unit_speeds(y) @ Q[..., None])[..., 0])
+
+    def unit_speeds(self, y: Array) -> Array:
+        """Return V^T (..., n, 3 links): row k holds the absolute speeds if tree rate k is 1 and all others are 0, at y (..., n)."""
         repeated, zeros = np.broadcast_to(y[..., None, :], (*y.shape, self.n)), np.zeros((*y.shape, self.n))
-        # (..., n, 3 links): row k is the motion of all links if tree coordinate k alone moves, at unit rate
-        speeds = self.absolute(repeated, zeros + np.eye(self.n), zeros).v
-        return np.asarray((speeds @ Q[..., None])[..., 0])
+        return self.absolute(repeated, zeros + np.eye(self.n), zeros).v
 
 
 def exponential(x: Array) -> Callable[[Any], Any]:

@@ -229,15 +229,16 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
     """Return a position (n,) near the sketch q (n,) that closes all joints.
 
     Raises:
-        AssemblyError: the joints cannot be closed; the message names the joint with the widest gap.
+        AssemblyError: the joints cannot be closed; the message names the joint or coupling with the widest gap.
     """
     closed, error = gauss_newton(q, joints.residual)
     if error > CLOSED:
         closed, error = gauss_newton(levenberg_marquardt(q, joints.residual), joints.residual)
     if error > CLOSED:
         row = int(np.abs(joints.residual(closed)[0]).argmax())
-        name = mechanism.joints[row // 2].name  # each joint has two rows
-        raise AssemblyError("assembly", f"cannot be assembled from the sketch: joint {name} stays open by {error:.3g} (m or rad)")
+        name = mechanism.held_names[row]
+        kind = "constraint" if name in [x.name for x in mechanism.couplings] else "joint"
+        raise AssemblyError("assembly", f"cannot be assembled from the sketch: {kind} {name} stays open by {error:.3g} (m or rad)")
     return closed
 
 

@@ -285,7 +285,7 @@ def is_zero(number: Real) -> bool:
     return bool(number == 0.0) if isinstance(number, float) else getattr(number, "zero", False) is True
 
 
-def strength(x: State, law: Law) -> Real:
+def strength(x: State, law: Law, arithmetic: Arithmetic) -> Real:
     """Return the force F of a law along its coordinate x; for a distance F / x, which multiplies the gradient of x^2 / 2.
 
     With the law's stiffness k, damping c, and s for `inverse_square`,
@@ -316,18 +316,18 @@ def strength(x: State, law: Law) -> Real:
     if damped:
         terms.append(-(law.c * x.rate))
     if not is_zero(law.inverse_square):
-        terms.append(law.inverse_square / (x.value * x.value))
+        terms.append(law.inverse_square * arithmetic.inverse(x.value * x.value))
     return total(terms)
 
 
-def push(x: State, law: Law) -> tuple[Entry, ...]:
+def push(x: State, law: Law, arithmetic: Arithmetic) -> tuple[Entry, ...]:
     """Return the generalised force of a law along its coordinate x, by body: `strength` times the gradient."""
-    force = strength(x, law)
+    force = strength(x, law, arithmetic)
     entries = x.half_square_entries if isinstance(x, DistanceState) else x.entries
     return tuple(entry.scale(force) for entry in entries)
 
 
-def energy(x: State, law: Law) -> Real:
+def energy(x: State, law: Law, arithmetic: Arithmetic) -> Real:
     """Return the potential energy [J] of a law at its coordinate x."""
     terms: list[Real] = []
     if not is_zero(law.k):
@@ -339,7 +339,7 @@ def energy(x: State, law: Law) -> Real:
     if not is_zero(law.bias):
         terms.append(-(law.bias * x.value))
     if not is_zero(law.inverse_square):
-        terms.append(law.inverse_square * x.inverse if isinstance(x, DistanceState) else law.inverse_square / x.value)
+        terms.append(law.inverse_square * (x.inverse if isinstance(x, DistanceState) else arithmetic.inverse(x.value)))
     return total(terms)
 
 

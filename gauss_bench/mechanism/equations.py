@@ -91,7 +91,7 @@ def generalise(at: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load at a state, as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
-            return columns(push(state(load.coordinate, at), load))
+            return columns(push(state(load.coordinate, at), load, at.arithmetic))
         case PointForce():
             force, end = at.vector(load.frame, load.value).n, at.end(load.point)
             return columns((Entry(end.frame, force, wedge(end.arm, force)),))  # wedge: moment about the centre of mass
@@ -104,7 +104,7 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
     match load:
         case Law():
             x = state(load.coordinate, at)
-            return energy(x, load), -loss(x, load)
+            return energy(x, load, at.arithmetic), -loss(x, load)
         case PointForce():
             force, end = at.vector(load.frame, load.value).n, at.end(load.point)
             if load.frame == GROUND:  # a force with a fixed direction has the potential -F . p

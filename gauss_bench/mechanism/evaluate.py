@@ -102,12 +102,14 @@ class Constraints:
 def list_determined(mechanism: Mechanism) -> list[str]:
     """List the names of the joints whose forces follow from the motion at the start, because no redundant row involves them.
 
-    The multipliers, two of each joint, are determined up to the null space of J^T: both entries of the joint must be zero there.
+    The multipliers are determined up to the null space of J^T: all entries of a joint's rows must be zero there.
     """
     left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
-    null = np.abs(left[:, rank:])  # (m, m - rank) basis of the null space of J^T; joint k has the rows 2 k and 2 k + 1
-    return [joint.name for k, joint in enumerate(mechanism.joints) if null[2 * k : 2 * k + 2].max(initial=0.0) <= RANK_TOLERANCE]
+    null = np.abs(left[:, rank:])  # (m, m - rank) basis of the null space of J^T
+    held = zip(mechanism.held_names, null, strict=False)  # rows of drivers and knife edges follow
+    undetermined = {name for name, row in held if row.max(initial=0.0) > RANK_TOLERANCE}
+    return [joint.name for joint in mechanism.joints if joint.name not in undetermined]
 
 
 class UndeterminedLoads(ArithmeticError):

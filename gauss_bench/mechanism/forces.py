@@ -136,9 +136,8 @@ class JointFriction:
 
     def __init__(self, mechanism: Mechanism):
         """Find the pairs with friction; generate the function for their relative speeds and the gradients of these."""
-        first = {joint.name: 2 * k for k, joint in enumerate(mechanism.joints)}  # first row of each joint
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
-        self.rows = np.array([first[pair.name] for _, pair in self.acting], dtype=int)
+        self.rows = np.array([mechanism.held_names.index(pair.name) for _, pair in self.acting], dtype=int)
         self.pins = np.array([not pair.slides for _, pair in self.acting], dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])

@@ -3,6 +3,7 @@
 States are absolute: q (n,) has x, y of the centre of mass and the angle theta of every link, links in file order, in SI units.
 """
 
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -508,13 +509,18 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     Raises:
         TypeError: a force varies, or has no method `to_loads`; the message names it.
     """
-    forces = tuple(forces)
+    found: list[Load] = []
     for force in forces:
         if not hasattr(force, "to_loads"):
             raise TypeError(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
             raise TypeError(f"force {force.name} varies with time or direction, which is not supported here")
-    return tuple(load for force in forces for load in force.to_loads())
+        parts = force.to_loads()
+        # nothing would apply the factor of another kind of force, or that of a load
+        if any(getattr(x, "factor", None) for x in (force, *parts)):
+            raise TypeError(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")
+        found += parts
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -691,8 +697,12 @@ class Mechanism:
     @property
     def m(self) -> int:
         """Number of constraint rows: held coordinates, drivers and knife edges."""
-        held = sum(len(part.held) for part in (*self.joints, *self.couplings))
-        return held + len(self.drivers) + len(self.knife_edges)
+        return len(self.held_names) + len(self.drivers) + len(self.knife_edges)
+
+    @property
+    def held_names(self) -> tuple[str, ...]:
+        """The name of the joint or coupling of each row that holds a coordinate; rows of drivers and knife edges follow them."""
+        return tuple(part.name for part in (*self.joints, *self.couplings) for _ in part.held)
 
     @property
     def mass(self) -> Array:
@@ -734,6 +744,16 @@ class Mechanism:
             return self.point(GROUND, name)
         body, _ = self.find_body(owner)
         return self.point(body, name if self.links[body].name == owner else reference)
+
+    def placed(self, name: str) -> tuple[int, Any]:
+        """Deprecated name of `find_body`."""
+        warnings.warn("Mechanism.placed is now Mechanism.find_body", DeprecationWarning, stacklevel=2)
+        return self.find_body(name)
+
+    def named_point(self, reference: str) -> Point:
+        """Deprecated name of `find_point`."""
+        warnings.warn("Mechanism.named_point is now Mechanism.find_point", DeprecationWarning, stacklevel=2)
+        return self.find_point(reference)
 
     def point(self, link: int, name: str) -> Point:
         """Return the point `name` of the body with the index `link`, or of the ground."""

@@ -29,19 +29,9 @@ from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import list_held
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.mechanism.evaluate import Constraints, Evaluator, Rows
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.collocation import NoConvergence, Tableau, gauss_tableau, step_count
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles, find_breaks
-from gauss_bench.reference.refinement import (
-    EPS,
-    SaddleInverse,
-    Unsolved,
-    correct,
-    invert_saddle,
-    pseudo_inverse,
-    saddle_residual,
-    solve_by_chord,
-)
+from gauss_bench.reference.refinement import EPS, SaddleInverse, Unsolved, correct, pseudo_inverse, saddle_residual, solve_by_chord
 from gauss_bench.terms import Array
 
 LONG = np.longdouble
@@ -78,14 +68,14 @@ def extend_motion(
     bits = np.finfo(LONG).nmant
     if bits <= MANTISSA:
         raise ArithmeticError(f"long double has {bits} bits of mantissa on this platform, and needs more than {MANTISSA} here")
-    linkage, q0, v0 = start(document, scenario)
+    linkage = Linkage(document, scenario)
     samples = {LONG(x) for x in times}
     breaks = {x for driver in drivers_of(document["scenarios"][scenario]) for x in find_breaks(driver, LONG)}
     grid = sorted(samples | {x for x in breaks if 0 < x < max(samples)})
     states: list[tuple[Array, ...]] = []
     stopped = ""
     try:
-        for t, (q, v) in zip(grid, collocate_states(linkage, grid, q0, v0, step), strict=True):
+        for t, (q, v) in zip(grid, collocate_states(linkage, grid, step), strict=True):
             if t in samples:
                 states.append((q, v, *linkage.accelerations_and_multipliers(t, q, v)))
                 if progress:
@@ -112,19 +102,43 @@ def extend_motion(
     )
 
 
-@dataclass(eq=False)
 class Linkage:
     """A mechanism in long double, with the data for its linear systems.
 
     Attributes:
         rank: rank of the constraint Jacobian J M^(-1/2); all further singular values differ from zero only by rounding.
         nearest: smallest relative singular value so far, and the time [s] at which it occurred.
+        q0, v0: (n,) the start, which satisfies the loops, the knife edges, and the values and rates of coordinates that the
+            scenario prescribes.
     """
 
-    mechanism: Mechanism
-    evaluator: Evaluator
-    rank: int
-    nearest: tuple[float, float] = (1.0, 0.0)
+    def __init__(self, document: dict[str, Any], scenario: str):
+        """Build the mechanism, and find its start from the assembly in double precision as the first guess.
+
+        Raises:
+            ArithmeticError: dry friction acts, or the start is singular.
+        """
+        guess = assemble_doubles(document, scenario)
+        mechanism = self.mechanism = build_mechanism(document, scenario, "", "", LONG)
+        if mechanism.has_friction:
+            raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
+        free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
+        close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
+        held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
+
+        def gap(q: Array) -> Array:
+            """Return the residuals of the loops, and the distances from the values that the start prescribes."""
+            return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
+
+        q = guess.q0.astype(LONG)
+        q = self.q0 = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+        # velocities: A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
+        A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
+        b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
+        self.v0 = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
+        # independent rows: n - dof of the joints, since `dof` counts no drivers and knife edges, and one for each of these
+        self.rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
+        self.evaluator, self.nearest = Evaluator(mechanism), (1.0, 0.0)
 
     def rows(self, t: Any, q: Array, v: Array) -> Rows:
         """Return the constraint rows at one state or several."""
@@ -136,7 +150,7 @@ class Linkage:
         Raises:
             Unsolved: the position is singular.
         """
-        solved, when = invert_saddle(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
+        solved, when = SaddleInverse(self.evaluator.mass, J, self.rank), float(np.ravel(t)[0])
         if not solved.smallest > SINGULAR:
             raise Unsolved(f"t = {when:.6g} s: singular position (relative singular value {solved.smallest:.1e})")
         self.nearest = min(self.nearest, (solved.smallest, when))
@@ -154,14 +168,9 @@ class Linkage:
             Unsolved: the position is singular.
         """
         rows = self.rows(t, q, v)
-        Q = self.evaluator.applied.generalised(q, v)
-        zero = np.zeros(len(q) + len(rows.phi), dtype=LONG)
-
-        def excess(x: Array) -> Array:
-            """Return minus the residual (n + m,) of the equations of motion at x = [a, lambda]."""
-            return -saddle_residual(self.evaluator.mass, rows.J, Q, rows.gamma, x)
-
-        x = solve_by_chord(excess, self.inverse(t, rows.J).inverse, zero)
+        mass, Q = self.evaluator.mass, self.evaluator.applied.generalised(q, v)
+        x = np.zeros(len(q) + len(rows.phi), dtype=LONG)  # [a, lambda]
+        x = solve_by_chord(lambda x: -saddle_residual(mass, rows.J, Q, rows.gamma, x), self.inverse(t, rows.J).inverse, x)
         return x[: len(q)], x[len(q) :]
 
     def project(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
@@ -175,44 +184,13 @@ class Linkage:
         # computed once, at the first state, for all iterations (chord iteration)
         for_velocities = for_positions = self.inverse(t, rows.J).lift
         if edges:  # knife edges restrict velocities, but no positions
-            for_positions = invert_saddle(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
+            for_positions = SaddleInverse(self.evaluator.mass, rows.J[:holonomic], self.rank - edges).lift
         try:
             q = solve_by_chord(lambda x: self.rows(t, x, v).phi[:holonomic], for_positions, q)
             rows = self.rows(t, q, v)
             return q, solve_by_chord(lambda x: rows.J @ x + rows.phi_t, for_velocities, v)
         except Unsolved as error:
             raise Unsolved(f"t = {float(t):.6g} s: the constraints cannot be met ({error})") from error
-
-
-def start(document: dict[str, Any], scenario: str) -> tuple[Linkage, Array, Array]:
-    """Return the linkage in long double, and q and v (n,) at its start, from the assembly in double precision as the first guess.
-
-    The state satisfies the loops, the knife edges, and the values and rates of coordinates that the scenario prescribes.
-
-    Raises:
-        ArithmeticError: dry friction acts, or the start is singular.
-    """
-    guess = assemble_doubles(document, scenario)
-    mechanism = build_mechanism(document, scenario, "", "", LONG)
-    if mechanism.has_friction:
-        raise ArithmeticError("dry friction in joints: the collocation in long double has no equations for it")
-    free = replace(mechanism, drivers=())  # the scenario's prescribed values, `held`, stand for the drivers at the start
-    close = Constraints(replace(free, knife_edges=())).residual  # knife edges restrict no positions
-    held = list_held(mechanism, document["scenarios"][scenario], LONG)  # prescribed coordinates, with target values and rates
-
-    def gap(q: Array) -> Array:
-        """Return the residuals of the loops, and the distances from the values that the start prescribes."""
-        return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
-
-    q = guess.q0.astype(LONG)
-    q = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
-    # velocities: A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
-    A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
-    b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
-    v = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
-    # independent rows: n - dof of the joints, since `dof` counts no drivers and knife edges, and one for each of these
-    rank = mechanism.n - guess.dof + len(mechanism.drivers) + len(mechanism.knife_edges)
-    return Linkage(mechanism, Evaluator(mechanism), rank), q, v
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,9 +213,9 @@ class Step:
     tail: float = 0.0
 
 
-def collocate_states(linkage: Linkage, times: list[Any], q: Array, v: Array, step: float) -> Iterator[tuple[Array, Array]]:
-    """Integrate from q, v at the first time by steps of at most `step` [s]; yield q, v (n,) at each of the times."""
-    method = gauss_tableau(STAGES, LONG)
+def collocate_states(linkage: Linkage, times: list[Any], step: float) -> Iterator[tuple[Array, Array]]:
+    """Integrate from the start at the first time by steps of at most `step` [s]; yield q, v (n,) at each of the times."""
+    method, q, v = gauss_tableau(STAGES, LONG), linkage.q0, linkage.v0
     a, _ = linkage.accelerations_and_multipliers(times[0], q, v)
     state = Step(q, v, np.tile(a, (STAGES, 1)), LONG(step))
     yield q, v

@@ -13,7 +13,6 @@ Source: Higham, Accuracy and Stability of Numerical Algorithms (2002), chapter 1
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,7 +27,6 @@ class Unsolved(ArithmeticError):
     """The corrections of an iteration do not become small, usually because a singular position is near."""
 
 
-@dataclass(frozen=True, eq=False)
 class SaddleInverse:
     """The inverse of the matrix [M J^T; J 0] of the equations of motion in double precision, at one state or several.
 
@@ -38,27 +36,19 @@ class SaddleInverse:
         smallest: the r-th singular value of J M^(-1/2) relative to the largest, with r the rank at regular positions.
     """
 
-    inverse: Array
-    lift: Array
-    smallest: float
-
-
-def invert_saddle(mass: Array, J: Array, rank: int) -> SaddleInverse:
-    """Return the inverse of [M J^T; J 0] for the mass matrix's diagonal (n,) and Jacobians J (..., m, n).
-
-    If `rank` is less than the number of constraint rows, the result is a pseudo-inverse.
-    """
-    n, m = J.shape[-1], J.shape[-2]
-    root = np.sqrt(mass.astype(float))
-    U, s, Vt = np.linalg.svd(J.astype(float) / root, full_matrices=False)
-    U, s, Vt = U[..., :rank], s[..., :rank], Vt[..., :rank, :] / root  # U, S and V^T M^(-1/2)
-    scaled = U / s[..., None, :]  # U S^-1
-    lift = np.swapaxes(scaled @ Vt, -1, -2)
-    P = np.empty((*J.shape[:-2], n + m, n + m))
-    P[..., :n, :n] = np.diag(1.0 / root**2) - np.swapaxes(Vt, -1, -2) @ Vt
-    P[..., :n, n:], P[..., n:, :n] = lift, np.swapaxes(lift, -1, -2)
-    P[..., n:, n:] = -scaled @ np.swapaxes(scaled, -1, -2)
-    return SaddleInverse(P, lift, float((s[..., -1] / s[..., 0]).min()) if rank else 1.0)
+    def __init__(self, mass: Array, J: Array, rank: int):
+        """Invert the matrix for the mass matrix's diagonal (n,) and Jacobians J (..., m, n) of a rank."""
+        n, m = J.shape[-1], J.shape[-2]
+        root = np.sqrt(mass.astype(float))
+        U, s, Vt = np.linalg.svd(J.astype(float) / root, full_matrices=False)
+        U, s, Vt = U[..., :rank], s[..., :rank], Vt[..., :rank, :] / root  # U, S and V^T M^(-1/2)
+        scaled = U / s[..., None, :]  # U S^-1
+        self.lift = np.swapaxes(scaled @ Vt, -1, -2)
+        P = self.inverse = np.empty((*J.shape[:-2], n + m, n + m))
+        P[..., :n, :n] = np.diag(1.0 / root**2) - np.swapaxes(Vt, -1, -2) @ Vt
+        P[..., :n, n:], P[..., n:, :n] = self.lift, np.swapaxes(self.lift, -1, -2)
+        P[..., n:, n:] = -scaled @ np.swapaxes(scaled, -1, -2)
+        self.smallest = float((s[..., -1] / s[..., 0]).min()) if rank else 1.0
 
 
 def saddle_residual(mass: Array, J: Array, Q: Array, gamma: Array, x: Array) -> Array:

@@ -234,11 +234,7 @@ def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
 
 def as_data(answers: Answers) -> dict[str, Any]:
     """Return answers as dictionaries, lists, numbers and texts, which a file of results (`Journal`) stores as JSON."""
-    figures = [
-        {"key": x.key, "status": x.status, "message": x.message, "text": x.text, "error": x.error}
-        | {"values": x.values.tolist(), "shifted": x.shifted.tolist()}
-        for x in answers.figures
-    ]
+    figures = [vars(x) | {"values": x.values.tolist(), "shifted": x.shifted.tolist()} for x in answers.figures]
     return {**vars(answers), "figures": figures}
 
 
@@ -247,6 +243,5 @@ def from_data(data: Mapping[str, Any]) -> Answers:
     figures = []
     for x in data["figures"]:  # lists of numbers are empty if the release gave none
         values, shifted = np.array(x["values"] or np.zeros((0, 0))), np.array(x["shifted"] or np.zeros((0, 0, 0)))
-        quantity, case, setting = x["key"]
-        figures.append(Figure(quantity, case, setting, x["status"], x["message"], values, shifted, x["error"], x["text"]))
+        figures.append(Figure(**x | {"values": values, "shifted": shifted}))
     return Answers(**{**data, "figures": tuple(figures)})

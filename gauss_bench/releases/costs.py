@@ -39,22 +39,22 @@ class Cost:
     Attributes:
         version: the release that is timed.
         other: the release whose time is the denominator of the ratio: the newest release, or the one before `version`.
-        linkage, setting, work: what was timed; work is STEP_TIME or OVERHEAD.
+        case, setting, work: which linkage with which settings, and what was timed; work is STEP_TIME or OVERHEAD.
         seconds: time of `version`, the median over the processes [s].
         ratio: median over the processes of the time of `version` divided by that of `other`.
-        low, high: range in which the ratio of a repeated timing is expected.
+        ratio_low, ratio_high: range in which the ratio of a repeated timing is expected.
         verdict: "slower", "faster" or "same", or the reason why there is no time; "" if there is no verdict on the ratio.
     """
 
     version: str
     other: str
-    linkage: str = ""
+    case: str = ""
     setting: str = ""
     work: str = ""
     seconds: float = float("nan")
     ratio: float = float("nan")
-    low: float = float("nan")
-    high: float = float("nan")
+    ratio_low: float = float("nan")
+    ratio_high: float = float("nan")
     verdict: str = ""
 
 
@@ -75,8 +75,8 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
             measured = {version: x[work] for version, x in times.items()}
             found = list_costs([*entrants], measured, failed)
             differing = find_changes([x.version for x in releases], measured, NULL)
-            costs += [replace(x, linkage=name, setting=setting, work=work) for x in found]
-            changes += [replace(x, linkage=name, setting=setting, work=work) for x in differing]
+            costs += [replace(x, case=name, setting=setting, work=work) for x in found]
+            changes += [replace(x, case=name, setting=setting, work=work) for x in differing]
     return costs, changes
 
 
@@ -156,7 +156,9 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
     if other not in measured:
         return cost
     ratio, low, high = ratio_of(measured[version], measured[other])
-    return replace(cost, ratio=ratio, low=low, high=high, verdict="" if width is None else judge_ratio(low, high, width))
+    return replace(
+        cost, ratio=ratio, ratio_low=low, ratio_high=high, verdict="" if width is None else judge_ratio(low, high, width)
+    )
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:

@@ -39,22 +39,24 @@ def make_tables(
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
     changes = [change_row(engine, a.version, b.version, x) for a, b, found in compared for x in real(found)]
-    cost_rows: Rows = []
-    for x in costs:
-        row: dict[str, Any] = {"engine": engine, "version": x.version, "case": x.linkage, "setting": x.setting, "work": x.work}
-        row |= {"seconds": x.seconds, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high, "verdict": x.verdict}
-        cost_rows.append(row)
-    changed: Rows = []
-    for x in cost_changes:
-        row = {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}", "case": x.linkage}
-        changed.append(row | {"setting": x.setting, "ratio": x.ratio, "ratio_low": x.low, "ratio_high": x.high})
+    ratio = ("ratio", "ratio_low", "ratio_high")
+    cost_rows = [{"engine": engine} | pick(x, "version", "case", "setting", "work", "seconds", *ratio, "verdict") for x in costs]
+    changed = [
+        {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}"}
+        | pick(x, "case", "setting", *ratio)
+        for x in cost_changes
+    ]
     return dict(zip(NAMES, (releases, changes, cost_rows, changed), strict=True))
+
+
+def pick(record: Any, *names: str) -> dict[str, Any]:
+    """Return name -> value of these attributes of a record, whose names are those of columns."""
+    return {name: getattr(record, name) for name in names}
 
 
 def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> dict[str, Any]:
     """Return the row of a release in the table `releases`; `changes` compare it with the one before, if there is one."""
-    row: dict[str, Any] = {"engine": engine, "version": x.version, "status": x.status, "message": x.message}
-    row |= {"library": x.library, "python": x.python, "numpy": x.numpy, "how": x.how, "left_out": x.left_out}
+    row = {"engine": engine} | pick(x, "version", "status", "message", "library", "python", "numpy", "how", "left_out")
     if changes is not None:
         sized = [c for c in changes if not math.isnan(c.difference)]
         rounding = [c.difference for c in sized if not c.is_real]
@@ -65,9 +67,8 @@ def release_row(engine: str, x: Answers, changes: Sequence[Change] | None) -> di
 
 def change_row(engine: str, before: str, after: str, x: Change) -> dict[str, Any]:
     """Return the row, in the table `release_changes`, of a result that differs between two releases by more than rounding."""
-    row = {"engine": engine, "before": before, "after": after, "quantity": x.quantity, "case": x.case, "setting": x.setting}
-    row |= {"was": x.was, "now": x.now}
-    numbers = {"difference": x.difference, "rounding": x.rounding, "error_before": x.error_before, "error_after": x.error_after}
+    row = {"engine": engine, "before": before, "after": after} | pick(x, "quantity", "case", "setting", "was", "now")
+    numbers = pick(x, "difference", "rounding", "error_before", "error_after")
     return row | {name: float(f"{value:.3g}") for name, value in numbers.items()}
 
 

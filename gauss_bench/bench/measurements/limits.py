@@ -17,7 +17,7 @@ from gauss_bench.bench.tasks import Context, Tables, Task, place_of
 from gauss_bench.compiler.elimination.program import known_program
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine import native_code
-from gauss_bench.compiler.machine.code import read_code
+from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import find_dependents
 from gauss_bench.compiler.machine.schedule import period
 from gauss_bench.compiler.stepping.rollout import bodies
@@ -49,7 +49,7 @@ def count_operations(linkage: str, scenario: str) -> Tables:
     shortest = REACHES["rk4"][:1]  # code for steps in which angles move little, which every run tries first
     try:
         # one reach is asked for, so that one loop body is returned
-        (body,) = bodies(read_code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
+        (body,) = bodies(Code(known_program(mechanism, "gauss"), "none"), "rk4", shortest)
     except KernelError:
         return {"kernel_bounds": []}  # the row of the race has the reason
     graph = body.step.graph

@@ -58,7 +58,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
         raise RunFailure(Status.SKIP, "the loops that measure the processor need the package llvmlite")
     width = native_code.best_lanes() if lanes is None else lanes
     signature = "ppppi"  # four pointers and an integer
-    code = native_code.compile_listing(Listing(chain_text(chains, LINKS, width), "accelerate", signature, chains * LINKS))
+    code = native_code.NativeCode(Listing(chain_text(chains, LINKS, width), "accelerate", signature, chains * LINKS))
     out = np.empty(width)
 
     def call() -> None:

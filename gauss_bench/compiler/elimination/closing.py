@@ -21,7 +21,7 @@ distinguishes the assembly modes. Pivots are chosen at sampled positions of the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +31,7 @@ from gauss_bench.compiler.elimination.function import Function, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
 from gauss_bench.compiler.equations.constraints import rows_of
-from gauss_bench.compiler.equations.links import Links, State, open_parameters
+from gauss_bench.compiler.equations.links import Links, Parameters, State
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.kinematics.loop_equations import REGULAR
@@ -43,7 +43,6 @@ from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
 
-@dataclass(frozen=True, eq=False)
 class ClosingProgram:
     """The functions that close one linkage at given inputs; the symbols are those of the module's docstring.
 
@@ -53,9 +52,21 @@ class ClosingProgram:
             to the guess at the next sample; and q, v, a (3n). g is the change of the inputs to the next sample.
     """
 
-    driven: Mechanism
-    correction: Function
-    motion: Function
+    def __init__(self, driven: Mechanism):
+        """Generate the program of a linkage that has as many drivers (inputs) as degrees of freedom.
+
+        Raises:
+            KernelError: no usable pivots, or a start at a singular position.
+        """
+        # `study` samples positions. Without its driver a linkage of one degree of freedom is sampled over its whole motion, and not
+        # only where the driver moves it in this scenario.
+        known = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
+        correction, motion = _Equations(driven, known).solve()
+        n, K = driven.n, len(driven.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
+        # None: the code of the two functions is not merged, so that they share no instructions
+        self.correction: Function = function((("q", n), ("u", K)), correction, None)
+        self.motion: Function = function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None)
+        self.driven = driven
 
     @property
     def inputs(self) -> int:
@@ -98,22 +109,6 @@ class Driven(Links):
         return super().rate(k) if self.rates is None else self.rates[k]
 
 
-def closing_program(mechanism: Mechanism) -> ClosingProgram:
-    """Generate the program of a linkage that has as many drivers (inputs) as degrees of freedom.
-
-    Raises:
-        KernelError: no usable pivots, or a start at a singular position.
-    """
-    # `study` samples positions. Without its driver a linkage of one degree of freedom is sampled over its whole motion, not only
-    # where the driver moves it in this scenario.
-    known = study(replace(mechanism, drivers=()) if mechanism.dof == 1 else mechanism)
-    correction, motion = _Equations(mechanism, known).solve()
-    n, K = mechanism.n, len(mechanism.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
-    # None: the code of the two functions is not merged, so that they share no instructions
-    closing = function((("q", n), ("u", K)), correction, None)
-    return ClosingProgram(mechanism, closing, function((("q", n), ("u", K), ("w", K), ("b", K), ("g", K)), motion, None))
-
-
 class _Equations:
     """The constraint rows of a driven linkage as expressions, before elimination, with values at sampled positions.
 
@@ -129,7 +124,7 @@ class _Equations:
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
         self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
-        self.parameters = open_parameters(driven, ())
+        self.parameters = Parameters(driven, ())
         joints = Constraints(driven).joint_rows
         self.kept = (*(k for k in known.kept(0) if k < joints), *range(joints, joints + len(driven.drivers)))
         q = self._same_assembly(known.states.q)
@@ -168,15 +163,14 @@ class _Equations:
         same: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
         return same
 
-    def _links(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> Driven:
-        """Return the kinematics of the links for inputs with the values u and given first and second time derivatives."""
+    def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
+        """Return the rows that are eliminated, for inputs with the values u and given first and second time derivatives.
+
+        `v` are the rates (n,) of all coordinates; with None they are inputs of the graph.
+        """
         links = Driven(self.graph, self.driven, self.parameters, self.state)
         links.levels, links.rates = list(zip(self.u, rates, seconds, strict=True)), v
-        return links
-
-    def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
-        """Return the constraint rows that are eliminated; the arguments are those of `_links`."""
-        return keep_rows(self.graph, rows_of(self._links(rates, seconds, v)), self.kept, self.drop)
+        return keep_rows(self.graph, rows_of(links), self.kept, self.drop)
 
     def solve(self) -> tuple[list[list[Node]], list[list[Node]]]:
         """Return the results of `ClosingProgram.correction` and `ClosingProgram.motion`: [z], and [guards, step, (q, v, a)]."""
@@ -204,6 +198,6 @@ class _Equations:
             advance = [x + y * 0.5 for x, y in zip(*follow(g, self.zeros), strict=True)]
             v, a = follow(w, b)
         z = solve_rows([-row.phi for row in self.rows if row.phi is not None])
-        links = self._links(self.zeros, self.zeros, v)
+        links = Links(graph, self.driven, self.parameters, self.state)
         q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
         return [z], [guards, advance, [*q, *v, *a]]

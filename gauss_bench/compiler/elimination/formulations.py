@@ -44,7 +44,7 @@ from gauss_bench.compiler.elimination.lu import Factors, Matrix, Search, Sparse,
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
 from gauss_bench.compiler.equations.constraints import combine, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
-from gauss_bench.compiler.equations.links import Links, Parameters, State, open_parameters
+from gauss_bench.compiler.equations.links import Links, Parameters, State
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
 from gauss_bench.mechanism.equations import Row
@@ -86,7 +86,6 @@ class Terms:
         return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
 
 
-@dataclass(frozen=True, eq=False)
 class Motions:
     """A basis N of the free motions, which are the velocities v with J v = 0.
 
@@ -95,15 +94,10 @@ class Motions:
             and no other independent coordinate.
     """
 
-    graph: ExpressionGraph
-    independent: tuple[int, ...]
-    N: list[Sparse]
-    lengths: Factors
-
-    @classmethod
-    def of(cls, terms: Terms, independent: tuple[int, ...], N: list[Sparse], search: Search) -> "Motions":
-        """Create the basis from its columns N, and factorise N^T N, by which components along the columns are computed."""
-        return cls(terms.graph, independent, N, _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search))
+    def __init__(self, terms: Terms, independent: tuple[int, ...], N: list[Sparse], search: Search):
+        """Set up the basis with the columns N, and factorise N^T N, by which components along the columns are computed."""
+        self.graph, self.independent, self.N = terms.graph, independent, N
+        self.lengths = _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search)
 
     def _amounts(self, x: Sparse) -> Sparse:
         """Return (N^T N)^-1 N^T x, the components of x along the columns of N, as a dict from the index of a column to a node."""
@@ -164,7 +158,7 @@ class Gauss:
     @cached_property
     def _motions(self) -> Motions:
         """The basis N of the free motions (J N = 0), with N^T N factorised."""
-        return Motions.of(self.terms, self.independent, self.N, self.search)
+        return Motions(self.terms, self.independent, self.N, self.search)
 
     def acceleration(self, gamma: Sparse) -> Sparse:
         """Return the accelerations for a given right-hand side gamma of J a = gamma, as a dict coordinate -> node without zeros."""
@@ -311,7 +305,7 @@ class Lagrange:
     @cached_property
     def _motions(self) -> Motions:
         """The basis N of the free motions (J N = 0), with N^T N factorised."""
-        return Motions.of(self.terms, self.independent, self._free_motions, self.search)
+        return Motions(self.terms, self.independent, self._free_motions, self.search)
 
     def _coordinates(self, unknowns: Sparse) -> Sparse:
         """Return the accelerations from the unknowns, which also contain the multipliers."""
@@ -354,9 +348,7 @@ class Lagrange:
         # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the amounts of
         # the motions in that combination which moves independent coordinate k alone
         for amounts in [factors.solve({k: graph.constant(1.0)}) for k in range(len(motions))]:
-            sums = []
-            for j in range(self.n):
-                sums.append(graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]))
+            sums = (graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]) for j in range(self.n))
             alone.append(_without_zeros(enumerate(sums)))
         return alone, guarded(factors)
 
@@ -389,25 +381,43 @@ class Plan:
     drop: int = 0
 
 
-@dataclass(frozen=True, eq=False)
 class Workspace:
-    """The equations of motion of one mechanism before elimination, for one plan: a formulation and choices of coordinates and rows.
+    """The equations of motion of one mechanism as expressions before elimination, for one plan.
 
     Attributes:
         caution: factor by which the thresholds of pivots are multiplied.
+        moving: whether the plan's independent coordinates determine the velocities at every sample.
         drop: the redundant rows that are left out, and the factors by which they are added to kept rows.
         mark: number of entries in the graph's `trail` before elimination; an elimination is undone by removing later entries.
     """
 
-    plan: Plan
-    caution: float
-    moving: bool
-    links: Links
-    rows: list[Row]
-    terms: Terms
-    kept: tuple[int, ...]
-    drop: Drop
-    mark: int
+    def __init__(self, study: Study, open_names: tuple[str, ...], plan: Plan):
+        """Write the equations; `open_names` are the numbers of the mechanism that are inputs of the program.
+
+        Raises:
+            KernelError: the plan's independent coordinates are usable at no sample, or a name in `open_names` is unknown.
+        """
+        mechanism, self.plan = study.mechanism, plan
+        self.kept, self.drop = study.kept(plan.drop), study.drops[plan.drop]
+        # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
+        at_start = dict(zip(line_names(mechanism), line_values(mechanism, 0.0).tolist(), strict=True))
+        parameters = Parameters(mechanism, open_names, at_start)
+        soundness, condition = study.soundness(plan.drop), conditions(study, plan.independent)
+        usable = soundness > USABLE  # (samples,) whether the kept rows are independent there
+        if plan.formulation == "gauss":
+            usable &= condition > USABLE
+        states = study.states[usable]
+        if not len(states):
+            raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
+        graph = ExpressionGraph(len(states))
+        links = self.links = Links(graph, mechanism, parameters, State("t", "q", "v", states.t, states.q, states.v))
+        self.rows = rows_of(links)
+        mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
+        kept_rows = keep_rows(graph, self.rows, self.kept, self.drop)
+        self.terms = Terms(graph, tuple(mass), kept_rows, generalised_force(links), bool(self.drop.shares))
+        self.caution = 1.0 if (soundness >= ENOUGH).all() else CAUTION  # the kept rows are far from dependent at all samples
+        self.moving = bool((condition >= ENOUGH).all())
+        self.mark = len(graph.trail)
 
     def eliminate(self, search: Search) -> "Gauss | Lagrange":
         """Begin an elimination with given settings of the pivot search; the graph's nodes of an earlier elimination are removed."""
@@ -469,44 +479,6 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
         added = [(rows[r], factor) for kept_row, r, factor in drop.shares if kept_row == k]
         combined.append(combine(graph, [(rows[k], 1.0), *added]) if added else rows[k])
     return combined
-
-
-def workspace(study: Study, open_names: tuple[str, ...], plan: Plan) -> Workspace:
-    """Write the equations of motion of a mechanism as expressions, for a plan.
-
-    Raises:
-        KernelError: the plan's independent coordinates are usable at no sample, or a name in `open_names` is unknown.
-    """
-    mechanism, kept = study.mechanism, study.kept(plan.drop)
-    # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
-    asked, lines = open_parameters(mechanism, open_names), line_names(mechanism)
-    at_start = dict(zip(lines, line_values(mechanism, 0.0).tolist(), strict=True))
-    parameters = Parameters((*asked.names, *lines), asked.all | at_start)
-    usable = study.soundness(plan.drop) > USABLE  # (samples,) whether the kept rows are independent there
-    if plan.formulation == "gauss":
-        usable &= conditions(study, plan.independent) > USABLE
-    states = study.states[usable]
-    if not len(states):
-        raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
-    graph = ExpressionGraph(len(states))
-    here = State("t", "q", "v", states.t, states.q, states.v)
-    links = Links(graph, mechanism, parameters, here)
-    rows = rows_of(links)
-    mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
-    drop = study.drops[plan.drop]
-    terms = Terms(graph, tuple(mass), keep_rows(graph, rows, kept, drop), generalised_force(links), bool(drop.shares))
-    sound = bool((study.soundness(plan.drop) >= ENOUGH).all())  # the kept rows are far from dependent at all samples
-    return Workspace(
-        plan=plan,
-        caution=1.0 if sound else CAUTION,
-        moving=bool((conditions(study, plan.independent) >= ENOUGH).all()),
-        links=links,
-        rows=rows,
-        terms=terms,
-        kept=kept,
-        drop=drop,
-        mark=len(graph.trail),
-    )
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:

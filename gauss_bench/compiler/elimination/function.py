@@ -17,12 +17,7 @@ from gauss_bench.terms import Array
 Inputs = Sequence[tuple[str, int]]  # for each argument its name in the graph, and its number of components
 Outputs = Sequence[Sequence[Node]]
 
-VALUES = VALUE | {
-    "DIV": np.divide,
-    "FMIN": np.minimum,
-    "FMAX": np.maximum,
-    "LE": lambda a, b: np.less_equal(a, b) * 1.0,
-}
+VALUES = VALUE | {"DIV": np.divide}
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss_bench.compiler import user_cache
-from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, vector, workspace
+from gauss_bench.compiler.elimination.formulations import Guard, Plan, Workspace, vector
 from gauss_bench.compiler.elimination.function import Costs, Function, Inputs, costs_of, function, uses
 from gauss_bench.compiler.elimination.lu import Search
 from gauss_bench.compiler.elimination.partition import Study, candidates, covering, study
@@ -139,7 +139,7 @@ def cheapest(
     plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
     for plan in plans:
         try:
-            plain += attempt(workspace(known, open_parameters, plan), [PLAIN])
+            plain += attempt(Workspace(known, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
@@ -175,7 +175,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
         return None
     plan, search = json.loads(stored)
     try:
-        work = workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
+        work = Workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
         return attempt(work, [Search(**search)])[0]
     except KernelError:
         return None

@@ -120,35 +120,31 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
     return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
 
-@dataclass(frozen=True, eq=False)
 class Parameters:
     """The numbers of a mechanism, of which some are parameters: inputs of the program instead of constants.
 
-    `names` are the parameters in the order of the input p (n_p,); `all` has the values of the file of all numbers.
+    Attributes:
+        names: the parameters in the order of the input p (n_p,).
+        all: name -> value in the file, for all numbers.
+        values: (n_p,) values of the parameters in the file.
     """
 
-    names: tuple[str, ...]
-    all: dict[str, float]
+    def __init__(self, mechanism: Mechanism, opened: tuple[str, ...], lines: Mapping[str, float] | None = None):
+        """Set up the numbers of a mechanism; those that are not `opened` are constants.
 
-    @property
-    def values(self) -> Array:
-        """Values (n_p,) of the parameters in the file."""
-        return np.array([self.all[name] for name in self.names])
+        Further parameters, which are no numbers of the file, are the `lines` (name -> value) of `mechanism/lines.py`.
 
-
-def open_parameters(mechanism: Mechanism, names: tuple[str, ...]) -> Parameters:
-    """Return the numbers of a mechanism; those whose names are in `names` are parameters of the program, all others are constants.
-
-    Raises:
-        KernelError: the mechanism has no number of one of these names in this scenario, or a name is given twice.
-    """
-    values = parameter_values(mechanism)
-    unknown = [name for name in names if name not in values]
-    if unknown:
-        raise KernelError(f"{mechanism.name} has no number named {', '.join(unknown)}; there are {', '.join(values)}")
-    if len(set(names)) < len(names):
-        raise KernelError(f"a parameter is named twice in {', '.join(names)}")
-    return Parameters(names, values)
+        Raises:
+            KernelError: the mechanism has no number of one of these names in this scenario, or a name is given twice.
+        """
+        numbers = parameter_values(mechanism)
+        unknown = [name for name in opened if name not in numbers]
+        if unknown:
+            raise KernelError(f"{mechanism.name} has no number named {', '.join(unknown)}; there are {', '.join(numbers)}")
+        if len(set(opened)) < len(opened):
+            raise KernelError(f"a parameter is named twice in {', '.join(opened)}")
+        self.names, self.all = (*opened, *(lines or {})), numbers | dict(lines or {})
+        self.values = np.array([self.all[name] for name in self.names])
 
 
 AXIS = 1e-14  # relative to a vector's length: a smaller component is the rounding error of a right angle
@@ -304,9 +300,13 @@ class Links(Given):
         """Return, in world axes, the unit vector at an angle [rad] in a link's frame; with `across`, a quarter turn further."""
         return Direction(self.frame(link), self.rotate(link, self._unit(angle, across)))
 
-    def vector(self, link: int, value: Vec) -> Direction:
-        """Convert a vector of nodes that is fixed in a link from the link's axes to world axes; return it with the link's frame."""
-        return Direction(self.frame(link), self.rotate(link, value))
+    def vector(self, link: int, value: Vec | Array) -> Direction:
+        """Convert a vector that is fixed in a link from the link's axes to world axes; return it with the link's frame.
+
+        It consists of nodes, or a load has made an array of nodes and numbers from those of its force.
+        """
+        local = value if isinstance(value, Vec) else Vec(*map(self.graph.node, value))
+        return Direction(self.frame(link), self.rotate(link, local))
 
     def end(self, point: Point) -> End:
         """Return the frame of a point's link, and the arm from its centre of mass to the point in world axes; both are stored."""

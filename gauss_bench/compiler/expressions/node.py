@@ -39,6 +39,9 @@ VALUE: dict[str, Callable[..., Array]] = {
     "SQRT": np.sqrt,
     "SIN": np.sin,
     "COS": np.cos,
+    "FMIN": np.minimum,
+    "FMAX": np.maximum,
+    "LE": lambda a, b: np.less_equal(a, b) * 1.0,
 }
 Generic = tuple[float, float, float]  # values of one expression at the GENERIC random points
 
@@ -169,7 +172,7 @@ class ExpressionGraph:
             known = self._new("INPUT", (name, index), g, _ratio_key(g), ready=0.0, key=("INPUT", name, index), at=at)
         return known
 
-    def opaque(self, op: str, args: tuple[Node, ...], at: Array) -> Node:
+    def opaque(self, op: str, *args: Node) -> Node:
         """Return the node of an operation that is not an analytic function, such as a minimum.
 
         Equal values at the random points would not prove that two expressions with such an operation are equal everywhere. At the
@@ -178,6 +181,7 @@ class ExpressionGraph:
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
         if known is None:
+            at = VALUE[op](*(a.at for a in args))
             if all(a.number is not None for a in args):
                 return self.constant(float(at[0]))
             # random numbers of the order of 1 in place of the values at the random points
@@ -388,12 +392,12 @@ class ExpressionGraph:
 
 def minimum(a: Node, b: Node) -> Node:
     """Return the smaller of two values."""
-    return a.graph.opaque("FMIN", (a, b), np.minimum(a.at, b.at))
+    return a.graph.opaque("FMIN", a, b)
 
 
 def maximum(a: Node, b: Node) -> Node:
     """Return the larger of two values."""
-    return a.graph.opaque("FMAX", (a, b), np.maximum(a.at, b.at))
+    return a.graph.opaque("FMAX", a, b)
 
 
 def factor_out(x: Node) -> tuple[float, Node]:

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import count as numbers_from
@@ -44,9 +44,8 @@ def available() -> bool:
     return find_spec("llvmlite") is not None
 
 
-@dataclass(frozen=True, eq=False)
 class NativeCode:
-    """A loaded function.
+    """The function of an LLVM module, compiled or from the cache, and loaded.
 
     Attributes:
         call: the function, with arguments of the kinds in `signature` (letters of KINDS). Python's global interpreter lock is
@@ -57,12 +56,24 @@ class NativeCode:
         owner: object that keeps the machine code in memory.
     """
 
-    call: Any
-    packed: Any
-    signature: str
-    seconds: float
-    from_cache: bool
-    owner: Any = field(repr=False)
+    def __init__(self, listing: Listing, cached: bool = True):
+        """Compile an LLVM module given as text, or load its object code from the cache."""
+        start = time.perf_counter()
+        level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
+        if os.environ.get(QUICK):
+            level = 0
+        key = _key(listing.text, level)
+        code = user_cache.load(f"{key}.o") if cached else None
+        self.from_cache, self.signature = code is not None, listing.signature
+        if code is None:
+            module = _binding().parse_assembly(listing.text)
+            module.verify()
+            code = bytes(_target_machine(level).emit_object(module))
+            if cached:
+                user_cache.store(f"{key}.o", code)
+        load = _load_once if cached else _load
+        self.call, self.packed, self.owner = load(code, listing.name, listing.packed, listing.signature)
+        self.seconds = time.perf_counter() - start
 
 
 @cache
@@ -89,27 +100,6 @@ def best_lanes() -> int:
     if "+avx512f" in features:
         return 8
     return 4 if "+avx2" in features else 2
-
-
-def compile_listing(listing: Listing, cached: bool = True) -> NativeCode:
-    """Compile an LLVM module given as text, or load its object code from the cache, and return its function."""
-    start = time.perf_counter()
-    level = 3 if listing.operations <= LARGE else 1  # of LLVM's optimisation, none of which changes rounding
-    if os.environ.get(QUICK):
-        level = 0
-    key = _key(listing.text, level)
-    code = user_cache.load(f"{key}.o") if cached else None
-    from_cache = code is not None
-    if code is None:
-        module = _binding().parse_assembly(listing.text)
-        module.verify()
-        code = bytes(_target_machine(level).emit_object(module))
-        if cached:
-            user_cache.store(f"{key}.o", code)
-    # the function, its variant that takes the address of all arguments, and the object that keeps both in memory
-    load = _load_once if cached else _load
-    call, packed, owner = load(code, listing.name, listing.packed, listing.signature)
-    return NativeCode(call, packed, listing.signature, time.perf_counter() - start, from_cache, owner)
 
 
 def _key(text: str, level: int) -> str:
@@ -291,7 +281,7 @@ class Loaded:
             return self._plain
         with self._lock:
             if lanes not in self.codes:
-                self.codes[lanes] = compile_listing(write_listing(self.make(lanes > 1), lanes), self.target.cache)
+                self.codes[lanes] = NativeCode(write_listing(self.make(lanes > 1), lanes), self.target.cache)
             return self.codes[lanes].call
 
     def given(self, arrays: list[Array]) -> list[Any]:

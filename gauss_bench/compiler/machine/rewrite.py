@@ -161,10 +161,10 @@ class _Rewriter:
         return Summand(early.negative ^ minus, total, None)
 
 
-def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, list[int]]:
-    """Copy given values (the roots) of graph g, regrouped, into another graph; return that graph and the roots' values in it.
+def rewrite(g: Graph, roots: list[int], into: Graph | None = None) -> tuple[Graph, dict[int, int]]:
+    """Copy given values (the roots) of graph g, regrouped, into another graph; return that graph, and root -> its value there.
 
     The other graph is `into`, or a new one if `into` is None.
     """
     rewriter = _Rewriter(g, roots, Graph() if into is None else into)
-    return rewriter.new, [rewriter.get(x) for x in roots]
+    return rewriter.new, {x: rewriter.get(x) for x in roots}

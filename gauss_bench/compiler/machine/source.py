@@ -17,6 +17,7 @@ from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
 from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
+C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results, for operations not of doubles
 
 
 @dataclass(frozen=True)
@@ -111,12 +112,8 @@ class Source(Emitter):
 
         The letter is r for a result, v for a variable of a loop or branch, n for a copy before its assignment.
         """
-        name, operation = f"{letter}{x}", self.graph.operation[x]
-        self.variables[name] = "double"
-        if operation in COUNTS:
-            self.variables[name] = "long"
-        elif operation in (*MASKS, *TRUTHS):
-            self.variables[name] = "int"
+        name = f"{letter}{x}"
+        self.variables[name] = C_TYPES.get(self.graph.operation[x], "double")
         self.line(self.language.assign.format(name, text))
         return name
 

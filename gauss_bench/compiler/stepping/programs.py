@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.machine.code import Code, Program, read_code
+from gauss_bench.compiler.machine.code import Code, Program
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, out_of_lanes, share
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.machine.source import C_HEADER, in_c
 from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
 from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
@@ -218,7 +217,7 @@ class Programs:
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
         """Take the first of the programs; `programs` generates each further program only when it is asked for the next one."""
         self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
-        self._more = (read_code(x, stabilization) for x in programs)  # generator of the programs that are not needed yet
+        self._more = (Code(x, stabilization) for x in programs)  # generator of the programs that are not needed yet
         self.codes: list[Code] = []
         self.runners: dict[tuple[int, str], Stepper] = {}
         self._routines: dict[tuple[int, Callable[[Code], Routine]], Loaded] = {}
@@ -267,7 +266,7 @@ class Programs:
         only.
         """
         if (k, make) not in self._routines:
-            code = read_code(self.codes[k].program, stabilization)
+            code = Code(self.codes[k].program, stabilization)
             self._routines[k, make] = Loaded(lambda many: make(code), self.target)
         return self._routines[k, make]
 
@@ -318,37 +317,9 @@ class Programs:
         """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
         return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
 
-    @property
-    def partitions(self) -> tuple[tuple[int, ...], ...]:
-        """Independent coordinates of every program generated so far."""
-        return tuple(code.program.independent for code in self.codes)
-
-    def c_source(self, integrator: str) -> str:
-        """Return C source with the functions `accelerate` and `rollout`.
-
-        The source has the first program alone, without those that replace it at states where its pivots vanish.
-        """
-        first = self.codes[0]
-        steps = rollout([plain_body(first, integrator)], many=False)
-        # "none": only `rollout` has Baumgarte's terms, `accelerate` is the exact acceleration
-        return C_HEADER + in_c(acceleration(read_code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
-
     def loaded(self) -> list[tuple[float, bool]]:
         """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""
         routines = [*self._routines.values()]
         for runner in self.runners.values():
             routines += runner.compiled
         return [(code.seconds, code.from_cache) for routine in routines for code in routine.codes.values()]
-
-    def prepare(self, integrator: str, many: bool, extended: bool = True) -> None:
-        """Compile in advance all code of program 0 that trajectories from one state, or from `many`, may need.
-
-        If `extended` is False, only the code for the smallest rotations of links per step is compiled.
-        """
-        if integrator == "dop853":
-            self.adaptive(0).call(1)
-            return
-        runner = self.runner(0, integrator)
-        if extended:
-            runner.extend()
-        runner.loaded.call(self.target.lanes if many else 1)  # compiles; the function itself is not needed here

@@ -29,7 +29,7 @@ The code grows with the linkage. If the acceleration has more than `steps.LONG` 
 method contains the code of the acceleration only once, in a loop over the stages.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.graph import Graph, count_operations
@@ -312,7 +312,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     a = b.acceleration(b.t, b.q, b.v)
     within = b.within(a)  # true where all accelerations are finite
     validity = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
-    return _at_one_state("accelerate", b, a, validity, plain)
+    return _at_one_state("accelerate", b, [*a, validity], plain)
 
 
 def settling(code: Code) -> Routine:
@@ -324,26 +324,31 @@ def settling(code: Code) -> Routine:
     b = Builder(code, EXACT)
     q, _ = b.correct_position(b.t, b.q, [], b.q)  # adds to b.pivots that the last correction is at most LAST_CORRECTION
     v = b.correct_velocity(q)
-    return _at_one_state("settle", b, [*q, *v], b.g.flag(b.g.both([*b.pivots, b.within(v)])), plain=False)
+    return _at_one_state("settle", b, [*q, *v, b.g.flag(b.g.both([*b.pivots, b.within(v)]))])
 
 
-def _at_one_state(name: str, b: Builder, values: Sequence[int], validity: int, plain: bool) -> Routine:
-    """Build the routine name(y, p, t, out), which stores the values `values` of a graph and then the value `validity` in `out`.
-
-    `validity` is the graph's value of a real number; the results are valid where it is positive.
-    """
-    roots, g = [*values, validity], b.g
-    if not plain:
-        g, roots = rewrite(g, roots)
-    needed = order(g, roots, {str(k): x for k, x in enumerate(roots)}, plain)
+def _at_one_state(name: str, b: Builder, results: list[int], plain: bool = False) -> Routine:
+    """Build the routine name(y, p, t, out), which stores values of a graph in `out`; the last one is positive if they are valid."""
     # array -> names of the leaves in its rows
     rows = {
         "y": [f"%{letter}{i}" for letter in "qv" for i in range(b.n)],
         "p": [f"%p{i}" for i in range(b.code.program.n_parameters)],
         "t": ["%t"],
     }
+    return evaluation(name, b.g, results, rows, plain)
+
+
+def evaluation(name: str, g: Graph, results: list[int], rows: Mapping[str, Sequence[str]], plain: bool = False) -> Routine:
+    """Build a routine that stores values of a graph in its array `out`; in C it returns 0 if the last of them is positive, else 1.
+
+    `rows`: each other array -> names of the leaves that are loaded from its rows. If `plain`, operations are neither regrouped nor
+    put in another order.
+    """
+    if not plain:
+        g, moved = rewrite(g, results)
+        results = [moved[x] for x in results]
+    needed = order(g, results, {str(k): x for k, x in enumerate(results)}, plain)
     loads = [Load(array, {g.leaf(x): k for k, x in enumerate(leaves)}) for array, leaves in rows.items()]
-    arrays = {array: Array(len(leaves)) for array, leaves in rows.items()} | {"out": Array(len(roots))}
-    sound = g.make("lt", g.const(0.0), roots[-1])
-    statements: list[Statement] = [*loads, Compute(needed), Store("out", roots)]
-    return Routine(name, g, arrays, (), (), statements, sound, count_operations(g, needed))
+    arrays = {array: Array(len(leaves)) for array, leaves in rows.items()} | {"out": Array(len(results))}
+    sound = g.make("lt", g.const(0.0), results[-1])
+    return Routine(name, g, arrays, (), (), [*loads, Compute(needed), Store("out", results)], sound, count_operations(g, needed))

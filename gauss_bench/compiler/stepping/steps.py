@@ -55,9 +55,8 @@ LAST_CORRECTION = 2.0**-28
 Coefficients = Sequence[float]
 
 
-@dataclass(frozen=True)
-class Tableau:
-    """An explicit Runge-Kutta method of s stages for q'' = a(t, q, v).
+class Dop853:
+    """DOP853, an explicit Runge-Kutta method of s stages, for q'' = a(t, q, v).
 
     A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step.
     A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
@@ -70,24 +69,17 @@ class Tableau:
             each set of weights has the sum 0.
     """
 
-    c: Coefficients
-    A: Sequence[Coefficients]
-    twice: Sequence[Coefficients]
-    b: Coefficients
-    end: Coefficients
-    estimates: Sequence[tuple[Coefficients, Coefficients]]
+    def __init__(self) -> None:
+        """Compute the weights from the Butcher tableau of the method."""
+        self.c, rows, b = dop853_tableau()
+        A = np.zeros((len(b), len(b)))
+        for k, row in enumerate(rows):
+            A[k, :k] = row
+        self.A, self.twice, self.b, self.end = (x.tolist() for x in (A, A @ A, b, b @ A))
+        self.estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
 
 
-@cache
-def order_eight() -> Tableau:
-    """Return the Butcher tableau of DOP853, with the weights of the stages' accelerations in velocities and in positions."""
-    c, rows, b = dop853_tableau()
-    A = np.zeros((len(b), len(b)))
-    for k, row in enumerate(rows):
-        A[k, :k] = row
-    # of the two error estimates: weights in the error of the velocity, and in the error of the position
-    errors = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
-    return Tableau(c, A.tolist(), (A @ A).tolist(), b.tolist(), (b @ A).tolist(), errors)
+order_eight = cache(Dop853)  # computed once
 
 
 @dataclass(frozen=True)
@@ -186,8 +178,7 @@ class Step:
     def rewrite_into(self, into: Graph | None = None) -> "Step":
         """Return this step with sums and products regrouped, in the graph `into` (which may contain other steps) or a new one."""
         every = [*self.roots(), *self.settled.values()]
-        graph, roots = rewrite(self.graph, every, into)
-        moved = dict(zip(every, roots, strict=True))  # value of the old graph -> the same value in the new one
+        graph, moved = rewrite(self.graph, every, into)
         carried, settled = ({name: moved[x] for name, x in values.items()} for values in (self.carried, self.settled))
         regular, regular_out, within = (moved[m] for m in (self.regular, self.regular_out, self.within))
         error = None if self.error is None else moved[self.error]
@@ -231,8 +222,12 @@ class Builder:
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def carried_sines(self) -> list[Pair]:
-        """Return the graph's inputs for sine and cosine of each angle at the beginning of the step, computed in the step before."""
-        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in self.code.angles]
+        """Return the graph's inputs for sine and cosine of each angle at the beginning of the step, computed in the step before.
+
+        The result is an empty list if the step computes every sine from its angle.
+        """
+        angles = self.code.angles if self.reach.rotates else ()
+        return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
         """Return factor * h^power; it does not change from step to step, and is computed once before the loop."""
@@ -268,7 +263,12 @@ class Builder:
         return self.known[x]
 
     def compute_sines(self) -> list[Pair]:
-        """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines."""
+        """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines.
+
+        The result is an empty list if no sines are rotated from them.
+        """
+        if not self.reach.rotates:
+            return []
         self.limit([self.q[i] for i in self.code.angles], trigonometry.LARGEST)
         return [trigonometry.sincos(self.g, self.q[i]) for i in self.code.angles]
 
@@ -487,7 +487,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     g, q, u = b.g, b.q, b.v  # u is the velocity before its correction v: a1 and q2 use u, in order not to wait for v
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
-    start = b.carried_sines() if reach.rotates else []
+    start = b.carried_sines()
     b.share(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
@@ -499,7 +499,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     b.turn(pairs2, b.times(b.times_h(0.25, 2), a1), reach.bend, q3)
     a3 = b.acceleration(middle, q3, b.along(v, half, a2))
     # from here on, sines and cosines are rotated from those at q that are computed from the angles themselves
-    pairs_B = b.turn(b.compute_sines() if reach.rotates else [], b.times(h, v), reach.step, B)
+    pairs_B = b.turn(b.compute_sines(), b.times(h, v), reach.step, B)
     q4 = b.along(B, b.times_h(0.5, 2), a2)
     b.turn(pairs_B, b.times(b.times_h(0.5, 2), a2), reach.bend, q4)
     a4 = b.acceleration(end, q4, b.along(v, h, a3))
@@ -560,14 +560,14 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     """Write one step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
-    b.share(q, b.carried_sines() if reach.rotates else [])
+    b.share(q, b.carried_sines())
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)  # guards of the sample at q, v; the correction of q' adds others
     v_new = b.along(v, b.h, a)
     q_new = b.along(q, b.h, v_new)
     b.limit(b.times(b.h, b.of_angles(v_new)), reach.step)
-    pairs = b.turn(b.compute_sines() if reach.rotates else [], b.times(b.h, v_new), reach.step, q_new)
+    pairs = b.turn(b.compute_sines(), b.times(b.h, v_new), reach.step, q_new)
     q_new, pairs = b.correct_position(g.add(b.t, b.h), q_new, pairs, at=q_new)
     return b.step(q_new, v_new, pairs, v, out_pivots)
 
@@ -585,7 +585,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     """
     b, method = Builder(code, reach, library=library), order_eight()
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
-    b.share(q, b.compute_sines() if reach.rotates else [])
+    b.share(q, b.compute_sines())
     # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these
     # rotations, which are limited below
     to_middle, turned = b.times(b.times_h(0.5), u), list[int]()

@@ -21,9 +21,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss_bench.engines.bullet.translate import BodyForces
+from gauss_bench.engines.bullet.translate import Forces
 from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
-from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
@@ -42,7 +41,7 @@ class Accelerations:
         laws: index of a driven joint -> its motion law.
     """
 
-    def __init__(self, world: TreeWorld | BodyWorld, forces: GivenForces | BodyForces, laws: Mapping[int, MotionLaw]):
+    def __init__(self, world: TreeWorld | BodyWorld, forces: Forces, laws: Mapping[int, MotionLaw]):
         self.world, self.forces, self.laws = world, forces, laws
 
     def __call__(self, t: float, y: Array, dy: Array) -> Array:

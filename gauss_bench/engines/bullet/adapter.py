@@ -16,7 +16,7 @@ from gauss_bench.engines.base import Choice, Model
 from gauss_bench.engines.body_model import BodyModel
 from gauss_bench.engines.bullet.accelerations import CONVERGED, Accelerations
 from gauss_bench.engines.bullet.program import write
-from gauss_bench.engines.bullet.translate import BodyForces, joint_forces
+from gauss_bench.engines.bullet.translate import Forces, body_forces, joint_forces
 from gauss_bench.engines.bullet.world import BodyWorld, TreeWorld
 from gauss_bench.engines.given_forces import GivenForces
 from gauss_bench.engines.shared import (
@@ -81,7 +81,7 @@ class Bullet(LibraryEngine, file=VARIANTS):
 
 def step_through(
     world: TreeWorld | BodyWorld,
-    forces: GivenForces | BodyForces,
+    forces: Forces,
     laws: Mapping[int, MotionLaw],
     plan: Sequence[Stretch],
     samples: tuple[Array, Array],
@@ -93,8 +93,8 @@ def step_through(
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
             end of the stretch, or None. No force is evaluated later than `last`, just before a jump of a force.
     """
-    # forces that never change need no call of Python between the steps
-    constant = forces.constant.tolist() if forces.are_constant and not laws else None
+    # forces that never change need no call of Python between the steps; free bodies are read after every step, to count their turns
+    constant = forces.constant.tolist() if isinstance(forces, GivenForces) and forces.are_constant and not laws else None
     length = 0.0
     for begin, count, h, last, row in plan:
         if h != length:
@@ -180,7 +180,7 @@ class FreeBodies(BodyModel):
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.pybullet: Any = pybullet
-        self.forces, self.evaluator = BodyForces(mechanism), Evaluator(mechanism)
+        self.forces, self.evaluator = body_forces(mechanism), Evaluator(mechanism)
         q, v = mechanism.q0, mechanism.v0
         world = BodyWorld(pybullet, mechanism, {**self.options, **UNDAMPED}, closed=False)
         world.set_step(SHORT)  # short, because Bullet turns no rigid body by more than a quarter of a turn in a step

@@ -6,7 +6,7 @@ from typing import Any
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.translate import joint_forces
 from gauss_bench.engines.bullet.world import TreeWorld
-from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
+from gauss_bench.engines.programs import force_numbers, write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script
 from gauss_bench.mechanism.model import Mechanism
@@ -65,4 +65,4 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     numbers = force_numbers(forces, mechanism, tree)
     # CARRIERS: for each link of the linkage, the index of the link in Bullet that carries it
     numbers["CARRIERS"] = [world.carrier(i) for i in range(len(mechanism.links))]
-    return write_tree_program(mechanism, tree, choice, Parts(["import pybullet"], numbers, script.lines, RUN))
+    return write_tree_program(mechanism, tree, choice, imports=["import pybullet"], numbers=numbers, model=script.lines, run=RUN)

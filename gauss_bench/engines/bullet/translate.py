@@ -9,6 +9,7 @@ Here V maps the rates y' of the tree coordinates y to absolute speeds, and Q are
 damper on a single joint, Bullet's own joint damping is used instead.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,20 +20,15 @@ from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
+Forces = Callable[[float, Array, Array], Array]  # function (t, y, dy) -> given forces (n,) on the coordinates y of a world
+
 
 def joint_forces(mechanism: Mechanism, tree: Tree) -> GivenForces:
     """Return all applied forces of a mechanism, except gravity; Bullet itself computes only dampers that act on a single joint."""
     return GivenForces(mechanism, tree, lambda load: not load.k and on_one_joint(load))
 
 
-class BodyForces:
-    """A function (t, q, v) -> forces and torques (3 links,) on the links as free bodies, without gravity, which Bullet adds."""
-
-    are_constant = False  # so that a run reads the state after every step, as it must to count the turns of links
-
-    def __init__(self, mechanism: Mechanism):
-        self.applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
-        self.constant = np.zeros(mechanism.n)
-
-    def __call__(self, t: float, q: Array, v: Array) -> Array:
-        return self.applied.generalised(q, v, t)
+def body_forces(mechanism: Mechanism) -> Forces:
+    """Return a function (t, q, v) -> forces and torques (3 links,) on links as free bodies, without gravity, which Bullet adds."""
+    applied = AppliedForces(replace(mechanism, gravity=np.zeros(2)))
+    return lambda t, q, v: applied.generalised(q, v, t)

@@ -14,7 +14,7 @@ from typing import Any
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.program import write
-from gauss_bench.engines.dart.translate import Builder, Built, forces_of, select_pgs
+from gauss_bench.engines.dart.translate import World, forces_of
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
 from gauss_bench.engines.variants import read_variants
@@ -65,7 +65,7 @@ class DartModel(TreeModel):
 
     Attributes:
         laws: index of a driven tree coordinate -> its motion law.
-        moving: the simulation world (`Built`) that is stepped in a run.
+        moving: the simulation world (`World`) that is stepped in a run.
         still: an equal world, in which accelerations at given states are measured.
     """
 
@@ -80,9 +80,9 @@ class DartModel(TreeModel):
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # its loops are open, because only `Built.restart` adds closures; in a step of INSTANT, DART's implicit springs and
+            # its loops are open, because only `World.restart` adds closures; in a step of INSTANT, DART's implicit springs and
             # dampers give the accelerations of this state
-            open_tree = self._build(motors=False)
+            open_tree = World(dartpy, mechanism, self.forces, self.options, motors=False)
             open_tree.world.setTimeStep(INSTANT)
 
             def describe(y: Array, dy: Array) -> OpenModel:
@@ -93,15 +93,8 @@ class DartModel(TreeModel):
                 return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
 
             verify(mechanism, self.tree, describe, AGREEMENT)
-            self.moving, self.still = self._build(), self._build()
+            self.moving, self.still = (World(dartpy, mechanism, self.forces, self.options) for _ in range(2))
             messages.check()
-
-    def _build(self, motors: bool = True) -> Built:
-        """Return a new world of the linkage, whose closures `Built.restart` adds; without `motors`, driven joints move freely."""
-        built = Builder(self.dartpy, self.mechanism, self.tree, self.forces, motors).build()
-        if self.options["lcp"] == "PGS":
-            select_pgs(self.dartpy, built, self.options["pgs_iterations"])
-        return built
 
     def _set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
@@ -114,14 +107,14 @@ class DartModel(TreeModel):
         closures.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
         closures.setErrorAllowance(0.0)
 
-    def _push(self, built: Built, t: float) -> None:
+    def _push(self, built: World, t: float) -> None:
         """Apply to a world the forces that belong to time t [s] and to its present state."""
         y, dy = built.y, built.dy
         built.command(self.forces.on_joints(y, dy))
         if (on_links := self.forces.on_links(t, y, dy)) is not None:
             built.push(on_links)
 
-    def _command(self, built: Built, t: float, end: float) -> None:
+    def _command(self, built: World, t: float, end: float) -> None:
         """Set the forces for a step from time t [s] to `end` [s], and the speeds of driven coordinates at `end`."""
         self._push(built, t)
         for at, law in self.laws.items():
@@ -133,7 +126,7 @@ class DartModel(TreeModel):
         With erp = 0 the steps keep the gaps of the loops, so that no rate serves to close a gap.
         """
         built = self.still
-        built.restart(self.dartpy.constraint)
+        built.restart()
         self._set_options(erp=0.0)
         built.world.setTimeStep(h)
         built.put(y, dy)
@@ -154,7 +147,7 @@ class DartModel(TreeModel):
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; `native` has no effect, because Python calls DART for every step."""
         super().prepare(times, native)
-        self.moving.restart(self.dartpy.constraint)
+        self.moving.restart()
         self._command(self.moving, times[0], times[0])
 
     def run(self) -> None:

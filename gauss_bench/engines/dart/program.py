@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.dart.translate import Builder, forces_of, select_pgs
-from gauss_bench.engines.programs import Parts, force_numbers, write_tree_program
+from gauss_bench.engines.dart.translate import World, forces_of
+from gauss_bench.engines.programs import force_numbers, write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.mechanism.model import Mechanism
@@ -54,7 +54,7 @@ RUN = """    place, speed = np.empty((2, len(Y0)))
 
 
 def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
-    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and a loop that takes the steps.
+    """Return the text of a program that runs a mechanism: the recorded calls of World, and a loop that takes the steps.
 
     Raises:
         RunFailure: the program would need forces that only this suite computes.
@@ -66,14 +66,11 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
             Status.SKIP, "a program can compute forces of joints only, none at or between points, and none that varies"
         )
     script = Script(STATEMENTS)
-    dartpy = script.stand_in("dartpy")
-    built = Builder(dartpy, mechanism, tree, forces).build()
-    if options["lcp"] == "PGS":
-        select_pgs(dartpy, built, options["pgs_iterations"])
+    built = World(script.stand_in("dartpy"), mechanism, forces, options)
     # for each closing pin: the list of its bodies without the ground, then the body and the point of its first end
     closures = [[[body for body, _ in pin if body is not None], *pin[0]] for pin in built.pins]
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
     script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
     numbers = force_numbers(forces, mechanism, tree)
     numbers |= {"ERP": options["erp"], "CFM": options["cfm"], "FASTEST": options["max_error_reduction_velocity"]}
-    return write_tree_program(mechanism, tree, choice, Parts(["import dartpy"], numbers, script.lines, RUN))
+    return write_tree_program(mechanism, tree, choice, imports=["import dartpy"], numbers=numbers, model=script.lines, run=RUN)

@@ -5,7 +5,7 @@ that act on one coordinate become elements of DART, which treats them implicitly
 adapter passes all other forces to DART before each step. A driven joint uses DART's velocity actuator.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,26 +26,47 @@ def forces_of(mechanism: Mechanism, tree: Tree, joint_forces: str) -> GivenForce
     return GivenForces(mechanism, tree, lambda load: joint_forces == IMPLICIT and on_one_joint(load))
 
 
-@dataclass(eq=False)
-class Built:
-    """A DART world with one skeleton.
+class World:
+    """A DART world with the skeleton of a mechanism, whose loops are open until `restart` closes them.
 
     Attributes:
         world, skeleton: DART's objects.
+        forces: the applied loads; DART itself models the springs and dampers in `forces.own`.
         bodies: DART's bodies, in the order of the links.
+        coordinates: index of a tree coordinate -> DART's joint, and the index within it.
         order: (n,) DART's index of every tree coordinate.
         pins: for each closing pin, its two ends: DART's body (None for the ground) and the point (3,) in its frame [m].
-        start: (2, n) tree state y, dy at the start.
+        start: tree state y, dy (n,) at the start.
         closures: Python's references to the constraints, which keep them alive.
     """
 
-    world: Any
-    skeleton: Any
-    bodies: list[Any]
-    order: Array
-    pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
-    start: Array
-    closures: list[Any] = field(default_factory=list)
+    def __init__(self, dartpy: Any, mechanism: Mechanism, forces: GivenForces, options: Mapping[str, Any], motors: bool = True):
+        """Build the world; without `motors`, driven joints move freely."""
+        self.dartpy, self.mechanism, self.forces, self.tree = dartpy, mechanism, forces, forces.tree
+        self.skeleton = dartpy.dynamics.Skeleton("linkage")
+        self.world = dartpy.simulation.World()
+        self.world.setGravity(spatial(mechanism.gravity))
+        asleep = self.world.getDeactivationOptions()  # by default DART stops bodies that move slowly
+        asleep.mEnabled = False
+        self.world.setDeactivationOptions(asleep)
+        self.skeleton.disableSelfCollisionCheck()
+        bodies: dict[int, Any] = {}  # link -> DART's body
+        self.coordinates: dict[int, tuple[Any, int]] = {}
+        for branch in self.tree.branches:
+            bodies[branch.link] = self._add_link(branch, bodies.get(branch.parent))
+        self._add_springs()
+        if motors:
+            for at in drivers_by_coordinate(mechanism, self.tree):
+                self.coordinates[at][0].setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
+        self.world.addSkeleton(self.skeleton)
+        self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
+        ends = [[(bodies.get(x.link), np.array(spatial(x.local))) for x in pin] for pin in closing_pins(self.tree)]
+        self.pins = [(a, b) for a, b in ends]
+        self.bodies = [bodies[i] for i in range(len(mechanism.links))]
+        self.start = self.tree.relative(mechanism.q0, mechanism.v0)
+        self.closures: list[Any] = []
+        if options["lcp"] == "PGS":
+            self._select_pgs(options["pgs_iterations"])
 
     def put(self, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,)."""
@@ -76,10 +97,10 @@ class Built:
         """The rates of the tree coordinates (n,)."""
         return np.asarray(self.skeleton.getVelocities()[self.order])
 
-    def restart(self, constraint: Any) -> None:
+    def restart(self) -> None:
         """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run.
 
-        Trap: a closure connects the points that coincide when it is made. `constraint` is DART's module of constraints.
+        Trap: a closure connects the points that coincide when it is made.
         """
         self.world.reset()
         self.put(*self.start)
@@ -88,59 +109,21 @@ class Built:
         self.closures = []
         for pin in self.pins:
             bodies = [body for body, _ in pin if body is not None]  # a body that is left out stands for the ground
-            self.closures.append(constraint.BallJointConstraint(*bodies, place(*pin[0])))
+            self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*pin[0])))
             constraints.addConstraint(self.closures[-1])
 
     def gaps(self) -> Array:
         """Return point b minus point a of every closing pin (pins, 2) [m], by DART's own kinematics."""
         return measure_gaps(self.pins, lambda end: place(*end))
 
-
-class Builder:
-    """Builds a DART world of a mechanism, whose loops are still open.
-
-    Attributes:
-        forces: the applied loads; DART itself models the springs and dampers in `forces.own`.
-        motors: whether driven joints follow motion laws; otherwise they move freely.
-        bodies: link -> DART's body.
-        coordinates: index of a tree coordinate -> DART's joint, and the index within it.
-    """
-
-    def __init__(self, dartpy: Any, mechanism: Mechanism, tree: Tree, forces: GivenForces, motors: bool = True):
-        self.dartpy, self.mechanism, self.tree, self.forces, self.motors = dartpy, mechanism, tree, forces, motors
-        self.skeleton = dartpy.dynamics.Skeleton("linkage")
-        self.bodies: dict[int, Any] = {}
-        self.coordinates: dict[int, tuple[Any, int]] = {}
-
-    def build(self) -> Built:
-        """Return the simulation world with open loops; `Built.restart` adds the constraints that close them."""
-        world, mechanism = self.dartpy.simulation.World(), self.mechanism
-        world.setGravity(spatial(mechanism.gravity))
-        asleep = world.getDeactivationOptions()  # by default DART stops bodies that move slowly
-        asleep.mEnabled = False
-        world.setDeactivationOptions(asleep)
-        self.skeleton.disableSelfCollisionCheck()
-        for branch in self.tree.branches:
-            self._add_link(branch)
-        self._add_springs()
-        if self.motors:
-            for at in drivers_by_coordinate(mechanism, self.tree):
-                self.coordinates[at][0].setActuatorType(self.dartpy.dynamics.ActuatorType.VELOCITY)
-        world.addSkeleton(self.skeleton)
-        order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
-        ends = [[(self.bodies.get(x.link), np.array(spatial(x.local))) for x in pin] for pin in closing_pins(self.tree)]
-        start = np.array(self.tree.relative(mechanism.q0, mechanism.v0))
-        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
-        return Built(world, self.skeleton, bodies, order, [(a, b) for a, b in ends], start)
-
-    def _add_link(self, b: Branch) -> None:
-        """Add the joint and the rigid body of one branch of the tree (a link with the joint that carries it)."""
+    def _add_link(self, b: Branch, parent: Any) -> Any:
+        """Add the joint and the rigid body of one branch of the tree, and return the body; `parent` is None for the ground."""
         create = {
             "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
             "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
             "free": self.skeleton.createPlanarJointAndBodyNodePair,
         }
-        pair = create[b.kind](self.bodies.get(b.parent))
+        pair = create[b.kind](parent)
         joint, body = pair[0], pair[1]
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
@@ -152,9 +135,9 @@ class Builder:
         joint.setTransformFromChildBodyNode(self._frame(b.anchor, -b.turn))
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
-        self.bodies[b.link] = body
         for k in range(3 if b.kind == "free" else 1):
             self.coordinates[b.at + k] = joint, k
+        return body
 
     def _frame(self, origin: Array, angle: float = 0.0) -> Any:
         """Return DART's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
@@ -179,18 +162,17 @@ class Builder:
                 joint.setSpringStiffness(k, stiffness[at])
                 joint.setRestPosition(k, preload[at] / stiffness[at])
 
+    def _select_pgs(self, iterations: int) -> None:
+        """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses, not Dantzig's method.
+
+        DART's solvers have no constructor in Python, but every world has a PGS solver as its secondary solver. A world does not
+        accept its own secondary solver as its primary one, so the solver is taken from a new world.
+        """
+        solver = self.dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
+        solver.setOption(self.dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))
+        self.world.getConstraintSolver().setBoxedLcpSolver(solver)
+
 
 def place(body: Any, point: Array) -> Array:
     """Return the place (3,) in the world [m] of a point (3,) given in the frame of a body; the body None is the ground."""
     return point if body is None else np.asarray(body.getTransform().multiply(point))
-
-
-def select_pgs(dartpy: Any, built: Built, iterations: int) -> None:
-    """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses in place of Dantzig's method.
-
-    DART's solvers have no constructor in Python, but every world has a PGS solver as its secondary solver. A world does not accept
-    its own secondary solver as its primary one, so the solver is taken from a new world.
-    """
-    solver = dartpy.simulation.World().getConstraintSolver().getSecondaryBoxedLcpSolver()
-    solver.setOption(dartpy.constraint.PgsBoxedLcpSolverOption(iterations, 0.0, 0.0))
-    built.world.getConstraintSolver().setBoxedLcpSolver(solver)

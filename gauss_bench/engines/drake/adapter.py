@@ -19,7 +19,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
 from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
-from gauss_bench.engines.drake.translate import BALL, OPEN, Builder, Built, Closure, load_library, refusal
+from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, load_library, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -93,7 +93,6 @@ class DrakeModel(TreeModel):
         """Build the plants, after the open tree has been compared with the linkage, at states at which loops are open."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.drake = load_library()
-        self.builder = Builder(self.drake, mechanism, self.tree)
         open_tree = Stepper(self._build(0.0, Closure()))  # a continuous plant without closures
 
         def describe(y: Array, dy: Array) -> OpenModel:
@@ -117,7 +116,7 @@ class DrakeModel(TreeModel):
             RunFailure: Drake refuses the linkage.
         """
         try:
-            return self.builder.build(step, closure)
+            return Built(self.drake, self.mechanism, self.tree, step, closure)
         except (RuntimeError, ValueError) as error:
             raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
 

@@ -5,8 +5,8 @@ from typing import Any
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.stepping import LONGEST_STEP
-from gauss_bench.engines.drake.translate import MODULES, Builder, Closure
-from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.drake.translate import MODULES, Built, Closure
+from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
@@ -40,7 +40,7 @@ RUN = """    context = plant.GetMyMutableContextFromRoot(root)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, scheme: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and a simulation.
+    """Return the text of a program that runs a mechanism: the recorded calls of Built, and a simulation.
 
     Args:
         scheme: Drake's name of an integrator of continuous plants; empty for a discrete plant.
@@ -49,9 +49,9 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
     script = Script(STATEMENTS)
     library = SimpleNamespace(**{name: script.stand_in(f"drake_{name}") for name in MODULES})
     step: Any = script.stand_in("step")
-    built = Builder(library, mechanism, tree).build(0.0 if scheme else step, closure)
+    built = Built(library, mechanism, tree, 0.0 if scheme else step, closure)
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in Drake's order")
-    script.lines.append(f"bodies = {python(built.bodies)}")
+    script.lines.append(f"bodies = {python([built.bodies[i] for i in range(len(mechanism.links))])}")
     script.lines.append(f"simulator = drake_analysis.Simulator({python(built.system)})")
     script.lines.append("root = simulator.get_mutable_context()")
     built.set_forces_at_points(script.stand_in("root"))
@@ -62,4 +62,6 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, closure: Closure, sc
         if accuracy is not None:
             script.lines.append(f"integrator.set_target_accuracy({accuracy!r})")
     imports = [f"import {module} as drake_{name}" for name, module in MODULES.items()]
-    return write_tree_program(mechanism, tree, choice, Parts(imports, {"MOTORS": built.motors}, script.lines, RUN))
+    return write_tree_program(
+        mechanism, tree, choice, imports=imports, numbers={"MOTORS": built.motors}, model=script.lines, run=RUN
+    )

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.shared import closing_pins, measure_gaps, open_tree, spatial, unit_speeds
+from gauss_bench.engines.shared import closing_pins, measure_gaps, open_tree, spatial
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
 from gauss_bench.mechanism.coordinates import velocity
@@ -110,27 +110,66 @@ def load_library() -> Any:
     return SimpleNamespace(**{name: import_module(module) for name, module in MODULES.items()})
 
 
-@dataclass(eq=False)
+def in_space(x: Array) -> Array:
+    """Return a vector (2,) of the plane as a vector (3,) of space."""
+    return np.array(spatial(x))
+
+
 class Built:
-    """A plant of Drake and the system that is simulated.
+    """A plant of Drake, in which the links of a mechanism hang on a joint tree, and the system that is simulated.
 
     Attributes:
+        drake: Drake's modules (MODULES) as attributes.
         plant: Drake's object MultibodyPlant.
         system: the plant itself, or a diagram of the plant and propellers.
-        bodies: Drake's bodies, in the order of the links.
+        bodies: link, or GROUND -> Drake's body.
+        joints, dampings: index of a branch's first tree coordinate -> its joint, and the damping of each of its coordinates.
         order: (n,) index of each tree coordinate in Drake's coordinates.
         pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
         motors: (n,) constant generalised forces on the tree coordinates.
+        winds, thrusts: forces at points whose directions are fixed in the world, and in their links.
         ports: pairs of an input port for forces at points and its values: winds, then thrusts of the propellers [N].
     """
 
-    plant: Any
-    system: Any
-    bodies: list[Any]
-    order: Any
-    pins: list[tuple[tuple[Any, Array], tuple[Any, Array]]]
-    motors: Array
-    ports: list[tuple[Any, Any]]
+    def __init__(self, drake: Any, mechanism: Mechanism, tree: Tree, step: float, closure: Closure):
+        """Build a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
+
+        Drake needs bodies before their joints, joints before loads and closures, and all of them before `Finalize`.
+        """
+        self.drake, self.mechanism, self.tree = drake, mechanism, tree
+        self.plant = drake.plant.MultibodyPlant(step)
+        if step:
+            # Trap: by default the reported accelerations are those of the last step, and zero before the first step.
+            self.plant.SetUseSampledOutputPorts(False)
+        self.plant.mutable_gravity_field().set_gravity_vector(spatial(mechanism.gravity))
+        self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
+        self.frames = 0
+        for i, link in enumerate(mechanism.links):
+            # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
+            self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
+        self.joints = {b.at: self._add_joint(b) for b in tree.branches}
+        self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in tree.branches}
+        self.winds: list[PointLoad] = []
+        self.thrusts: list[PointLoad] = []
+        self.motors = np.zeros(tree.n)
+        turns = turning(tree)
+        for load in sort_loads(mechanism, tree):
+            self._add_load(load, turns)
+        for at, damping in self.dampings.items():
+            if damping.any():
+                self.joints[at].set_default_damping_vector(damping)
+        # frames of the closing pins; like bodies, they must be added before Finalize
+        ends = [[(self.bodies[x.link].body_frame(), in_space(x.local)) for x in pin] for pin in closing_pins(tree)]
+        self.pins = [(a, b) for a, b in ends]
+        if closure.kind == BALL:
+            self._add_balls()
+        if closure.kind == BUSHING:
+            self._add_bushings(closure)
+        self.plant.Finalize()
+        # a joint has one damping for each of its coordinates
+        order = [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
+        self.order = np.array(order)
+        self.system, self.ports = self._add_point_forces()
 
     def connect(self, root: Any) -> Any:
         """Set the constant forces in the context `root` of the system, and return the plant's context in it."""
@@ -165,60 +204,8 @@ class Built:
         world = self.plant.world_frame()
         return measure_gaps(self.pins, lambda end: self.plant.CalcPointsPositions(context, *end, world)[:, 0])
 
-
-def in_space(x: Array) -> Array:
-    """Return a vector (2,) of the plane as a vector (3,) of space."""
-    return np.array(spatial(x))
-
-
-class Builder:
-    """Builds plants of a mechanism, whose links hang on a joint tree; `drake` has Drake's modules as attributes."""
-
-    def __init__(self, drake: Any, mechanism: Mechanism, tree: Tree):
-        self.drake, self.mechanism, self.tree = drake, mechanism, tree
-
-    def build(self, step: float, closure: Closure) -> Built:
-        """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
-
-        Drake needs bodies before their joints, joints before loads and closures, and all of them before `Finalize`.
-        """
-        self.plant = self.drake.plant.MultibodyPlant(step)
-        if step:
-            # Trap: by default the reported accelerations are those of the last step, and zero before the first step.
-            self.plant.SetUseSampledOutputPorts(False)
-        self.plant.mutable_gravity_field().set_gravity_vector(spatial(self.mechanism.gravity))
-        self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
-        self.frames = 0
-        for i, link in enumerate(self.mechanism.links):
-            # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
-            self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
-        # index of a branch's first tree coordinate -> its joint, and the damping of each of its coordinates
-        self.joints = {b.at: self._add_joint(b) for b in self.tree.branches}
-        self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in self.tree.branches}
-        self.winds: list[PointLoad] = []  # their directions are fixed in the world
-        self.thrusts: list[PointLoad] = []  # their directions are fixed in their links
-        self.motors = np.zeros(self.tree.n)  # constant generalised forces on the tree coordinates
-        turns = turning(self.tree)
-        for load in sort_loads(self.mechanism, self.tree):
-            self._add_load(load, turns)
-        for at, damping in self.dampings.items():
-            if damping.any():
-                self.joints[at].set_default_damping_vector(damping)
-        # frames of the closing pins; like bodies, they must be added before Finalize
-        ends = [[(self.bodies[x.link].body_frame(), in_space(x.local)) for x in pin] for pin in closing_pins(self.tree)]
-        if closure.kind == BALL:
-            self._add_balls()
-        if closure.kind == BUSHING:
-            self._add_bushings(closure)
-        self.plant.Finalize()
-        # a joint has one damping for each of its coordinates
-        order = [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
-        bodies = [self.bodies[i] for i in range(len(self.mechanism.links))]
-        system, ports = self._add_point_forces()
-        return Built(self.plant, system, bodies, np.array(order), [(a, b) for a, b in ends], self.motors, ports)
-
     def _add_point_forces(self) -> tuple[Any, list[tuple[Any, Any]]]:
-        """Return the system and the `ports` of `Built`: the plant, in a diagram with propellers if there are thrusts."""
+        """Return the attributes `system` and `ports`: the plant, in a diagram with propellers if there are thrusts."""
         tools, math, winds, propellers = self.drake.plant, self.drake.math, [], []
         for link, at, force in self.winds:
             wind = tools.ExternallyAppliedSpatialForce()
@@ -306,7 +293,7 @@ class Builder:
         tree, twist = self.tree, np.zeros(3)
         y, dy = tree.relative(self.mechanism.q0, self.mechanism.v0)
         own = open_tree(Evaluator(self.mechanism), tree, y, dy)
-        speeds = unit_speeds(tree, y)  # (n, 3 links)
+        speeds = tree.unit_speeds(y)  # (n, 3 links)
         q = np.tile(own.q, (tree.n, 1))  # the same positions with each unit speed of a tree coordinate
         for a, b in closing_pins(tree):
             # relative velocity (n, 2) of the pin's ends at the unit speeds: the transposed Jacobian of the gap

@@ -6,17 +6,13 @@ from math import ceil
 import numpy as np
 
 from gauss_bench.compiler.elimination.function import Function
-from gauss_bench.compiler.machine.code import read_code
-from gauss_bench.compiler.machine.graph import Graph, count_operations, inline
+from gauss_bench.compiler.machine.code import Code
+from gauss_bench.compiler.machine.graph import Graph, inline
 from gauss_bench.compiler.machine.native_code import Loaded, Single, Target
-from gauss_bench.compiler.machine.rewrite import rewrite
-from gauss_bench.compiler.machine.routine import Array as Rows
-from gauss_bench.compiler.machine.routine import Compute, Load, Routine, Store
-from gauss_bench.compiler.machine.schedule import order
 from gauss_bench.compiler.machine.trigonometry import sincos
 from gauss_bench.compiler.stepping.driver import count_before
 from gauss_bench.compiler.stepping.programs import Course, integrate
-from gauss_bench.compiler.stepping.rollout import adaptive, bodies, rollout
+from gauss_bench.compiler.stepping.rollout import adaptive, bodies, evaluation, rollout
 from gauss_bench.compiler.stepping.steps import REACHES
 from gauss_bench.engines.minimal.equation import Equation
 from gauss_bench.terms import Array
@@ -33,7 +29,7 @@ class Machine:
 
     def __init__(self, equation: Equation, integrator: str):
         self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
-        code = read_code(equation.program, "none")  # "none": without stabilisation of constraints
+        code = Code(equation.program, "none")  # "none": without stabilisation of constraints
         if self.is_adaptive:
             self._code = Loaded(lambda many: adaptive(code), TARGET)
         else:
@@ -77,20 +73,16 @@ def compile_function(function: Function) -> Callable[[Array], list[Array]]:
     """Compile a function (t, q, v, p) that depends on neither t nor p to a function of the state y (2n,) of q and v."""
     raw, n = Graph(), function.sizes[1]
     # the function's operations as a graph with the entries of y as leaves; the leaf of t is not used
-    leaves = [raw.leaf(f"%y{k}") for k in range(2 * n)]
+    names = [f"%y{k}" for k in range(2 * n)]
+    leaves = [raw.leaf(name) for name in names]
     results = inline(raw, function, ([raw.leaf("%t")], leaves[:n], leaves[n:], []), lambda x: sincos(raw, x))
-    graph, roots = rewrite(raw, [x for row in results for x in row])
-    values = order(graph, roots, {})
-    # a routine that loads y, computes, and stores the results in the array `out`; `graph.all(True)`: it succeeds for every state
-    load = Load("y", {graph.leaf(f"%y{k}"): k for k in range(2 * n)})
-    arrays, body = {"y": Rows(2 * n), "out": Rows(len(roots))}, (load, Compute(values), Store("out", roots))
-    routine = Routine("evaluate", graph, arrays, (), (), body, graph.all(True), count_operations(graph, values))
+    routine = evaluation("evaluate", raw, [x for row in results for x in row], {"y": names})
     loaded = Loaded(lambda many: routine, TARGET)  # `many` has no effect, because only one state is evaluated at a time
     loaded.call(1)  # compiles
-    cuts = np.cumsum([len(row) for row in results])[:-1]  # where one result ends and the next begins in `out`
+    *cuts, size = np.cumsum([len(row) for row in results]).tolist()  # where each result ends in the array `out`
 
     def evaluate(y: Array) -> list[Array]:
-        call = loaded.single(2 * n, len(roots))
+        call = loaded.single(2 * n, size)
         state, out = call.arrays
         state[:] = y
         call.run()

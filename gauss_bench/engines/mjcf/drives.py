@@ -9,11 +9,14 @@ about load / A, because
 A driven length is a tendon between two sites with such an armature [kg], and a motor that exerts the force.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.across_releases import find_integrator
 from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.mechanism.motion_laws import MotionLaw
 
@@ -64,3 +67,21 @@ def find_drives(model: Any, draft: Draft, share: float) -> list[Drive]:
         mass = share / float(model.tendon_invweight0[tendon.id])
         drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
     return drives
+
+
+def compile_model(
+    mujoco: Any, draft: Draft, choice: Choice, options: Mapping[str, Any], driven: bool = True
+) -> tuple[Any, Sequence[Drive]]:
+    """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
+
+    If `driven`, driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
+    """
+    model = draft.spec.compile()
+    share = float(options["armature_of_a_driven_hinge_over_inertia"])
+    drives = find_drives(model, draft, share) if driven else []
+    if drives:
+        set_armatures(mujoco, model, drives)  # so large an inertia keeps a constant speed, so that no motor needs to act
+    configure(mujoco, model, options, choice.step)
+    model.opt.timestep = choice.step
+    model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")
+    return model, drives

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import compile_model
 from gauss_bench.engines.mjcf.forces import refuse_forces
-from gauss_bench.engines.mjx.compiled import compile_model
 from gauss_bench.engines.mjx.program import write
 from gauss_bench.engines.mjx.xla import Device, load_libraries
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, undriven, unsteady

@@ -7,9 +7,9 @@ from xml.etree.ElementTree import indent, tostring
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.document import write_document
 from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.drives import compile_model
 from gauss_bench.engines.mjcf.settings import copy_to_evaluate
-from gauss_bench.engines.mjx.compiled import compile_model
-from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script
 from gauss_bench.mechanism.model import Mechanism
@@ -89,4 +89,4 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
         "INVERSE_WEIGHTS": float(options["body_invweight0_factor"]),
         "SOLREF_IN_STEPS": float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,
     }
-    return write_tree_program(mechanism, built.tree, choice, Parts(IMPORTS, numbers, MODEL.splitlines(), RUN))
+    return write_tree_program(mechanism, built.tree, choice, imports=IMPORTS, numbers=numbers, model=MODEL.splitlines(), run=RUN)

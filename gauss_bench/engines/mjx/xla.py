@@ -74,16 +74,8 @@ class Evaluated:
     gaps: Array
 
 
-@dataclass(frozen=True)
-class Shapes:
-    """The structures of MJX's model and state without their numbers; models with equal structures share compiled functions."""
-
-    model: Any
-    state: Any
-
-
 @cache
-def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def functions(jax: Any, mjx: Any, of_model: Any, of_state: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the two functions take_steps and terms for models of one structure; JAX compiles a function on its first call.
 
     take_steps(model, state, number of steps) returns the state after the steps. terms(model, state) returns the fields of
@@ -91,13 +83,16 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
 
     Both functions take a model and a state as lists of arrays, because JAX needs some milliseconds in every call to pass objects of
     MJX's own classes. A list has the arrays of such an object in a fixed order. The object is restored from the list and from the
-    object's structure, which is in `shapes`.
+    object's structure.
+
+    Args:
+        of_model, of_state: structures of MJX's model and state, without their numbers.
     """
     flatten, unflatten, map_arrays = jax.tree_util.tree_leaves, jax.tree_util.tree_unflatten, jax.tree_util.tree_map
 
     def take_steps(model: list[Any], state: list[Any], count: Any) -> list[Any]:
         """Return the state, a list of arrays, after `count` steps."""
-        mjx_model, start = unflatten(shapes.model, model), unflatten(shapes.state, state)
+        mjx_model, start = unflatten(of_model, model), unflatten(of_state, state)
 
         def take_step(_: Any, old: Any) -> Any:
             """Return MJX's state after one step, with the number types of the old state."""
@@ -108,8 +103,8 @@ def functions(jax: Any, mjx: Any, shapes: Shapes) -> tuple[Callable[..., Any], C
 
     def terms(model: list[Any], state: list[Any]) -> tuple[Any, ...]:
         """Return the fields of `Evaluated`: accelerations, mass matrix, forces, centres of mass, gaps of closures."""
-        mjx_model = unflatten(shapes.model, model)
-        x = mjx.forward(mjx_model, unflatten(shapes.state, state))
+        mjx_model = unflatten(of_model, model)
+        x = mjx.forward(mjx_model, unflatten(of_state, state))
         forces = x.qfrc_applied + x.qfrc_passive + x.qfrc_actuator - x.qfrc_bias
         # the gaps are the residuals of the only constraints, the closures; MJX shows them in this private field alone
         return x.qacc, mjx.full_m(mjx_model, x), forces, x.xipos, x._impl.efc_pos
@@ -148,8 +143,8 @@ class Device:
         """Put the numbers of MuJoCo's model on the device, and choose the compiled functions for its structure."""
         self.model: Any = self.mjx.put_model(model)
         # all states of MJX have the structure of `rest`, the state at rest
-        shapes = Shapes(self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest))
-        self._take_steps, self._terms = functions(self.jax, self.mjx, shapes)
+        structures = self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest)
+        self._take_steps, self._terms = functions(self.jax, self.mjx, *structures)
 
     def with_step(self, size: float) -> list[Any]:
         """Return MJX's model with steps of `size` [s]."""

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mjcf.across_releases import disable, find_integrator, index_of, mass_matrix
+from gauss_bench.engines.mjcf.across_releases import disable, index_of, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.mjcf.drives import Drive, find_drives, set_armatures
+from gauss_bench.engines.mjcf.drives import Drive, compile_model, find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import refuse_forces
 from gauss_bench.engines.mjcf.settings import configure, copy_to_evaluate
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, driven_coordinates, finite, joint_tree
@@ -82,14 +82,11 @@ class MujocoModel(TreeModel):
         self.mujoco: Any = mujoco
         try:
             draft = Draft(mujoco, mechanism, self.tree)
-            self.model: Any = draft.spec.compile()
+            self.model: Any = compile_model(mujoco, draft, choice, self.options, driven=False)[0]
         except ValueError as error:
             raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
         bodies = [draft.bodies[i] for i in range(len(mechanism.links))]
         self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
-        configure(mujoco, self.model, self.options, choice.step)
-        self.model.opt.timestep = choice.step
-        self.model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
         self.still: Any = copy_to_evaluate(mujoco, self.model)  # evaluates single states, and never steps

@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.program import write
-from gauss_bench.engines.opensim.translate import Builder, Built, refusal
+from gauss_bench.engines.opensim.translate import Built, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.engines.variants import read_variants
@@ -75,7 +75,7 @@ class OpenSimModel(TreeModel):
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.opensim: Any = opensim
         opensim.Logger.setLevelString("Off")
-        open_tree = Builder(opensim, mechanism, self.tree, constrained=False).build()
+        open_tree = Built(opensim, mechanism, self.tree, constrained=False)
 
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
@@ -84,7 +84,7 @@ class OpenSimModel(TreeModel):
             return OpenModel(open_tree.gaps(state), accelerations=accelerations)
 
         verify(mechanism, self.tree, describe, AGREEMENT)
-        self.built = Builder(opensim, mechanism, self.tree).build()
+        self.built = Built(opensim, mechanism, self.tree)
 
     def _state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
         """Return OpenSim's state at time t [s] and a tree state y, dy (n,)."""

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.opensim.translate import Builder
-from gauss_bench.engines.programs import Parts, write_tree_program
+from gauss_bench.engines.opensim.translate import Built
+from gauss_bench.engines.programs import write_tree_program
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
@@ -45,7 +45,7 @@ $FURTHER    manager.initialize(state)
 
 
 def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism: the recorded calls of Builder, and an integration.
+    """Return the text of a program that runs a mechanism: the recorded calls of Built, and an integration.
 
     Args:
         method: name of Simbody's integrator, a member of `opensim.Manager`.
@@ -53,13 +53,13 @@ def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str
             "accuracy" only decides when the integrator projects states onto the constraints.
     """
     script = Script(STATEMENTS)
-    built = Builder(script.stand_in("opensim"), mechanism, tree).build()
+    built = Built(script.stand_in("opensim"), mechanism, tree)
     script.lines.insert(0, "opensim.Logger.setLevelString('Off')")
     script.lines.append(f"coordinates = {python(built.coordinates)}")
-    script.lines.append(f"bodies = {python(built.bodies)}")
+    script.lines.append(f"bodies = {python([built.bodies[i] for i in range(len(mechanism.links))])}")
     further = [] if accuracy else ["manager.setIntegratorFixedStepSize(step)"]
     if tolerance := options["constraint_tolerance"]:
         further.append(f"manager.setIntegratorConstraintTolerance({tolerance!r})")
     run = RUN.replace("$METHOD", method).replace("$FURTHER", "".join(f"    {line}\n" for line in further))
     numbers = {"ACCURACY": accuracy or options["accuracy"]}
-    return write_tree_program(mechanism, tree, choice, Parts(["import opensim"], numbers, script.lines, run))
+    return write_tree_program(mechanism, tree, choice, imports=["import opensim"], numbers=numbers, model=script.lines, run=run)

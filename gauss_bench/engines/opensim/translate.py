@@ -11,7 +11,6 @@ the left becomes the element of OpenSim on the right; one that no element expres
     prescribed angle or slide at constant speed:    prescribed coordinate, with a LinearFunction
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,24 +33,52 @@ def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     return next(filter(None, refusals), None)
 
 
-@dataclass(eq=False)
 class Built:
-    """An OpenSim model.
+    """An OpenSim model of a mechanism, whose links hang on a tree of joints.
 
     Attributes:
+        bodies: link, or GROUND -> OpenSim's body.
         coordinates: OpenSim's coordinates, in the order of the tree coordinates.
+        added: the same coordinates, as their joints hold them.
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
-        bodies: OpenSim's bodies, in the order of the links.
         elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
+        motors: constant forces on coordinates: pairs of OpenSim's actuator and its force [N] or torque [N m].
     """
 
-    model: Any
-    coordinates: list[Any]
-    start: Any
-    pins: list[tuple[tuple[Any, Any], tuple[Any, Any]]]
-    bodies: list[Any]
-    elements: list[Any]
+    def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, constrained: bool = True):
+        """Build the model; unless `constrained`, it is the open tree without drivers."""
+        self.opensim = opensim
+        self.model = opensim.Model()
+        self.model.setUseVisualizer(False)
+        self.model.setGravity(self._vector(mechanism.gravity))
+        self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
+        self.added: list[Any] = []
+        self.elements: list[Any] = []
+        self.motors: list[tuple[Any, float]] = []
+        for i, link in enumerate(mechanism.links):
+            inertia = opensim.Inertia(*[link.inertia] * 3)  # only the last moment of inertia acts
+            self.bodies[i] = opensim.Body(f"link{i}", link.mass, opensim.Vec3(0), inertia)
+            self.model.addBody(self.bodies[i])
+        for branch in tree.branches:
+            self._add_joint(branch)
+        self.pins = [(self._place(a), self._place(b)) for a, b in closing_pins(tree)]
+        turns = turning(tree)
+        for load in sort_loads(mechanism, tree):
+            self._add_load(load, turns)
+        if constrained:
+            for a, b in self.pins:
+                self.model.addConstraint(opensim.PointConstraint(*a, *b))
+            for at, driver in drivers_by_coordinate(mechanism, tree).items():
+                speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
+                self.added[at].setPrescribedFunction(opensim.LinearFunction(speed, start))
+                self.added[at].setDefaultIsPrescribed(True)
+        self.model.finalizeConnections()
+        self.start = self.model.initSystem()
+        for motor, force in self.motors:
+            motor.overrideActuation(self.start, True)
+            motor.setOverrideActuation(self.start, force)
+        self.coordinates = [self.model.getCoordinateSet().get(f"y{k}") for k in range(tree.n)]
 
     def gaps(self, state: Any) -> Array:
         """Return point b minus point a of every closing pin (pins, 2) [m], by OpenSim's own kinematics."""
@@ -63,57 +90,6 @@ class Built:
             return np.array([found.get(0), found.get(1)])
 
         return measure_gaps(self.pins, place)
-
-
-class Builder:
-    """Builds the OpenSim model of a mechanism, whose links hang on a tree of joints.
-
-    Attributes:
-        constrained: whether the model closes its loops and follows its drivers; otherwise it is the open tree without drivers.
-        bodies: link -> OpenSim's body.
-        coordinates: index of a tree coordinate -> OpenSim's coordinate.
-        elements: as in `Built`.
-        motors: constant forces on coordinates: pairs of OpenSim's actuator and its force [N] or torque [N m].
-    """
-
-    def __init__(self, opensim: Any, mechanism: Mechanism, tree: Tree, constrained: bool = True):
-        self.opensim, self.mechanism, self.tree, self.constrained = opensim, mechanism, tree, constrained
-        self.model = opensim.Model()
-        self.model.setUseVisualizer(False)
-        self.model.setGravity(self._vector(mechanism.gravity))
-        self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
-        self.coordinates: dict[int, Any] = {}
-        self.elements: list[Any] = []
-        self.motors: list[tuple[Any, float]] = []
-
-    def build(self) -> Built:
-        """Return the model and its parts."""
-        opensim, mechanism = self.opensim, self.mechanism
-        for i, link in enumerate(mechanism.links):
-            inertia = opensim.Inertia(*[link.inertia] * 3)  # only the last moment of inertia acts
-            self.bodies[i] = opensim.Body(f"link{i}", link.mass, opensim.Vec3(0), inertia)
-            self.model.addBody(self.bodies[i])
-        for branch in self.tree.branches:
-            self._add_joint(branch)
-        pins = [(self._place(a), self._place(b)) for a, b in closing_pins(self.tree)]
-        turns = turning(self.tree)
-        for load in sort_loads(mechanism, self.tree):
-            self._add_load(load, turns)
-        if self.constrained:
-            for a, b in pins:
-                self.model.addConstraint(opensim.PointConstraint(*a, *b))
-            for at, driver in drivers_by_coordinate(mechanism, self.tree).items():
-                speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
-                self.coordinates[at].setPrescribedFunction(opensim.LinearFunction(speed, start))
-                self.coordinates[at].setDefaultIsPrescribed(True)
-        self.model.finalizeConnections()
-        start = self.model.initSystem()
-        for motor, force in self.motors:
-            motor.overrideActuation(start, True)
-            motor.setOverrideActuation(start, force)
-        coordinates = [self.model.getCoordinateSet().get(f"y{k}") for k in range(self.tree.n)]
-        bodies = [self.bodies[i] for i in range(len(mechanism.links))]
-        return Built(self.model, coordinates, start, pins, bodies, [self.coordinates, self.elements])
 
     def _vector(self, x: Any) -> Any:
         """Return a vector (2,) of the plane as OpenSim's vector of space."""
@@ -145,7 +121,7 @@ class Builder:
             coordinate.set_clamped(False)
             coordinate.set_range(0, -FAR)
             coordinate.set_range(1, FAR)
-            self.coordinates[k] = coordinate
+            self.added.append(coordinate)
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
         """Add OpenSim's elements for a load; `build` sets the forces of actuators later."""

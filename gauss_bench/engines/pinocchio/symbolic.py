@@ -8,18 +8,18 @@ So the suite cannot run Pinocchio with symbolic scalars, and makes no claim abou
 from importlib.util import find_spec
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.shared import LibraryEngine
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
 SETTINGS: dict[str, dict[str, object]] = {"default": {"code": "generated C"}}
 
 
-class PinocchioCasadi:
+class PinocchioCasadi(LibraryEngine):
     """An engine that refuses every linkage and says why."""
 
     name = "pinocchio_casadi"
     integrators = ("rk4", "dop853_fixed")
-    stabilizations = ("none",)
     settings = SETTINGS
     native_loop = True
     python_loop = False
@@ -33,9 +33,6 @@ class PinocchioCasadi:
         if not self._is_installed():
             return "pinocchio.casadi is not in this build of Pinocchio: wheels have none yet (its tracker, issue 2759)"
         return "pinocchio.casadi is here, but the model that would use it is not written"
-
-    def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        return ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioCasadi":
         raise RunFailure(Status.SKIP, str(self.skip(mechanism, choice)))

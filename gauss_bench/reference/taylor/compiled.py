@@ -1,6 +1,5 @@
 """The equations of motion for one chart, which is a choice of free (independent) coordinates, as compiled code of heyoka."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,10 @@ from gauss_bench.reference.taylor.vector_sums import Instant
 from gauss_bench.terms import Array
 
 
-@dataclass(frozen=True, eq=False)
 class CompiledSeries:
-    """The equations of motion for one choice of free coordinates, as compiled code.
+    """The equations of motion for one choice of free coordinates and one interval of time, as compiled code.
+
+    Each constant is a parameter, so that linkages with other numbers share the compiled code.
 
     Attributes:
         chart: the free coordinates, and the pivots that eliminate the others.
@@ -26,10 +26,31 @@ class CompiledSeries:
         parameters: values of the parameters of `watch`.
     """
 
-    chart: Chart
-    taylor: Any
-    watch: Any
-    parameters: Array
+    def __init__(self, rows: LoopRows, chart: Chart, piece: Piece, number: Number):
+        """Compile the equations of the rows for a chart and for the motion laws of a piece, in a type of number."""
+        import heyoka
+
+        def symbols(known: dict[str, int]) -> Arithmetic:
+            """Return the arithmetic of symbols; `known` collects the digits of each constant -> index of its parameter."""
+            return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, lambda x: heyoka.par[known.setdefault(str(x), len(known))])
+
+        n, self.chart = rows.coordinates.n, chart
+        names = [f"x{j:03d}" for j in range(n)] + [f"u{j:03d}" for j in range(len(chart.free))]
+        state = [heyoka.make_vars(name) for name in names]
+        zero = heyoka.expression(0.0)  # added to a literal it gives a symbol
+        constants, watch_constants = dict[str, int](), dict[str, int]()
+        laws = piece.laws(heyoka.time, symbols(constants))
+        motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], laws)
+        right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
+        system = [(symbol, zero + value) for symbol, value in zip(state, right_sides, strict=True)]
+        self.taylor: Any = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
+        # heyoka counts parameters up to the last that occurs in the simplified equations: further values are cut off, here and
+        # below
+        self.taylor.pars[:] = [number(digits) for digits in constants][: len(self.taylor.pars)]
+        pivots = factorise(rows.entries(Instant(state[:n], symbols(watch_constants))), chart.order).pivots
+        watch = heyoka.cfunc([zero + x for x in pivots], vars=state[:n], compact_mode=True) if pivots else None
+        self.watch: Any = watch
+        self.parameters = np.array([float(digits) for digits in watch_constants])[: watch.nparams if watch else 0]
 
     def step(self, t: Any, state: Long, limit: Any) -> Any | None:
         """Take one step from a state at the time t; return its length [s], at most `limit`, or None if the series is not finite.
@@ -52,31 +73,3 @@ class CompiledSeries:
             return np.full(1, np.inf)
         pivots = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)
         return np.asarray(pivots / self.chart.scale[[c for _, c in self.chart.order]])
-
-
-def compile_series(rows: LoopRows, chart: Chart, piece: Piece, number: Number) -> CompiledSeries:
-    """Compile the equations of motion for one choice of free coordinates and one interval of time.
-
-    Each constant becomes a parameter, so that linkages with other numbers share the compiled code.
-    """
-    import heyoka
-
-    def symbols(known: dict[str, int]) -> Arithmetic:
-        """Return the arithmetic of symbols; `known` collects the digits of each constant -> index of its parameter."""
-        return Arithmetic(heyoka.cos, heyoka.sin, heyoka.sqrt, lambda x: heyoka.par[known.setdefault(str(x), len(known))])
-
-    n = rows.coordinates.n
-    names = [f"x{j:03d}" for j in range(n)] + [f"u{j:03d}" for j in range(len(chart.free))]
-    state = [heyoka.make_vars(name) for name in names]
-    zero = heyoka.expression(0.0)  # added to a literal it gives a symbol
-    constants, watch_constants = dict[str, int](), dict[str, int]()
-    motion = rates(rows, chart, Instant(state[:n], symbols(constants)), state[n:], piece.laws(heyoka.time, symbols(constants)))
-    right_sides = [motion.velocity.get(j, 0) for j in range(n)] + motion.free
-    system = [(symbol, zero + value) for symbol, value in zip(state, right_sides, strict=True)]
-    taylor = heyoka.taylor_adaptive(system, [number("0")] * len(system), fp_type=number, compact_mode=True)
-    # heyoka counts parameters up to the last that occurs in the simplified equations: further values are cut off, here and below
-    taylor.pars[:] = [number(digits) for digits in constants][: len(taylor.pars)]
-    pivots = factorise(rows.entries(Instant(state[:n], symbols(watch_constants))), chart.order).pivots
-    watch = heyoka.cfunc([zero + x for x in pivots], vars=state[:n], compact_mode=True) if pivots else None
-    parameters = np.array([float(digits) for digits in watch_constants])[: watch.nparams if watch else 0]
-    return CompiledSeries(chart, taylor, watch, parameters)

@@ -11,7 +11,6 @@ Mathematics 14 (2005), on orders and steps.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.mechanism.numbers import Number
 from gauss_bench.reference.motion import Motion, Progress, assemble_doubles
 from gauss_bench.reference.taylor.arithmetic import Long, epsilon, stack_arrays
-from gauss_bench.reference.taylor.compiled import CompiledSeries, compile_series
+from gauss_bench.reference.taylor.compiled import CompiledSeries
 from gauss_bench.reference.taylor.elimination import Order, Pivots
 from gauss_bench.reference.taylor.equations import Chart, choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import Piece, cut_pieces
@@ -89,7 +88,6 @@ class Leg(NamedTuple):
     stopped: str = ""
 
 
-@dataclass(eq=False)
 class March:
     """Integrates a motion by Taylor series, and changes the chart (the choice of free coordinates) where necessary.
 
@@ -100,14 +98,13 @@ class March:
         longest: length of the longest step so far, repeated steps included [s].
     """
 
-    rows: LoopRows
-    number: Number
-    pieces: Sequence[Piece]
-    times: Sequence[Any]
-    progress: Progress | None
-    compiled: dict[tuple[Order, int], CompiledSeries] = field(default_factory=dict)
-    steps: int = 0
-    longest: float = 0.0
+    def __init__(
+        self, rows: LoopRows, number: Number, pieces: Sequence[Piece], times: Sequence[Any], progress: Progress | None
+    ) -> None:
+        """Prepare to integrate the equations of the rows, in a type of number."""
+        self.rows, self.number, self.pieces, self.times, self.progress = rows, number, pieces, times, progress
+        self.compiled: dict[tuple[Order, int], CompiledSeries] = {}
+        self.steps, self.longest = 0, 0.0
 
     def run(self, chart: Chart, x: Long, v: Long) -> tuple[LoopStates, str]:
         """Integrate the motion from a start x, v (1, n); return the states at the sample times, and why the motion ends early.
@@ -125,7 +122,7 @@ class March:
             while t < end and not stopped:
                 key = (chart.order, k)
                 if key not in self.compiled:
-                    self.compiled[key] = compile_series(self.rows, chart, piece, self.number)
+                    self.compiled[key] = CompiledSeries(self.rows, chart, piece, self.number)
                 t, state, samples, worn, stopped = self._leg(self.compiled[key], t, state, end, least_pivot)
                 if samples:
                     parts.append(self._states(chart, samples))

@@ -1,0 +1,16 @@
+"""Deprecated module of the results of public functions: they are beside these functions; the next release will not have it."""
+
+import warnings
+from importlib import import_module
+from typing import Any
+
+HOMES = {"Result": "telling", "OneRun": "simulate", "Simulation": "simulate", "Kinematics": "kinematics"}
+HOMES |= dict.fromkeys(("Tuning", "Export", "Import"), "exchange")
+
+
+def __getattr__(name: str) -> Any:
+    if name not in HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = import_module(f"gauss_bench.api.{HOMES[name]}")
+    warnings.warn(f"{__name__}.{name} is now {home.__name__}.{name}", DeprecationWarning, stacklevel=2)
+    return getattr(home, name)
