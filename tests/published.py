@@ -1,11 +1,17 @@
-"""The published run and its findings, which all tests of a process share."""
+"""The published run and its findings, which all tests of a process share; the documentation of its site; faults of a page."""
 
+import os
+import subprocess
+import sys
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from gauss_bench.report.build import all_findings, read_run
 from gauss_bench.report.content import Finding
 from gauss_bench.report.rows import Run
+from tests.conftest import needs
 
 REPORTS = Path(__file__).parents[1] / "reports"
 
@@ -18,3 +24,32 @@ def published() -> Run:
 @cache
 def published_findings() -> tuple[Finding, ...]:
     return tuple(all_findings(published()))
+
+
+def watch(page: Any, *own: str) -> list[str]:
+    """Return a list to which a page adds its errors, its warnings and its requests to addresses that begin with none of `own`."""
+    wrong: list[str] = []
+    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else None)
+    page.on("pageerror", lambda e: wrong.append(str(e)))
+    page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((*own, "data:", "blob:")) else None)
+    return wrong
+
+
+def build_guide(folder: Path) -> None:
+    """Build the documentation into a folder; without MkDocs the test is skipped."""
+    if find_spec("mkdocs") is None:
+        needs("mkdocs")
+    root = REPORTS.parent
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--quiet",
+        "-f",
+        str(root / "gauss_bench/docs/mkdocs.yml"),
+        "-d",
+        str(folder),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(root)})
+    assert done.returncode == 0, done.stderr

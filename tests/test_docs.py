@@ -4,11 +4,8 @@ import json
 import os
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Iterator
 from decimal import Decimal
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +21,7 @@ from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.write import asset_files
 from gauss_bench.verbs.formats import find_schema, list_formats
 from tests.conftest import DOCUMENTATION, needs
+from tests.published import build_guide, watch
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "gauss_bench" / "docs"
@@ -39,8 +37,7 @@ class Block(NamedTuple):
 
 
 def blocks(text: str) -> Iterator[Block]:
-    for found in FENCE.findall(text):
-        yield Block(*found)
+    return (Block(*found) for found in FENCE.findall(text))
 
 
 def written(block: Block, folder: Path) -> None:
@@ -64,11 +61,9 @@ def is_same(shown: str, printed: str) -> bool:
     """Tell whether two lines have equal words and whole numbers, and decimals that differ by at most 1 in the last digit shown."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
-    for x, y in zip(map(Decimal, NUMBER.findall(shown)), map(Decimal, NUMBER.findall(printed)), strict=True):
-        last = Decimal(1).scaleb(int(x.as_tuple().exponent)) if x.as_tuple().exponent else 0
-        if abs(x - y) > last:
-            return False
-    return True
+    pairs = [(Decimal(x), Decimal(y)) for x, y in zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)]
+    exponents = [int(x.as_tuple().exponent) for x, _ in pairs]  # of the last digit shown, 0 for a whole number
+    return all(abs(x - y) <= (Decimal(1).scaleb(k) if k else 0) for (x, y), k in zip(pairs, exponents, strict=True))
 
 
 def check_printed(shown: str, printed: str) -> None:
@@ -167,10 +162,8 @@ def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 LINES = (
     '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
-    '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
     '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
     '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
-    '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
     '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
     "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
 )
@@ -215,12 +208,8 @@ def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a site with one page, its search page, and the documentation."""
-    if find_spec("mkdocs") is None:
-        needs("mkdocs")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "-f", str(DOCS / "mkdocs.yml"), "-d", str(folder / "docs")]
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
-    assert done.returncode == 0, done.stderr
+    build_guide(folder / "docs")
     pages = [plain_page("method", "Method", "How runs are compared.")]
     pages.append(search_page(pages, folder / "docs"))
     texts = asset_files() | {page.file: document(page, pages, (), "docs/index.html") for page in pages}
@@ -246,9 +235,7 @@ def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Pa
 def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser: Any, site: Path) -> None:
     context = browser.new_context(offline=True)
     page = context.new_page()
-    wrong: list[str] = []
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("request", lambda request: wrong.append(request.url) if not request.url.startswith(("file:", "data:")) else None)
+    wrong = watch(page, "file:")
     page.goto((site / "docs" / "drift.html").as_uri())
     page.get_by_role("search").get_by_role("searchbox").fill("kg_per_m links")
     page.keyboard.press("Enter")

@@ -19,26 +19,21 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
 
 
 @pytest.mark.parametrize(
-    ("law", "end", "rest"),
+    ("law", "angles", "speed"),  # [rad] at the start, at half the time and at the end; [rad/s] at the end
     [
-        ("poly345:travel=1.0,time=2.0", 1.0, True),
-        ("constant:speed=2.0,start_deg=10.0", np.radians(10.0) + 2.0, False),
+        ("poly345:travel=1.0,time=2.0", [0.0, 0.5, 1.0], 0.0),
+        ("constant:speed=2.0,start_deg=10.0", np.radians(10.0) + np.array([0.0, 1.0, 2.0]), 2.0),
+        ("table:file=law.csv", np.radians([0.0, 20.0, 60.0]), 0.0),  # clamped ends
     ],
 )
-def test_laws_are_given_by_name_and_keys(law: str, end: float, rest: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    driver = said(capsys, "four_bar", "--driver", law, "--steps", "8")["driver"]
-    assert driver["angle"][-1] == pytest.approx(end, abs=1e-12)
-    if rest:
-        assert driver["speed"][-1] == pytest.approx(0.0, abs=1e-12)
-        assert driver["acceleration"][-1] == pytest.approx(0.0, abs=1e-10)
-
-
-def test_a_law_is_read_from_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "law.csv"
-    path.write_text("# t, degrees\n0, 0\n0.5, 20\n1.0, 60\n", encoding="utf-8")
-    driver = said(capsys, "four_bar", "--driver", f"table:file={path}", "--steps", "2")["driver"]
-    assert driver["angle"] == pytest.approx(np.radians([0.0, 20.0, 60.0]), abs=1e-12)
-    assert driver["speed"][0] == pytest.approx(0.0, abs=1e-12)  # clamped ends
+def test_laws_are_given_by_name_and_keys_or_a_table(
+    law: str, angles: Any, speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("law.csv").write_text("# t, degrees\n0, 0\n0.5, 20\n1.0, 60\n", encoding="utf-8")
+    driver = said(capsys, "four_bar", "--driver", law, "--steps", "2")["driver"]
+    assert driver["angle"] == pytest.approx(angles, abs=1e-12)
+    assert driver["speed"][-1] == pytest.approx(speed, abs=1e-12)
 
 
 def test_a_limit_of_motion_is_told_with_what_was_reached(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,108 +2,83 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
-from gauss_bench.mechanism.model import Mechanism, Torque
 from gauss_bench.papers import crank_motion
-from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, CrankMotion, equilibria, find_bound, settles, torque_range
+from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
-from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.tables import read_table
-from gauss_bench.trajectory import Reference
+from gauss_bench.report.rows import Row
+from tests.published import published
 
 ROUNDING = 1e-12  # relative: accelerations of the general library are closed to 1e-15, times the growth in both
+MOTION = crank_motion.motion_of(linkage())
 
 
-@pytest.fixture(scope="module")
-def motion() -> CrankMotion:
-    return crank_motion.motion_of(linkage())
+def rows() -> dict[str, Row]:
+    """Return key -> published row."""
+    return {row["key"]: row for row in published().table("reproduction")}
 
 
-@pytest.fixture(scope="module")
-def rows() -> dict[str, dict[str, Any]]:
-    """The published rows: key -> row."""
-    return {str(row["key"]): dict(row) for row in read_table("reproduction", Path(__file__).parents[1] / "reports")}
+@pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
+def test_the_published_rows_are_computed_again(every: bool) -> None:
+    """All rows at night, else those that take seconds."""
+    computed = reproduction()["reproduction"] if every else []
+    numbers = {row["key"]: (row["value"], row["bracket"]) for row in computed}
+    numbers = numbers or running(MOTION) | statics(MOTION) | formulas(MOTION)
+    for key, (value, bracket) in numbers.items():
+        expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
+        assert rows()[key]["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), key
+    verdicts = {row["key"]: row["verdict"] for row in computed} or {"stops": "refuted", "rests": "holds"}
+    assert {key: rows()[key]["verdict"] for key in verdicts} == verdicts
 
 
-@pytest.mark.long
-@pytest.mark.slow
-def test_the_published_rows_are_computed_again(rows: dict[str, dict[str, Any]]) -> None:
-    for row in reproduction()["reproduction"]:
-        check_again(rows[row["key"]], row["value"], row["bracket"])
-        assert row["verdict"] == rows[row["key"]]["verdict"]
-
-
-def check_again(published: dict[str, Any], value: float | None, bracket: float | None) -> None:
-    expected = float("nan") if value is None else value  # an empty cell of a table is read as NaN
-    assert published["value"] == pytest.approx(expected, rel=1e-9, abs=3 * (bracket or 0.0) + 1e-12, nan_ok=True), published["key"]
-
-
-@pytest.fixture(scope="module")
-def reference() -> Reference:
-    return reference_motion()
-
-
-def test_the_closed_form_is_the_linkage_file(motion: CrankMotion) -> None:
+def test_the_closed_form_is_the_linkage_file() -> None:
     for state in states():
-        q, d, e = map(np.array, motion.positions(state.q[2]))
-        w, found = state.v[2], motion.acceleration(state.q[2], state.v[2])
+        q, d, e = map(np.array, MOTION.positions(state.q[2]))
+        w, found = state.v[2], MOTION.acceleration(state.q[2], state.v[2])
         assert found == pytest.approx(state.a[2], rel=ROUNDING)
         assert np.abs(q - state.q).max() < ROUNDING
         assert np.abs(d * w - state.v).max() < ROUNDING * (1 + np.abs(state.v).max())
         assert np.abs(d * found + e * w * w - state.a).max() < ROUNDING * (1 + np.abs(state.a).max())
 
 
-def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper(motion: CrankMotion) -> None:
+def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper() -> None:
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
-        for formula, full in (
-            (EQ_16, yuan_ge_eq16(problem.terms).a),
-            (EQS_10_11, least_squares.printed_exponents(problem)),
-        ):
-            found = replace(motion, formula=formula).acceleration(state.q[2], state.v[2])
+        right = {EQ_16: yuan_ge_eq16(problem.terms).a, EQS_10_11: least_squares.printed_exponents(problem)}
+        for formula, full in right.items():
+            found = replace(MOTION, formula=formula).acceleration(state.q[2], state.v[2])
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3
 
 
-def test_the_motion_is_that_of_the_reference(motion: CrankMotion, reference: Reference) -> None:
-    course = motion.run(SHOWN)
-    assert course.theta[-1] == pytest.approx(reference.q[-1, 2], abs=1e-9)  # the tolerance, a few steps
-    assert course.w[-1] == pytest.approx(reference.v[-1, 2], abs=1e-7)
+def test_the_motion_is_that_of_the_reference() -> None:
+    course = MOTION.run(SHOWN)
+    assert course.theta[-1] == pytest.approx(reference_motion().q[-1, 2], abs=1e-9)  # the tolerance, a few steps
+    assert course.w[-1] == pytest.approx(reference_motion().v[-1, 2], abs=1e-7)
 
 
-def test_equilibria_balance_and_stable_ones_hold(motion: CrankMotion) -> None:
-    low, high = torque_range(motion)
+def test_equilibria_balance_and_stable_ones_hold() -> None:
+    low, high = torque_range(MOTION)
     assert low.torque == pytest.approx(-(0.37 + 0.77) * 9.81 * 0.15 / 2, rel=1e-12)  # both weights, half the crank's arm
-    for torque in (motion.torque, 0.0, 0.8, -0.85):
-        other = replace(motion, torque=torque)
+    for torque in (MOTION.torque, 0.0, 0.8, -0.85):
+        other = replace(MOTION, torque=torque)
         places = equilibria(other)
         assert sorted(place.stable for place in places) == [False, True]
         for place in places:
             nudged = other.run(3.0, (place.theta + 1e-3, 0.0))
             assert (np.abs(nudged.theta - place.theta).max() < 3e-3) == place.stable
-    assert not equilibria(replace(motion, torque=-low.torque + 1e-6))
-    assert not equilibria(replace(motion, torque=-high.torque - 1e-6))
-
-
-@pytest.mark.slow
-def test_the_published_numbers_that_take_seconds_are_computed_again(motion: CrankMotion, rows: dict[str, dict[str, Any]]) -> None:
-    numbers = running(motion) | statics(motion) | formulas(motion)
-    for key, (value, bracket) in numbers.items():
-        check_again(rows[key], value, bracket)
-    assert {key: rows[key]["verdict"] == "holds" for key in ("stops", "rests")} == {"stops": settles(motion), "rests": True}
+    assert not equilibria(replace(MOTION, torque=-low.torque + 1e-6))
+    assert not equilibria(replace(MOTION, torque=-high.torque - 1e-6))
 
 
 @pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
-def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, stops: bool) -> None:
-    other = replace(motion, torque=torque, c=c)
+def test_the_first_turn_decides(torque: float, c: float, stops: bool) -> None:
+    other = replace(MOTION, torque=torque, c=c)
     assert settles(other) == stops
     if stops:
         course = other.run(120.0, rtol=1e-7)
@@ -116,66 +91,36 @@ def test_the_first_turn_decides(motion: CrankMotion, torque: float, c: float, st
         assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
-def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
-    motion: CrankMotion, rows: dict[str, dict[str, Any]]
-) -> None:
-    value = {key: row["value"] for key, row in rows.items()}
-    course = motion.run(16.0, rtol=1e-8)
+def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes() -> None:
+    value = {key: row["value"] for key, row in rows().items()}
+    course = MOTION.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
     assert 10 / (round_at[1] - round_at[0]) == pytest.approx(1 / value["period"], rel=2e-3)  # not quite steady yet
     assert value["slowest"] > value["mean"] > value["fastest"]
-    assert value["lost"] == pytest.approx(value["taken"], abs=2 * rows["lost"]["bracket"])
+    assert value["lost"] == pytest.approx(value["taken"], abs=2 * rows()["lost"]["bracket"])
 
 
-def test_the_table_of_the_figures_is_the_reference(reference: Reference) -> None:
+def test_the_table_of_the_figures_is_the_reference() -> None:
+    reference = reference_motion()
     last = paper_motion(linkage(), reference)["paper_motion"][-1]
     assert last["t"] == reference.t[-1]
     for k, name in ((0, "x1"), (1, "y1"), (2, "theta1"), (6, "x3")):
         assert (last[name], last[f"{name}_rate"]) == pytest.approx((reference.q[-1, k], reference.v[-1, k]), abs=1e-12)
 
 
-def twisted(torque: float) -> Mechanism:
-    """Return the linkage file with another torque."""
-    mechanism = linkage()
-    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in mechanism.forces)
-    return replace(mechanism, forces=forces)
-
-
-def comes_round(mechanism: Mechanism) -> bool:
-    """Tell whether the crank of the general library completes a turn from rest within 10 s."""
-    general = MinimalCoordinate(mechanism)
-
-    def rate(t: float, y: np.ndarray) -> list[float]:
-        return [y[1], float(general.acceleration(y[:1], y[1:])[0])]
-
-    def decided(t: float, y: np.ndarray) -> float:
-        return min(-y[1], 2 * np.pi + y[0]) if t > 0.01 else 1.0
-
-    decided.terminal = True  # type: ignore[attr-defined]
-    return bool(solve_ivp(rate, (0.0, 10.0), [0.0, 0.0], rtol=1e-9, atol=1e-11, events=decided).y[0, -1] < -6.0)
-
-
-@pytest.mark.long("-0.0001")
 @pytest.mark.slow
-@pytest.mark.parametrize("side", [1e-4, -1e-4])
-def test_the_bound_of_the_torque_is_that_of_the_general_library(
-    motion: CrankMotion, rows: dict[str, dict[str, Any]], side: float
-) -> None:
-    bound = rows["settles_above"]["value"]
-    assert comes_round(twisted(bound + side)) == (side < 0)
-    found, width = find_bound(lambda torque: replace(motion, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
+def test_a_bound_is_found_again_and_refused_between_equal_fates() -> None:
+    bound = rows()["settles_above"]["value"]
+    found, width = find_bound(lambda torque: replace(MOTION, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
     assert found == pytest.approx(bound, abs=width)
-
-
-def test_bounds_between_equal_fates_are_refused(motion: CrankMotion) -> None:
     with pytest.raises(ValueError, match="no bound"):
-        find_bound(lambda torque: replace(motion, torque=torque), 0.0, -0.1)
+        find_bound(lambda torque: replace(MOTION, torque=torque), 0.0, -0.1)
 
 
-def test_verdicts_follow_from_the_data(motion: CrankMotion) -> None:
-    printed, other = claims(motion), claims(replace(motion, torque=-motion.torque))
+def test_verdicts_follow_from_the_data() -> None:
+    printed, other = claims(MOTION), claims(replace(MOTION, torque=-MOTION.torque))
     assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
     assert other["stops"]
     assert other["decreases"]
     assert not other["any_inertia"]
-    assert not claims(replace(motion, torque=-1.0))["rests"]
+    assert not claims(replace(MOTION, torque=-1.0))["rests"]

@@ -67,21 +67,14 @@ def numbers(text: str) -> Array:
     return np.array([float(x) for x in re.findall(r"-?\d+\.?\d*", text)]).reshape(-1, 2)
 
 
-def ends(mechanism: Mechanism, svg: str) -> dict[str, Array]:
-    """Return "link.point" -> pixels (2,) in the group of the link, for the ends of all bars."""
-    found = {}
-    for link in mechanism.links:
-        bars = [x for x in groups(svg)[link.name].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"]
-        names = [name for pair in bar_ends(link) for name in pair]
-        if bars:
-            found |= {f"{link.name}.{name}": x for name, x in zip(names, numbers(bars[0].attrib["d"]), strict=True)}
-    return found
-
-
 def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array | None:
     """Return the pixels (k, 2) of a point at parts (k,) of the loop, or None if it is no end of a bar."""
-    local = ends(mechanism, svg).get(point.name)
-    return None if local is None else carry(groups(svg)[point.name.partition(".")[0]], local, parts)
+    if point.link == GROUND:
+        return None
+    link, _, name = point.name.partition(".")
+    bars = [x for x in groups(svg)[link].findall(f"{SVG}path") if x.get("stroke-linecap") == "round"]
+    names = [name for pair in bar_ends(mechanism.links[point.link]) for name in pair]
+    return carry(groups(svg)[link], numbers(bars[0].attrib["d"])[names.index(name)], parts) if bars and name in names else None
 
 
 @pytest.mark.parametrize("name", LINKAGES)

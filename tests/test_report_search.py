@@ -11,17 +11,16 @@ from gauss_bench.report.sections import search
 
 def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, accuracy: float = 1e-6) -> dict[str, Any]:
     row: dict[str, Any] = {"mechanism": mechanism, "scenario": "torque", "engine": engine, "required": "position", "unit": "m"}
-    row |= {"accuracy": accuracy, "settings": "lean", "integrator": "rk4", "stabilization": "none", "budget": 24.0, "passing": 2.0}
-    row |= {"own": own, "ours": "native" in engine, "step": 1e-3, "error": accuracy / 2, "evaluations": 30.0, "most_steps": 1e5}
-    row |= {"message": ""}
+    row |= {"accuracy": accuracy, "settings": "lean", "integrator": "rk4", "stabilization": "none", "budget": 24.0, "message": ""}
+    row |= {"own": own, "ours": "native" in engine, "step": 1e-3, "error": accuracy / 2, "most_steps": 1e5}
     if ratio is None:
-        return row | {"status": "not reached", "steps": 8600.0, "message": "", "seconds": float("nan")}
+        return row | {"status": "not reached", "steps": 8600.0, "seconds": float("nan")}
     spread = {"ratio": ratio, "ratio_low": 0.98 * ratio, "ratio_high": 1.02 * ratio}
     return row | {"status": "ok", "seconds": ratio * 1e-4} | spread
 
 
-def run(*rows: dict[str, Any]) -> Run:
-    return Run({}, {"search_winners": rows})
+def run(*rows: dict[str, Any], **more: tuple[dict[str, Any], ...]) -> Run:
+    return Run({}, {"search_winners": rows} | more)
 
 
 ROWS = (
@@ -75,7 +74,7 @@ def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:
 def test_a_finding_names_what_it_leaves_out() -> None:
     skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
     cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
-    (finding,) = search.findings(Run({}, {"search_winners": (*ROWS, skipped), "results": cases}))
+    (finding,) = search.findings(run(*ROWS, skipped, results=cases))
     assert finding.text.endswith("Left out: `by_hand` on four_bar (not tried: no C compiler). Not searched: shaper.")
 
 

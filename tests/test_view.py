@@ -1,7 +1,6 @@
 """Links to look at: the content of an address, and the page that draws it, also for hostile addresses."""
 
 import base64
-import copy
 import json
 import random
 import re
@@ -19,6 +18,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
 from tests.conftest import exhaustive
+from tests.published import watch
 
 
 @cache
@@ -44,13 +44,14 @@ def poses(held: dict[str, Any]) -> Any:
     return whole * np.tile([held["unit"], held["unit"], 1 / ANGLES], whole.shape[1] // 3)
 
 
+def packed_bytes(held: Any) -> bytes:
+    """Return the compressed JSON of a content, which may be hostile, or of bytes."""
+    return zlib.compress(held if isinstance(held, bytes) else json.dumps(held).encode(), 9)
+
+
 def fragment_of(held: Any) -> str:
-    """Return the fragment of any content, which may be hostile."""
-    return as_fragment(json.dumps(held).encode())
-
-
-def as_fragment(data: bytes) -> str:
-    return VERSION + base64.urlsafe_b64encode(zlib.compress(data, 9)).decode().rstrip("=")
+    """Return the fragment of a content or of bytes; a fragment unchanged."""
+    return held if isinstance(held, str) else VERSION + base64.urlsafe_b64encode(packed_bytes(held)).decode().rstrip("=")
 
 
 @pytest.mark.parametrize("name", exhaustive(["four_bar", "jansen", "shaper", "excavator"], "jansen", "excavator"))
@@ -120,11 +121,8 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> str:
 def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
     """Return the page after it has drawn or refused its link, and a list of errors and of requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"} | look))
-    wrong: list[str] = []
-    page.on("console", lambda m: wrong.append(m.text))
-    page.on("pageerror", lambda e: wrong.append(str(e)))
+    wrong = watch(page, address.split("#")[0])
     page.on("dialog", lambda d: wrong.append(d.message) or d.dismiss())
-    page.on("request", lambda r: wrong.append(r.url) if not r.url.startswith((address.split("#")[0], "data:")) else None)
     page.goto(address)
     for _ in range(200):
         if page.locator("#stage svg").count() or "This " in page.locator("#lead").inner_text():
@@ -198,56 +196,45 @@ def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_
         page.close()
 
 
-def change(path: str, value: Any) -> Callable[[dict[str, Any]], str]:
+def change(path: str, value: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """Return a function that changes one value of the content of a link."""
 
-    def make(held: dict[str, Any]) -> str:
+    def make(held: dict[str, Any]) -> dict[str, Any]:
         *above, last = [int(x) if x.isdigit() else x for x in path.split(".")]
         inner: Any = held
         for key in above:
             inner = inner[key]
         inner[last] = value
-        return fragment_of(held)
+        return held
 
     return make
 
 
-BOMB = as_fragment(b'{"file":"' + b"a" * 10_000_000 + b'"}')
-HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str], str]] = {
+EMPTY: dict[str, Any] = {"links": [], "poses": [], "pins": [], "paths": []}
+# name -> function of the content of a good link that returns a fragment, bytes of JSON or another content; word of the answer
+HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str | bytes | dict[str, Any]], str]] = {
     "no base64": (lambda _: "v1.<script>alert(1)</script>", "changed on its way"),
     "another version": (lambda held: fragment_of(held).replace("v1.", "v2."), "another edition"),
     "too long": (lambda _: VERSION + "A" * LIMITS["fragment"], "more than 16000 characters"),
     "cut off": (lambda held: fragment_of(held)[:-40], "cut off"),
-    "followed by more": (
-        lambda held: VERSION + base64.urlsafe_b64encode(zlib.compress(json.dumps(held).encode()) + b"more").decode(),
-        "",
-    ),
-    "bomb": (lambda _: BOMB, "unpacks to more"),
-    "no UTF-8": (lambda _: as_fragment(b'{"name":"\xff"}'), "cut off"),
-    "no object": (lambda _: as_fragment(b"[1]"), "no linkage"),
-    "deep": (lambda _: as_fragment(b"[" * 190_000 + b"]" * 190_000), ""),
+    "followed by more": (lambda held: VERSION + base64.urlsafe_b64encode(packed_bytes(held) + b"more").decode(), ""),
+    "bomb": (lambda _: b'{"file":"' + b"a" * 10_000_000 + b'"}', "unpacks to more"),
+    "no UTF-8": (lambda _: b'{"name":"\xff"}', "cut off"),
+    "no object": (lambda _: b"[1]", "no linkage"),
+    "deep": (lambda _: b"[" * 190_000 + b"]" * 190_000, ""),
     "NaN": (change("unit", float("nan")), "changed on its way"),
     "pose not finite": (change("poses.0.3", 1e300), "number"),
     "half a unit": (change("poses.0.3", 0.5), "whole number"),
-    "too many poses": (lambda held: fragment_of(held | {"poses": [[0] * 201 for _ in held["poses"]]}), "too long"),
-    "poses of unequal length": (
-        lambda held: fragment_of(held | {"poses": [x[: 9 + (i == 2)] for i, x in enumerate(held["poses"])]}),
-        "poses",
-    ),
-    "a link without poses": (lambda held: fragment_of(held | {"poses": held["poses"][:-1]}), "poses"),
-    "too many links": (lambda held: fragment_of(held | {"links": held["links"] * 101}), "too long"),
-    "too many places": (
-        lambda held: fragment_of(held | {"links": [x | {"points": [[0, 0]] * 900} for x in held["links"]]}),
-        "too many",
-    ),
+    "too many poses": (lambda held: held | {"poses": [[0] * 201 for _ in held["poses"]]}, "too long"),
+    "poses of unequal length": (lambda held: held | {"poses": [x[: 9 + (i == 2)] for i, x in enumerate(held["poses"])]}, "poses"),
+    "a link without poses": (lambda held: held | {"poses": held["poses"][:-1]}, "poses"),
+    "too many links": (lambda held: held | {"links": held["links"] * 101}, "too long"),
+    "too many places": (lambda held: held | {"links": [x | {"points": [[0, 0]] * 900} for x in held["links"]]}, "too many"),
     "a bar to a prototype": (change("links.0.bars", [["__proto__", "constructor"]]), "does not have"),
     "a pin of no link": (change("pins.0", [7, 0, 0]), "does not have"),
     "a long name": (change("name", "a" * 201), "text"),
-    "no links": (lambda held: fragment_of(held | {"links": [], "poses": [], "pins": [], "paths": []}), "poses"),
-    **{
-        f"without {x}": (lambda held, x=x: fragment_of({k: held[k] for k in held if k != x}), "")
-        for x in ("file", "poses", "pins", "end")
-    },
+    "no links": (lambda held: held | EMPTY, "poses"),
+    **{f"without {x}": (lambda held, x=x: {k: held[k] for k in held if k != x}, "") for x in ("file", "poses", "pins", "end")},
 }
 
 
@@ -258,7 +245,7 @@ def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser: Any, page_f
     page, wrong = opened(browser, f"{page_file}#{good}")
     for what, (make, word) in HOSTILE.items():
         assert page.locator("#stage svg").count() == 1
-        page.evaluate("x => { location.hash = x }", make(copy.deepcopy(content(good))))
+        page.evaluate("x => { location.hash = x }", fragment_of(make(content(good))))
         page.locator("#lead", has_text="This link cannot be shown").wait_for(timeout=10_000)
         said = page.locator("#lead").inner_text()
         assert word in said, what

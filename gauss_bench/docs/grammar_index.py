@@ -3,8 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -165,17 +163,17 @@ def list_keys() -> Iterator[tuple[Entry, str, str]]:
 def write_index() -> str:
     """Return the Markdown of the page: a table of keys, with anchors such as `links.mass`, for each table."""
     lines: list[str] = []
-    for entry, keys in groupby(list_keys(), key=itemgetter(0)):
+    for entry in list_entries():
         table, place = entry.table, entry.places[0]
         heading = heading_of(place)
         properties = table.model_json_schema()["properties"]
-        defaults = {schema.key_of(table, name): info.default for name, info in table.model_fields.items()}
         lines += ["", f"## {describe_place(entry)} {{ #table.{entry.address or 'file'} }}", ""]
         anchor = re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())  # as MkDocs makes it
         lines += [f"Explained in [{heading.replace('`', '')}](grammar.md#{anchor}).", ""]
         lines += ["| key | type | unit | default | edition |", "| --- | --- | --- | --- | --- |"]
-        for _, key, address in keys:
-            kind, unit = print_type(properties[key], join(place, key)), table.units.get(key, "")
-            cells = (f'<a id="{address}"></a>`{key}`', kind, unit, print_default(defaults[key]), str(edition_of(entry, key)))
+        for name, info in table.model_fields.items():
+            key = schema.key_of(table, name)
+            kind, unit, first = print_type(properties[key], join(place, key)), table.units.get(key, ""), edition_of(entry, key)
+            cells = (f'<a id="{join(entry.address, key)}"></a>`{key}`', kind, unit, print_default(info.default), str(first))
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])

@@ -34,10 +34,9 @@ def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
     """Return name by `loop_of` -> its cheapest setting on a linkage with a position error of at most `position` [m]."""
-    found: dict[str, Setting] = {}
-    for loop, settings in group_by_loop(all_settings(run).get(mechanism, [])).items():
-        for setting in cheapest(settings, position).values():  # one setting at most, because the group has one engine
-            found[loop] = setting
+    groups = group_by_loop(all_settings(run).get(mechanism, [])).items()
+    # `cheapest` returns one setting at most, because each group has one engine
+    found = {loop: setting for loop, settings in groups for setting in cheapest(settings, position).values()}
     return found | {loop_of(x.engine, x.settings): x for x in cheapest_stored(run, mechanism, position).values()}
 
 

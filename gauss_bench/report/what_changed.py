@@ -50,12 +50,10 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
     """Return sentences on changed quantities, changed answers, and changed, new and gone defaults."""
-    figures: list[Row] = []
-    answers: list[Row] = []
-    defaults: list[Row] = []
-    for row in changes:
-        is_figure = is_known(row.get("difference")) or is_known(row.get("ratio"))
-        (figures if is_figure else defaults if row["quantity"] == DEFAULT else answers).append(row)
+    numeric = group_by(changes, lambda r: is_known(r.get("difference")) or is_known(r.get("ratio")))
+    figures, others = (numeric.get(key, []) for key in (True, False))
+    defaults = [row for row in others if row["quantity"] == DEFAULT]
+    answers = [row for row in others if row["quantity"] != DEFAULT]
     kinds = group_by(defaults, lambda r: "new" if r["was"] == ABSENT else "gone" if r["now"] == ABSENT else "changed")
     reasons = group_by(answers, lambda r: (shorten(r["was"]), shorten(r["now"])))
     sentences = [describe_figures(quantity, rows) for quantity, rows in group_by(figures, "quantity").items()]

@@ -152,30 +152,33 @@ def line_off(form: Line3) -> float:
     return worst(errors)
 
 
-def search_off(form: Line3) -> float:
-    """Return the share of positions at which Newton's method, started at the previous one, does not find the pin B within SAME.
+def find_pin(form: Line3, x: Shaper, near: complex) -> complex:
+    """Return the place of the pin B at which Newton's method, started at `near`, solves |B - O1| = L_O1B and `form` = 0."""
 
-    The method solves |B - O1| = L_O1B and `form` = 0 for the two coordinates of B. The shaper is tested as it is drawn, with its
-    lever near the vertical, and rotated by 90 degrees.
+    def equations(place: Array) -> Array:
+        """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
+        B = complex(place[0], place[1])
+        return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
+
+    def residual(p: Array) -> tuple[Array, Array]:
+        """Return the residuals and their Jacobian (2, 2) by central differences."""
+        steps = 1e-7 * np.eye(2)
+        return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
+
+    with np.errstate(all="ignore"):
+        return complex(*newton_raphson(residual, np.array([near.real, near.imag]), 1e-10).x)
+
+
+def search_off(form: Line3) -> float:
+    """Return the share of positions at which `find_pin`, started at the previous position, does not find the pin B within SAME.
+
+    The shaper is tested as it is drawn, with its lever near the vertical, and rotated by 90 degrees.
     """
     lost = 0
     for angle in (0.0, np.pi / 2):
         places = [x.turn(angle) for x in shapers()]
         for before, x in zip(places, [*places[1:], places[0]], strict=True):
-
-            def equations(place: Array, x: Shaper = x) -> Array:  # the default keeps the x of this iteration
-                """Return the residuals (2,) of the lever's length and of `form` with B at a place (2,)."""
-                B = complex(place[0], place[1])
-                return np.array([(abs(B - x.O1) / x.lever) ** 2 - 1, form(x.O1, x.A, B)])
-
-            def residual(p: Array, equations: Callable[[Array], Array] = equations) -> tuple[Array, Array]:
-                """Return the residuals and their Jacobian (2, 2) by central differences."""
-                steps = 1e-7 * np.eye(2)
-                return equations(p), np.stack([(equations(p + h) - equations(p - h)) / 2e-7 for h in steps], axis=1)
-
-            with np.errstate(all="ignore"):
-                root = newton_raphson(residual, np.array([before.B.real, before.B.imag]), 1e-10)
-            lost += not abs(complex(*root.x) - x.B) < SAME
+            lost += not abs(find_pin(form, x, before.B) - x.B) < SAME
     return lost / (2 * POSITIONS)
 
 

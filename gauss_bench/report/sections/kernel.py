@@ -163,18 +163,12 @@ def find_steps(run: Run) -> Iterator[Finding]:
     for stabilization, group in group_by(with_number(steps, "ratio"), "stabilization").items():
         least = [min(some, key=lambda r: number(r, "ratio")) for some in group_by(group, "mechanism").values()]
         kind = "with projection" if stabilization == "projection" else "without stabilisation"
-        text = f"A compiled Runge-Kutta step {kind} is this many times faster than MuJoCo's at the faster of its settings"
+        start, rival = f"A compiled Runge-Kutta step {kind} is", "times faster than MuJoCo's at the faster of its settings"
         rest = list_unmeasured([r for r in steps if r["stabilization"] == stabilization], "ratio")
-        short = (
-            f"A compiled Runge-Kutta step {kind} is {range_text([r['ratio'] for r in least])} times faster than MuJoCo's at the "
-            "faster of its settings; steps are equal here, accuracy is not."
-        )
-        yield Finding(
-            "A step in its own loop",
-            f"{text}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{rest}",
-            short=short,
-            behind=(lay_out("behind_steps", sorted(group, key=lambda r: (r["mechanism"], r["ratio"]))),),
-        )
+        text = f"{start} this many {rival}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{rest}"
+        short = f"{start} {range_text([r['ratio'] for r in least])} {rival}; steps are equal here, accuracy is not."
+        behind = lay_out("behind_steps", sorted(group, key=lambda r: (r["mechanism"], r["ratio"])))
+        yield Finding("A step in its own loop", text, short=short, behind=(behind,))
 
 
 def _list_ratios(rows: Sequence[Row]) -> str:

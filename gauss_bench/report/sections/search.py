@@ -170,10 +170,8 @@ def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
     Rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of them that is not the
     fastest, but as fast within the spread; division by their smallest ratio gives the fastest the ratio 1.
     """
-    least: dict[str, float] = {}
-    for row in with_number(group, "ratio"):
-        if row.get("ours"):
-            least[row["mechanism"]] = min(row["ratio"], least.get(row["mechanism"], math.inf))
+    compiled = group_by((r for r in with_number(group, "ratio") if r.get("ours")), "mechanism")
+    least = {linkage: min(r["ratio"] for r in rows) for linkage, rows in compiled.items()}
     rows: list[Row] = []
     for row in group:
         ours, stored = least.get(row["mechanism"], math.nan), spread(row, "ratio")

@@ -52,7 +52,6 @@ def engine_page(run: Run, name: str) -> Page:
     its_run = runs_of_engines(run).get(name, run)
     rows = of_engine(its_run.results, name)
     installed = its_run.environment.get("engines", {}).get(name, {})
-    version = installed.get("version") if isinstance(installed, dict) else ""
     field_answers = field.answers(run, name)  # results of the same tests for all engines, from the suite `field`
     options = None  # the method page has the options of this run's own engines
     if its_run is not run:
@@ -84,7 +83,7 @@ def engine_page(run: Run, name: str) -> Page:
         history=lay_out("engine_history", list_changes(of_engine(run.accepted, name))),
         knobs=lay_out("engine_knobs", of_engine(its_run.table("search_knobs"), name)),
     )
-    lead = f"{version or name}: as shipped, as set here, and with the best settings found."
+    lead = f"{installed.get('version') or name}: as shipped, as set here, and with the best settings found."
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
     return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))

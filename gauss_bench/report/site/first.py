@@ -68,12 +68,9 @@ def drift_as_shipped(run: Run) -> dict[str, Row]:
     """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP."""
     ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
     shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
-    worst: dict[str, Row] = {}  # the worst case of the best integrator
-    for (engine, _), cases in group_by(shipped, "engine", "integrator").items():
-        row = max(cases, key=itemgetter("position_drift"))
-        if engine not in worst or row["position_drift"] < worst[engine]["position_drift"]:
-            worst[engine] = row
-    return worst
+    drift = itemgetter("position_drift")
+    worst = [max(cases, key=drift) for cases in group_by(shipped, "engine", "integrator").values()]
+    return {engine: min(cases, key=drift) for engine, cases in group_by(worst, "engine").items()}  # of the best integrator
 
 
 def loops_card(run: Run) -> Card | None:

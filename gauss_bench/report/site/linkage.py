@@ -23,6 +23,7 @@ from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
     POSITIONS,
+    VARIANT,
     Setting,
     all_settings,
     cheapest_stored,
@@ -30,7 +31,6 @@ from gauss_bench.report.site.settings import (
     describe_size,
     engines_short_of,
     fastest_first,
-    variant_of,
 )
 from gauss_bench.report.words import count, ratio_text
 
@@ -43,6 +43,7 @@ TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")  # engines whose lines come first
 DRIFT = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
 ENERGY = "Energy gained beyond the work done, over time."
+case_of = itemgetter(*VARIANT, "step")  # values that identify a case in the tables `results` and `series`
 
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
@@ -136,10 +137,9 @@ def list_leaders(run: Run, name: str) -> Table | None:
 
 def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     """Return the chart of error against time, with the Pareto front of each engine's settings; None without settings."""
-    rows = []
-    for group in group_by(settings, lambda x: x.engine).values():
-        for x in pareto_front(group, lambda x: x.seconds, lambda x: x.position):
-            rows.append(chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR))
+    groups = group_by(settings, lambda x: x.engine).values()
+    front = [x for group in groups for x in pareto_front(group, lambda x: x.seconds, lambda x: x.position)]
+    rows = [chart_row(x.engine, f"{x.engine} {x.words}", x.seconds, 1e3 * x.position, 1e3 * FLOOR) for x in front]
     if not rows:
         return None
     longest = max(x.until for x in settings)
@@ -179,10 +179,9 @@ def pareto_front(items: Iterable[Item], cost: Callable[[Item], float], error: Ca
 def force_chart(run: Run, name: str) -> Chart | None:
     """Return the chart of joint-force errors against numbers of steps, with the Pareto front of each engine; None without rows."""
     ladder = [r for r in run.table("search_ladder") if r["mechanism"] == name and r["status"] == "ok" and number(r, "steps") > 0]
-    rows = []
-    for engine, trials in group_by(with_number(ladder, "force_error"), "engine").items():
-        for r in pareto_front(trials, itemgetter("steps"), itemgetter("force_error")):
-            rows.append(chart_row(engine, f"{engine} {r['settings']}", r["steps"], r["force_error"]))
+    groups = group_by(with_number(ladder, "force_error"), "engine").values()
+    front = [r for group in groups for r in pareto_front(group, itemgetter("steps"), itemgetter("force_error"))]
+    rows = [chart_row(r["engine"], f"{r['engine']} {r['settings']}", r["steps"], r["force_error"]) for r in front]
     if not rows:
         return None
     words = (
@@ -201,25 +200,19 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     preferred, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are left out.
     Engines in FIRST come first.
     """
-    cases = {_case(r): r for r in run.of(name) if has_ended(r) and not r["control"]}
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
-    series = group_by(with_number(of_linkage, column), _case)
-    chosen = [row for key, row in cases.items() if key in series]
+    series = group_by(with_number(of_linkage, column), case_of)
+    chosen = [r for r in run.of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
     lines = []
     order = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
     by_engine = group_by(chosen, "engine")
     for engine in sorted(by_engine, key=order.index):
         row = min(by_engine[engine], key=_plainness)
-        samples = sorted(series[_case(row)], key=itemgetter("t"))
+        samples = sorted(series[case_of(row)], key=itemgetter("t"))
         drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})
         words = {"said": setting_words(row)}
         lines.append([chart_row(engine, engine, samples[i]["t"], abs(samples[i][column])) | words for i in drawn])
     return lines
-
-
-def _case(row: Row) -> tuple[Any, ...]:
-    """Return the values that identify a case in the tables `results` and `series`."""
-    return *variant_of(row), row["step"]
 
 
 def _plainness(row: Row) -> tuple[Any, ...]:

@@ -241,9 +241,8 @@ def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -
     """Return the contents of the part of a page that plays two runs side by side."""
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
-    farthest = scale * max(
-        float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)
-    )  # [px] at a factor of one
+    shifts = [float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)]  # [m] of both runs
+    farthest = scale * max(shifts)  # [px] at a factor of one
     initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])
     labels = [*enumerate(x.label for x in runs)]
     return {"svg": svg, "labels": labels, "first": (left, right), "factors": MAGNIFIED, "begun": initial, "last": frames - 1}

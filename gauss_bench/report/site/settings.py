@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from operator import itemgetter
 from typing import Any
 
@@ -28,7 +29,6 @@ VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all st
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] durations that a reader can choose, up to that of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
 COMMENTS = ("remark",)  # options that are comments
-Ladders = dict[str, dict[str, list[list[Trial]]]]  # linkage -> engine -> trials of each variant
 
 
 @dataclass(frozen=True)
@@ -197,11 +197,8 @@ def _cases(run: Run) -> Iterator[Setting]:
 
 def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
     """Return engine -> its cheapest setting, by `Setting.cost`, whose errors are at most `position` [m] and `force` [N]."""
-    leaders: dict[str, Setting] = {}
-    for one in settings:
-        if one.holds(position, force) and (one.engine not in leaders or one.cost < leaders[one.engine].cost):
-            leaders[one.engine] = one
-    return leaders
+    holding = group_by((x for x in settings if x.holds(position, force)), lambda x: x.engine)
+    return {engine: min(some, key=lambda x: x.cost) for engine, some in holding.items()}
 
 
 @lru_cache(maxsize=1024)
@@ -268,17 +265,14 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
     picks: dict[str, list[Any]] = {}
     reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it is met
     words: dict[str, int] = {}
-    for i, position in enumerate(POSITIONS):
-        for j, force in enumerate(FORCES):
-            chosen = cheapest_stored(run, mechanism, position, force)
-            over = multiples({engine: x.seconds for engine, x in chosen.items()})
-            line: list[Any] = []
-            for setting in sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine)):
-                line.append([picked.setdefault(setting, len(picked)), to_json(over.get(setting.engine, math.nan))])
-            picks[f"{i},{j}"] = line
-            for engine, missed in engines_short_of(run, mechanism, position, force).items():
-                places = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
-                places[i * len(FORCES) + j] = words.setdefault(missed.words, len(words))
+    for place, ((i, position), (j, force)) in enumerate(product(enumerate(POSITIONS), enumerate(FORCES))):
+        chosen = cheapest_stored(run, mechanism, position, force)
+        over = multiples({engine: x.seconds for engine, x in chosen.items()})
+        ordered = sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine))
+        picks[f"{i},{j}"] = [[picked.setdefault(x, len(picked)), to_json(over.get(x.engine, math.nan))] for x in ordered]
+        for engine, missed in engines_short_of(run, mechanism, position, force).items():
+            of_engine = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
+            of_engine[place] = words.setdefault(missed.words, len(words))
     until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     data = []
@@ -343,19 +337,18 @@ def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement])
             several, no engine was timed.
     """
     race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
-    ladders = _ladders(run).get(mechanism, {}).get(engine, [])
+    ladders = _ladders(run).get((mechanism, engine), [])
     if race is None or (ladders and race["status"] == Status.SKIP):
         return reach(ladders, wanted, "no race took it in")
     if not ladders:
         return _read_race(race)
-    if race["status"] == Status.OK:
-        return reach(ladders, wanted)
-    return reach(ladders, wanted, race["message"].removeprefix(f"{Kind.UNTIMED}: "))
+    untimed = None if race["status"] == Status.OK else race["message"].removeprefix(f"{Kind.UNTIMED}: ")
+    return reach(ladders, wanted, untimed)
 
 
 def engines_of(run: Run, mechanism: str) -> list[str]:
     """Return the engines whose trials on a linkage are stored."""
-    return list(_ladders(run).get(mechanism, ()))
+    return [engine for linkage, engine in _ladders(run) if linkage == mechanism]
 
 
 def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
@@ -379,13 +372,11 @@ def _read_race(row: Row) -> Reach:
 
 
 @lru_cache(maxsize=2)
-def _ladders(run: Run) -> Ladders:
-    """Return linkage -> engine -> for each searched variant its trials at several steps or tolerances."""
-    ladders: Ladders = {}
-    for (mechanism, engine, *_), rows in group_by(run.table("search_ladder"), "mechanism", *METHOD).items():
-        trials = [trial_of(r) for r in rows]
-        ladders.setdefault(mechanism, {}).setdefault(engine, []).append(trials)
-    return ladders
+def _ladders(run: Run) -> dict[tuple[str, str], list[list[Trial]]]:
+    """Return (linkage, engine) -> for each searched variant its trials at several steps or tolerances."""
+    variants = group_by(run.table("search_ladder"), "mechanism", *METHOD).values()
+    engines = group_by(variants, lambda rows: (rows[0]["mechanism"], rows[0]["engine"]))
+    return {key: [list(map(trial_of, rows)) for rows in some] for key, some in engines.items()}
 
 
 @lru_cache(maxsize=2)
