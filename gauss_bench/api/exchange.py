@@ -265,15 +265,13 @@ class Order:
             ExchangeError: the format cannot express a part of the linkage, which the message names.
             MissingExtra: a library is not installed.
         """
-        with Worker() as worker:
-            if self.kind.writer:
-                arguments = (self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
-                file = answer_in_worker(worker, write_there, arguments, WRITING, self.linkage)
-                return Exported(file["text"], tuple(file["left_out"]))
-            try:
+        if self.kind.writer:
+            return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
+        try:
+            with Worker() as worker:
                 text = ask_program(worker, self.kind.engine, self.mechanism, choice, WRITING)
-            except (RunFailure, WorkerFailure) as failure:
-                raise ExchangeError(f"{describe_refusal(self.mechanism, self.kind)}: {failure}") from failure
+        except (RunFailure, WorkerFailure) as failure:
+            raise ExchangeError(f"{describe_refusal(self.mechanism, self.kind)}: {failure}") from failure
         return export_program(self.mechanism, text, remarks, warning)
 
 
@@ -348,6 +346,20 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
         if found is not None and not found <= limit:
             return f"the program is off by {found:.1e} {UNITS[name]} on {error.measured_on}, more than {limit:g} {UNITS[name]}"
     return ""
+
+
+def write_file(
+    linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
+) -> Exported:
+    """Return an exported file of one of KINDS, with remarks and a warning in its header comment.
+
+    Raises:
+        ExchangeError: the format cannot express a part of the linkage, which the message names.
+        MissingExtra: a library is not installed.
+    """
+    with Worker() as worker:
+        file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
+    return Exported(file["text"], tuple(file["left_out"]))
 
 
 def write_there(linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...], warning: str) -> dict[str, Any]:

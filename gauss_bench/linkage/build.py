@@ -178,8 +178,19 @@ class Resolver:
 
     def build_force(self, name: str, table: dict[str, Any]) -> model.Force | model.CoulombFriction:
         """Return the force or dry friction that a table of the file describes."""
-        force: model.Force | model.CoulombFriction = FORCES[table["type"]].read(name, table, self)
+        force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
         return force
+
+    def read(self, kinds: Mapping[str, Any], path: str, table: dict[str, Any]) -> Any:
+        """Return the force or constraint of the table at `path`.
+
+        Raises:
+            BuildError: the table names a link or point that does not exist, in a key that `grammar.toml` does not list in `named`.
+        """
+        try:
+            return kinds[table["type"]].read(path.partition(".")[2], table, self)
+        except KeyError as error:
+            raise BuildError(path, f"there is no {error}") from error
 
     def drive(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
         """Return the driver that moves, by a law, the coordinate that a table names by `joint`, `between` or `link`."""
@@ -255,7 +266,7 @@ def build_mechanism(
     """
     expanded = write_out(document)
     names = Resolver(expanded, number, unwelded)
-    constraints = [CONSTRAINTS[x["type"]].read(name, x, names) for name, x in expanded.get("constraints", {}).items()]
+    constraints = [names.read(CONSTRAINTS, f"constraints.{name}", x) for name, x in expanded.get("constraints", {}).items()]
     chosen = expanded["scenarios"][scenario]
     forces = [names.build_force(name, expanded["forces"][name]) for name in chosen.get("forces", [])]
     observe = expanded.get("observe", {})

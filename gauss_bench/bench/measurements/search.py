@@ -482,7 +482,7 @@ def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Fa
     """
     answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
     status: Status | Kind = Status.SKIP if answer.kind in SKIPPED else answer.kind
-    if answer.holds and failed:  # a setting is accurate enough, but failed when it was timed
+    if answer.kind in (Kind.TIMED, Kind.UNTIMED) and failed:  # a setting is accurate enough, but failed when it was timed
         status = failed[0].status
     columns: Row = {"status": str(status), "message": answer.words}
     best = [(way._replace(size=trial.size), trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
