@@ -273,9 +273,7 @@ def test_runs_that_no_step_changes_have_no_order_and_those_that_one_step_mends_a
 class Open:
     """A linkage whose gaps are equal to the positions of a run."""
 
-    mechanism = SimpleNamespace(
-        joints=[SimpleNamespace(name="A", held=(0, 0))], couplings=[], drivers=[SimpleNamespace(name="crank")]
-    )
+    mechanism = SimpleNamespace(held_names=("A", "A"), drivers=[SimpleNamespace(name="crank")])
 
     def gaps(self, x: States) -> Array:
         return x.q

@@ -266,7 +266,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     variants = {x: Variant(x, "rk4", "none", {"number": k}) for k, x in enumerate(WAYS)}
     monkeypatch.setattr(type(get("mujoco")), "variants", variants)
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
-    monkeypatch.setattr(apart, "_kept", apart._Kept())
+    monkeypatch.setattr(apart, "_kept", {})
     monkeypatch.setattr(apart, "is_isolated", lambda _: False)  # what stands in for them is known in this process alone
     return clock
 

@@ -87,7 +87,7 @@ def compile_kernel(
     target = choose_target(backend, lanes, cache)
     damping = baumgarte if stabilization == "baumgarte" else None
     options = Options(formulation, stabilization, tuple(open_parameters), independent, damping, target)
-    return Kernel(mechanism, options, start)
+    return Kernel(mechanism, options, "straight line", start)
 
 
 def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
@@ -142,9 +142,9 @@ class Kernel:
         generate_seconds: time [s] to generate and check the first program.
     """
 
-    def __init__(self, mechanism: Mechanism, options: Options, start: float):
+    def __init__(self, mechanism: Mechanism, options: Options, form: str, start: float):
         """Generate the first program and compile its step; `start` is the time of `perf_counter` when `compile_kernel` began."""
-        self.mechanism, self.options, self.form = mechanism, options, "straight line"
+        self.mechanism, self.options, self.form = mechanism, options, form
         self.backend, self.lanes, self.parameters = options.target.backend, options.target.lanes, options.open_parameters
         self._programs = Programs(_generate_programs(mechanism, options), options.stabilization, options.target)
         first = self._programs.codes[0].program
