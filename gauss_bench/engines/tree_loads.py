@@ -31,6 +31,7 @@ from gauss_bench.mechanism.model import (
     factor_of,
 )
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
 
 ALIGNED = 1e-12  # [m] largest distance by which rounding moves a point off a line
 
@@ -166,6 +167,9 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
     """Return one load of the linkage's force `name` as loads of the three kinds of this module.
 
     A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates. Every other load is an `OtherLoad`.
+
+    Raises:
+        RunFailure: the law acts on a sum of coordinates of the linkage, which engines of joint trees do not model.
     """
     if isinstance(load, PointForce):
         return [OtherLoad(name, load)]
@@ -177,7 +181,7 @@ def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Tu
         case Along() | Distance():
             return [OtherLoad(name, load)]
         case Weighted():
-            raise TypeError(f"force {name}: engines of joint trees do not support a law on a sum of coordinates")
+            raise RunFailure(Status.SKIP, f"the adapter does not support a law on a sum of coordinates ({name})")
         case _:
             assert_never(load.coordinate)
 

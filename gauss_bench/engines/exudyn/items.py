@@ -45,6 +45,7 @@ from gauss_bench.mechanism.model import (
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import RunFailure, Status
 
 COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
@@ -99,11 +100,12 @@ class System:
             self._add_joint(joint)
         for driver in mechanism.drivers:
             self._add_driver(driver)
-        for load in loads(f for f in mechanism.forces if not factor_of(f)):
-            if isinstance(load, PointForce):
-                self._add_point_force(load)
-            else:
-                self._add_law(load)
+        for force in (f for f in mechanism.forces if not factor_of(f)):
+            for load in loads([force]):
+                if isinstance(load, PointForce):
+                    self._add_point_force(load)
+                else:
+                    self._add_law(force.name, load)
         self.last = np.inf  # [s] latest time at which forces are evaluated; every part of a run sets it
         for force in mechanism.varying:
             self._add_varying_force(force)
@@ -230,7 +232,8 @@ class System:
                 fields = {"loadVector": spatial(force.value), "bodyFixed": force.frame != GROUND}
                 self._add("LoadForceVector", markerNumber=marker, **fields, loadVectorUserFunction=scale)
 
-    def _add_law(self, law: Law) -> None:
+    def _add_law(self, name: str, law: Law) -> None:
+        """Add a load of the force `name`."""
         match law.coordinate:
             case Angle(a, b):
                 for link, torque in ((b, law.bias), (a, -law.bias)):
@@ -253,7 +256,7 @@ class System:
                     numbers = {"referenceLength": law.rest, "stiffness": law.k, "damping": law.c, "force": -law.bias}
                     self._add("ObjectConnectorSpringDamper", markerNumbers=markers, **numbers)
             case Weighted():
-                raise TypeError("the adapter of Exudyn does not support a law on a sum of coordinates")
+                raise RunFailure(Status.SKIP, f"the adapter of Exudyn does not support a law on a sum of coordinates ({name})")
             case _:
                 assert_never(law.coordinate)
 
