@@ -162,8 +162,10 @@ def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 LINES = (
     '| <a id="gravity"></a>`gravity` | [number, number] | m/s² | `[0.0, -9.81]` | 1 |',
+    '| <a id="scenarios.hold"></a>`hold` | [link or joint, ...] |  | - | 2 |',
     '| <a id="cylinders.barrel.length"></a>`length` | number > 0 | m | required | 2 |',
     '| <a id="scenarios.start.slides"></a>`slides` | start slide → number | m | - | 1 |',
+    '| <a id="ground.points.from"></a>`from` | text |  | - | 1 |',
     '| <a id="forces.joint_damping.c"></a>`c` | number >= 0 | N m s/rad or N s/m | required | 1 |',
     "## `scenarios.NAME.driver` and `scenarios.NAME.drivers[]`, law `constant` { #table.scenarios.driver.constant }",
 )

@@ -1,6 +1,6 @@
 """Digests change with everything that a result depends on, and with nothing else.
 
-test_reference_certify tests that they are byte for byte what they were when the certificates of the suite were made.
+test_reference_certificate tests that they are byte for byte what they were when the certificates of the suite were made.
 """
 
 import copy

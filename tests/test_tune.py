@@ -2,9 +2,10 @@
 
 import difflib
 import json
+import subprocess
+import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from gauss_bench.api.diagnose import diagnose
@@ -15,25 +16,79 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.own_model import ENGINE, own_linkage, setting_text
-from gauss_bench.linkage.load import load_document
+from gauss_bench.exchange.own_model import ENGINE, setting_text
+from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.runs.worker import Worker
-from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
 
 FOUR_BAR = DATA / "four_bar_default.xml"
+# A program without the suite and without constraints: the four-bar in the one coordinate of its crank, by scipy. Beside that it
+# steps a model file in plain MuJoCo, and prints the largest distance [m] of the coupler's pins from where they should be.
+PROGRAM = """
+import sys
+import mujoco
+import numpy as np
+from scipy.integrate import solve_ivp
+
+A, R, S, D = 0.1, 0.3 + 0.2j, 0.25j, 0.4 - 0.05j  # crank, pin in the coupler's and in the rocker's frame, ground pivot
+LINKS = ((1.0, 0.001, 0.05), (1.5, 0.02, 0.15 + 0.1j), (0.8, 0.006, 0.125j))  # mass, inertia, centre
+TORQUE, DAMPING, GRAVITY = 0.5, 0.01, 9.81
+
+def turns(theta):  # unit vectors of crank, coupler, rocker: the pin lies where two circles cut
+    b = A * np.exp(1j * theta)
+    far = abs(D - b)
+    along = (abs(R) ** 2 - abs(S) ** 2 + far**2) / (2 * far)
+    pin = b + (D - b) / far * (along + 1j * np.sqrt(abs(R) ** 2 - along**2))
+    return np.exp(1j * theta), (pin - b) / R, (pin - D) / S
+
+def rates(theta):  # angular velocities over that of the crank: A + R w1 and S w2 move the pin alike
+    e0, e1, e2 = turns(theta)
+    sides = np.array([[(R * e1).real, -(S * e2).real], [(R * e1).imag, -(S * e2).imag]])
+    return 1.0, *np.linalg.solve(sides, [-(A * e0).real, -(A * e0).imag])
+
+def mass(theta):
+    (e0, e1, e2), (w0, w1, w2) = turns(theta), rates(theta)
+    speeds = (LINKS[0][2] * e0, A * e0 + LINKS[1][2] * e1 * w1, LINKS[2][2] * e2 * w2)
+    return sum(m * abs(v) ** 2 + i * w * w for (m, i, _), v, w in zip(LINKS, speeds, (w0, w1, w2)))
+
+def height(theta):
+    e0, e1, e2 = turns(theta)
+    places = (LINKS[0][2] * e0, A * e0 + LINKS[1][2] * e1, LINKS[2][2] * e2)
+    return GRAVITY * sum(m * x.imag for (m, _, _), x in zip(LINKS, places))
+
+def slope(f, x, h=1e-4):  # of order four
+    return (8 * (f(x + h) - f(x - h)) - (f(x + 2 * h) - f(x - 2 * h))) / (12 * h)
+
+def motion(t, y):
+    theta, omega = y
+    return omega, (TORQUE - DAMPING * omega - slope(mass, theta) * omega**2 / 2 - slope(height, theta)) / mass(theta)
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+until, data = float(sys.argv[2]), mujoco.MjData(model)
+mujoco.mj_resetDataKeyframe(model, data, 0)
+data.ctrl[:] = TORQUE
+steps = round(until / model.opt.timestep)
+true = solve_ivp(motion, (0.0, until), (0.0, 0.0), "DOP853", rtol=1e-11, atol=1e-12, dense_output=True)
+worst = 0.0
+for k in range(steps):
+    mujoco.mj_step(model, data)
+    theta = true.sol((k + 1) * model.opt.timestep)[0]
+    ends = A * np.exp(1j * theta), A * np.exp(1j * theta) + R * turns(theta)[1]
+    coupler, pin = data.body("coupler"), data.body("coupler").xpos + data.body("coupler").xmat.reshape(3, 3) @ (0.3, 0.0, 0.2)
+    worst = max(worst, *(abs(complex(x[0], x[2]) - y) for x, y in zip((coupler.xpos, pin), ends)))
+print(worst)
+"""
+
+
+def lines_changed(before: str, after: str) -> list[str]:
+    """Return the lines that are in the second text alone."""
+    return [x[1:] for x in difflib.ndiff(before.splitlines(), after.splitlines()) if x.startswith("+ ")]
 
 
 def largest_error(model: Path, until: float) -> float:
-    """Return how far [m] a link of a model, stepped in MuJoCo alone, comes from where the equations of the four-bar have it."""
-    heading, rows = rows_of(python_alone(DATA / "plain_mujoco.txt", model, until, 1, 0, 2))
-    true = load_document(own_linkage(FOUR_BAR, "four_bar").document)
-    assert heading[1:-1:2] == [f"{link.name}.x" for link in true.links]
-    run = get("gauss").build(true, Choice("default", "rk4"))
-    run.prepare(rows[:, 0])
-    run.run()
-    places = run.read().q.reshape(len(rows), -1, 3)[..., :2]
-    return float(np.linalg.norm(places - rows[:, 1:-1].reshape(places.shape), axis=2).max())
+    """Return the error [m] that the program above finds, in a process of its own."""
+    run = [sys.executable, "-I", "-c", PROGRAM, str(model), str(until)]
+    return float(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +106,7 @@ def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_att
     assert found.succeeded
     assert found.errors["position"] <= 0.5e-4 < found.before["position"]
     assert largest_error(out, 0.5) < 1e-4 < largest_error(FOUR_BAR, 0.5)
-    changes = difflib.ndiff(FOUR_BAR.read_text().splitlines(), out.read_text().splitlines())
-    option, closure = (x[1:] for x in changes if x.startswith("+ "))
+    option, closure = lines_changed(FOUR_BAR.read_text(), out.read_text())
     assert {*found.changed} == {"integrator", "solref", "solimp", "tolerance"}
     assert option == '   <option timestep="0.001" gravity="0 0 -9.81" integrator="RK4" tolerance="1e-15"/>'
     assert closure.startswith('     <connect name="top" body1="coupler" body2="rocker" anchor="0.3 0 0.2" solref="0.002 1.0"')
@@ -155,6 +209,20 @@ def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_us
     model.write_text(FOUR_BAR.read_text().replace('timestep="0.001"', 'timestep="0.02"').replace('ctrl="0.5"', 'ctrl="500"'))
     assert not tune(str(model), tmp_path / "tuned.xml", position=1e-4, until=0.1).succeeded
     assert [x.name for x in tmp_path.iterdir()] == ["model.xml"]
+
+
+def test_a_model_file_takes_no_options_of_linkages_or_other_engines() -> None:
+    needs("mujoco")
+    for options, named in (
+        ({"scenario": "torque"}, "--scenario"),
+        ({"stabilization": "baumgarte"}, "--stabilization"),
+        ({"integrator": "rk4"}, "--integrator"),
+        ({"step": -1.0}, "step"),
+    ):
+        with pytest.raises(ChoiceError, match=named):
+            diagnose(str(FOUR_BAR), **options)
+    with pytest.raises(ChoiceError, match="--close"):
+        diagnose("four_bar", "gauss", close=["a.b=c.d"])
 
 
 def test_the_keyframe_called_start_is_judged_whatever_its_place(tmp_path: Path) -> None:

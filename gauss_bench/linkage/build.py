@@ -88,6 +88,10 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
     return Mass(mass, com, mass / total * sum(second_moments, start=zero))
 
 
+class UnknownLink(KeyError):
+    """A table names a link that the file does not have."""
+
+
 class Resolver:
     """The links, points and joints of one document by name: the `Names` from which forces and constraints are read.
 
@@ -120,7 +124,13 @@ class Resolver:
         self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.build_joint(name, table))
 
     def link(self, name: str) -> int:
-        """Return the index of the body that carries a link."""
+        """Return the index of the body that carries a link.
+
+        Raises:
+            UnknownLink: there is no such link.
+        """
+        if name not in self.index:
+            raise UnknownLink(name)
         return self.index[name]
 
     def pairs(self, joint: str) -> tuple[model.Joint, ...]:
@@ -151,7 +161,7 @@ class Resolver:
     def point(self, reference: str) -> model.Point:
         """Return the point "link.point" as a point of the body that carries the link."""
         owner, name = reference.split(".")
-        i = self.index[owner]
+        i = self.link(owner)
         if i == model.GROUND:
             return model.Point(i, self.ground_points[name], reference)
         body = self.links[i]
@@ -185,12 +195,12 @@ class Resolver:
         """Return the force or constraint of the table at `path`.
 
         Raises:
-            BuildError: the table names a link or point that does not exist, in a key that `grammar.toml` does not list in `named`.
+            BuildError: the table names a link that does not exist, in a key that `grammar.toml` does not list in `named`.
         """
         try:
             return kinds[table["type"]].read(path.partition(".")[2], table, self)
-        except KeyError as error:
-            raise BuildError(path, f"there is no {error}") from error
+        except UnknownLink as error:
+            raise BuildError(path, f"there is no link {error}") from error
 
     def drive(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
         """Return the driver that moves, by a law, the coordinate that a table names by `joint`, `between` or `link`."""

@@ -515,7 +515,7 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
             raise TypeError(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
             raise TypeError(f"force {force.name} varies with time or direction, which is not supported here")
-        parts = force.to_loads()
+        parts = tuple(force.to_loads())
         # nothing would apply the factor of another kind of force, or that of a load
         if any(getattr(x, "factor", None) for x in (force, *parts)):
             raise TypeError(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")

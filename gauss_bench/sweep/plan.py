@@ -27,6 +27,7 @@ from gauss_bench.sweep.errors import SweepError
 from gauss_bench.terms import Array
 
 MOST = 10_000_000  # samples
+PLANS = ("random", "sobol")
 FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
 
 
@@ -126,6 +127,8 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
     """
     dimensions = tuple(dimension(x) for x in texts)
     paths = [x.path for x in dimensions]
+    if not dimensions:
+        raise SweepError("--vary: nothing varies; give at least one PATH=VALUES")
     if twice := next((x for x in paths if paths.count(x) > 1), None):
         raise SweepError(f"--vary {twice}: is given twice")
     if samples is not None and not 1 <= samples <= MOST:

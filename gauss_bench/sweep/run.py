@@ -25,13 +25,14 @@ from gauss_bench.sweep.figures import units
 from gauss_bench.sweep.folder import PICTURE, SIGN, Folder, check
 from gauss_bench.sweep.halving import halve
 from gauss_bench.sweep.paths import number_at
-from gauss_bench.sweep.plan import Plan, plan
+from gauss_bench.sweep.plan import PLANS, Plan, plan
 from gauss_bench.sweep.plots import plots
 from gauss_bench.sweep.summary import EngineSummary, summary
 from gauss_bench.terms import Array
 
 FORM = "sweep/1"  # format of the folder
 BATCH, SINGLES = 512, 8  # number of samples of a task, of engines that run a batch in one call, and of all others
+BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] default of the time of one sample in a worker
 MOST_STEPS = 1e8  # largest number of steps of one sample
@@ -119,9 +120,15 @@ def sweep(
         LinkageError, SweepError, ChoiceError, KeyError: an argument cannot be used, and nothing is written.
         Busy: another sweep writes into the folder.
     """
+    if sampling not in PLANS:
+        raise SweepError(f"--sampling is one of {', '.join(PLANS)}")
+    if where.backend not in BACKENDS:
+        raise SweepError(f"--backend is one of {', '.join(BACKENDS)}")
+    if where.jobs < 1:
+        raise SweepError(f"--jobs {where.jobs}: must be at least 1")
     if where.scheduler and where.backend != "dask":
         raise SweepError("--scheduler: is for --backend dask")
-    if len(set(engines)) < len(engines):
+    if not engines or len(set(engines)) < len(engines):
         raise SweepError("--engine: name each engine once")
     samples_plan = plan(vary, samples, sampling, seed)
     case = _case(linkage, samples_plan, engines, how, where.jobs)
@@ -231,18 +238,21 @@ class _Batch:
         return self.end - self.first
 
 
-def _batches(count: int, engines: Sequence[str]) -> list[_Batch]:
-    """Return the batches of all `count` samples, engine by engine."""
-    size = {engine: BATCH if in_batches(engine) else SINGLES for engine in engines}
-    places = [(engine, first) for engine in engines for first in range(0, count, size[engine])]
-    return [_Batch(k, engine, first, min(count, first + size[engine])) for k, (engine, first) in enumerate(places)]
+def _batches(count: int, engines: Sequence[str]) -> Iterator[_Batch]:
+    """Yield the batches of all samples, engine by engine."""
+    number = 0
+    for engine in engines:
+        size = BATCH if in_batches(engine) else SINGLES
+        for first in range(0, count, size):
+            yield _Batch(number, engine, first, min(count, first + size))
+            number += 1
 
 
 def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str], where: Backend, tell: Tell) -> None:
     """Run those batches of samples whose rows are not yet stored in the folder, and store their rows."""
     from joblib import Parallel, delayed
 
-    batches = _batches(len(samples.values), engines)
+    batches = list(_batches(len(samples.values), engines))
     waiting = [x for x in batches if not folder.has(x.number, x.size)]
     if stored := len(batches) - len(waiting):
         tell(f"{stored} of {len(batches)} batches are there already")

@@ -19,6 +19,7 @@ from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.trajectory import RunFailure, Status
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,14 @@ def compile_model(
     """Return the model that MuJoCo compiles from a draft, with the integrator and step of a choice, and the model's drives.
 
     If `driven`, driven coordinates get armatures (large artificial rotor inertias); otherwise the model has no drives.
+
+    Raises:
+        RunFailure: MuJoCo cannot compile the draft.
     """
-    model = draft.spec.compile()
+    try:
+        model = draft.spec.compile()
+    except ValueError as error:
+        raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
     share = float(options["armature_of_a_driven_hinge_over_inertia"])
     drives = find_drives(model, draft, share) if driven else []
     if drives:

@@ -80,11 +80,9 @@ class MujocoModel(TreeModel):
 
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.mujoco: Any = mujoco
-        try:
-            draft = Draft(mujoco, mechanism, self.tree)
-            self.model: Any = compile_model(mujoco, draft, choice, self.options, driven=False)[0]
-        except ValueError as error:
-            raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
+        draft = Draft(mujoco, mechanism, self.tree)
+        model, _ = compile_model(mujoco, draft, choice, self.options, driven=False)
+        self.model: Any = model
         bodies = [draft.bodies[i] for i in range(len(mechanism.links))]
         self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.

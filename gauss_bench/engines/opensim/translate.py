@@ -53,7 +53,7 @@ class Built:
         self.model.setUseVisualizer(False)
         self.model.setGravity(self._vector(mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
-        self.added: list[Any] = []
+        self.added: dict[int, Any] = {}
         self.elements: list[Any] = []
         self.motors: list[tuple[Any, float]] = []
         for i, link in enumerate(mechanism.links):
@@ -121,10 +121,10 @@ class Built:
             coordinate.set_clamped(False)
             coordinate.set_range(0, -FAR)
             coordinate.set_range(1, FAR)
-            self.added.append(coordinate)
+            self.added[k] = coordinate
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add OpenSim's elements for a load; `build` sets the forces of actuators later."""
+        """Add OpenSim's elements for a load; `__init__` sets the forces of actuators later."""
         opensim = self.opensim
         match load:
             case Steady():
