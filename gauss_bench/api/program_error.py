@@ -192,7 +192,9 @@ def run_program(
         trajectory, missing = run_c(source, run.model.n)
     else:
         trajectory, missing = run_python(source, run.model, interpreter, seconds)
-    return (run.trajectory, f"{named}, because {missing}") if trajectory is None else (trajectory, "this program itself")
+    if trajectory is None:
+        return run.trajectory, f"{named}, because {missing}"
+    return trajectory, "this program itself"
 
 
 def find_error(run: Run, trajectory: Trajectory, seconds: float) -> Compared:

@@ -197,8 +197,9 @@ class Resolver:
         Raises:
             BuildError: the table names a link that does not exist, in a key that `grammar.toml` does not list in `named`.
         """
+        name = path.partition(".")[2]
         try:
-            return kinds[table["type"]].read(path.partition(".")[2], table, self)
+            return kinds[table["type"]].read(name, table, self)
         except UnknownLink as error:
             raise BuildError(path, f"there is no link {error}") from error
 
