@@ -180,6 +180,11 @@ class Search:
     patience: float = 0.0
     crossing: float = 0.0
 
+    @property
+    def is_random(self) -> bool:
+        """True if the seed makes a difference."""
+        return self.noise > 0.0 or 0.0 < self.crossing < 1.0
+
 
 class _Entry:
     """A matrix entry during elimination: a sum, kept as a list of nodes that are not added yet.

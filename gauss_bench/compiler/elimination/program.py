@@ -49,11 +49,12 @@ ATTEMPTS = int(_asked) if _asked.isdecimal() and int(_asked) > 0 else THOROUGH  
 # error of a program above which a plain attempt is tried too: usual programs have 1e-12 or less, so that few are eliminated twice
 PRECISE = 1e-11
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
-CLOSE = 1.01  # ratio of two prices that timing cannot distinguish
+CLOSE = 1.03  # ratio of two prices that timing cannot distinguish
 REPEATED = 4  # number of rules that are repeated with other seeds
 SEARCHED = 3  # number of plans that are searched, the best ones by a plain attempt
 HOPELESS = 1.5  # price of a plan relative to the best one above which it is not searched
 NOISES, PATIENCES, CROSSINGS = (0.0, 0.6, 1.5, 3.0), (0.0, 0.5, 2.0), (0.0, 1.0, 0.5)  # values of the search's settings
+SEEDS = 2  # number of seeds for each combination of these values
 FORMULATIONS = ("auto", "gauss", "lagrange")
 PLAIN = Search()  # Markowitz's count alone, without random numbers; an attempt with it is a plain attempt
 SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/elimination")  # code on which a search depends
@@ -105,14 +106,16 @@ def best_of(work: Workspace, count: int) -> Best:
     Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The others repeat the
     best of these settings with other seeds.
     """
-    settings = [Search(0, *choice) for choice in product(NOISES, PATIENCES, CROSSINGS)]
+    settings = [Search(seed, *x) for seed, (*x, _) in enumerate(product(NOISES, PATIENCES, CROSSINGS, range(SEEDS)))]
     order = np.random.default_rng(0).permutation(len(settings))
-    various = [PLAIN, *(replace(settings[k], seed=int(k)) for k in order)][: (count + 1) // 2]
+    # without random numbers the seed makes no difference: such settings are tried once
+    shuffled = [settings[k] if settings[k].is_random else replace(settings[k], seed=0) for k in order]
+    various = list(dict.fromkeys([PLAIN, *shuffled]))[: (count + 1) // 2]
     attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     # settings without random numbers would give the same program again; seeds from 100 on are not used in `various`
-    again = [replace(search, seed=100 + k) for k, search in retries if search.noise > 0.0 or 0.0 < search.crossing < 1.0]
+    again = [replace(search, seed=100 + k) for k, search in retries if search.is_random]
     return pick([*attempts, *(attempt(work, again) if again else [])])
 
 
