@@ -133,6 +133,13 @@ def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_l
         file.unlink()
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder into which not even root may write")
+@pytest.mark.parametrize("call", CALLS, ids=lambda x: f"{x[0]} {x[-1]}")
+def test_a_folder_that_takes_no_file_is_refused_before_the_work(call: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([call[0], str(FOUR_BAR), *call[1:-1], f"/proc/{call[-1]}"]) == 2
+    assert f"/proc/{call[-1]}: nothing may be written into the folder /proc" in capsys.readouterr().err
+
+
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:
     old = tmp_path / "old.c"
     old.write_text("int x;", encoding="utf-8")

@@ -63,8 +63,8 @@ def test_a_linkage_that_cannot_turn_says_where_it_stops() -> None:
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     assert high <= limit < high + np.radians(1.01)
     assert low > -np.pi
-    with pytest.raises(LostClosure):
-        motion.geometry(np.array([limit + 0.05]))
+    with pytest.raises(LostClosure, match=f"near crank angle {limit + 0.05:.6f} rad"):
+        motion.geometry(np.array([limit - 0.05, limit + 0.05]))
 
 
 def test_collocation_refuses_a_step_that_is_too_long() -> None:
