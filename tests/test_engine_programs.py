@@ -131,7 +131,7 @@ def test_a_program_sees_no_package_but_those_of_its_interpreter(tmp_path: Path, 
     assert "No module named 'neighbour'" in run_there("import neighbour\n", 60.0)["failed"]
 
 
-ENDS = {"raise ValueError('no such joint')": "no such joint", "exit(3)": "code 3", "import time; time.sleep(60)": "longer than 5 s"}
+ENDS = {"raise ValueError('no such joint')": "no such joint", "exit(3)": "code 3", "import time; time.sleep(60)": "longer than 4 s"}
 
 
 @pytest.mark.parametrize(("program", "words"), ENDS.items())

@@ -164,6 +164,15 @@ def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: st
     assert 0.9 * python.evaluations < own_loop.evaluations <= python.evaluations  # scipy evaluates the ends of refused steps too
 
 
+@pytest.mark.usefixtures("built")
+def test_a_failure_of_the_compiled_loop_names_the_samples_between_which_it_lies() -> None:
+    """At this tolerance the redundant rows of the parallelogram drift apart, but not at once."""
+    choice = Choice("one_iteration,loop=compiled", "dop853", tolerance=1e-3)
+    model = ENGINE.build(load("parallelogram"), choice)
+    with pytest.raises(RunFailure, match=r"^between t = 0\.5 s and t = 1 s: proximal"):
+        moved(model, [0.0, 0.25, 0.5, 1.0, 2.0])
+
+
 def test_what_the_loop_does_not_run_is_refused_by_name() -> None:
     four_bar, driven = load("four_bar"), load("crank_slider", "driven")
     assert "has no projection" in str(ENGINE.skip(four_bar, Choice(COMPILED, "rk4", "projection")))

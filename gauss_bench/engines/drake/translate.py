@@ -225,11 +225,13 @@ class Built:
         thrusters = builder.AddSystem(tools.Propeller(propellers))
         builder.Connect(self.plant.get_body_poses_output_port(), thrusters.get_body_poses_input_port())
         sizes = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
-        ports, pushes = [(thrusters.get_command_input_port(), sizes)], thrusters.get_spatial_forces_output_port()
+        ports: list[tuple[Any, Any]] = [(thrusters.get_command_input_port(), sizes)]
+        pushes = thrusters.get_spatial_forces_output_port()
         if winds:  # a multiplexer joins both kinds of force; Drake refuses one with an input that has no values
             both = builder.AddSystem(tools.ExternallyAppliedSpatialForceMultiplexer(2))
             builder.Connect(pushes, both.get_input_port(0))
-            ports, pushes = [(both.get_input_port(1), winds), *ports], both.get_output_port()
+            ports.insert(0, (both.get_input_port(1), winds))
+            pushes = both.get_output_port()
         builder.Connect(pushes, port)
         return builder.Build(), ports
 
