@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import FileRefused, is_of_kind, writable
+from gauss_bench.api.files import FileRefused, describe_files, is_of_kind, writable
 from gauss_bench.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -138,6 +138,13 @@ def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_l
 def test_a_folder_that_takes_no_file_is_refused_before_the_work(call: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([call[0], str(FOUR_BAR), *call[1:-1], f"/proc/{call[-1]}"]) == 2
     assert f"/proc/{call[-1]}: nothing may be written into the folder /proc" in capsys.readouterr().err
+
+
+def test_one_file_under_two_paths_is_named_twice(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    asked = {"plot": tmp_path / "x.svg", "animate": tmp_path / "folder" / ".." / "x.svg"}
+    with pytest.raises(FileRefused, match="is named twice"):
+        describe_files(asked, dict.fromkeys(asked, (".svg",)), replace=False)
 
 
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def describe_files(
     for name, path in asked.items():
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
-        if path in files.values():
+        if path.resolve() in [x.resolve() for x in files.values()]:
             raise FileRefused(f"--{name} {path}: is named twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files
