@@ -31,7 +31,7 @@ import numpy as np
 from gauss_bench.kinematics.link_units import MOVING, Way
 from gauss_bench.kinematics.topology import Levels, Passage, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED
-from gauss_bench.mechanism.close import minimum_norm, project
+from gauss_bench.mechanism.close import Residual, minimum_norm, project
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
 from gauss_bench.terms import Array, largest
@@ -206,31 +206,37 @@ class LoopEquations:
                 both_rate[rows] += unit.J_rate @ p.factors
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
+    def with_inputs(self, inputs: Array) -> Residual:
+        """Return the function that gives A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
+        still = np.zeros(len(self.variables))
+
+        def residual(phi: Array) -> tuple[Array, Array]:
+            here = self.at(np.concatenate([phi, inputs]), still)
+            return here.A, here.J
+
+        return residual
+
     def close(self, x: Array) -> tuple[Array, Array, int]:
         """Return the closed state near x with the same inputs, the Jacobian J (2L, TU) there, and the number of Newton steps.
 
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
-        inputs, still = x[len(self.unknown) :], np.zeros_like(x)
+        unknowns = len(self.unknown)
+        residual = self.with_inputs(x[unknowns:])
         count, last = 0, np.inf  # number of Newton steps, size of the last one
-
-        def residual(phi: Array) -> tuple[Array, Array]:
-            here = self.at(np.concatenate([phi, inputs]), still)
-            return here.A, here.J
 
         def has_settled(_: Array, size: Array) -> bool:
             nonlocal count, last
             count, last = count + 1, float(size)
             return not last >= SETTLED  # true for NaN too
 
-        phi = project(x[: len(self.unknown)], residual, minimum_norm, NEWTON_STEPS, still=has_settled)
-        x = np.concatenate([phi, inputs])
-        here = self.at(x, still)
-        if last >= SETTLED or not largest(here.A) < CLOSED:
+        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, still=has_settled)
+        A, J = residual(phi)
+        if last >= SETTLED or not largest(A) < CLOSED:
             raise Stopped("the loops do not close", singular=False)
-        self.check_rank(here.J, FORKED)  # at a fork the loops close, but assemblies cannot be distinguished
-        return x, here.J, count
+        self.check_rank(J, FORKED)  # at a fork the loops close, but assemblies cannot be distinguished
+        return np.concatenate([phi, x[unknowns:]]), J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
         """Check that every singular value of J (2L, TU) is above `tolerance` times the largest one.

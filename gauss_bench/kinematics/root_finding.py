@@ -1,4 +1,6 @@
-"""Three methods that find a root of F(x) = 0, with the same arguments and result.
+"""Three methods that find a root of F(x) = 0, with the same arguments and result, so that `basins` can compare them.
+
+They stand apart from `mechanism/close.py`, because a comparison needs the reason why a search ended and the number of its steps.
 
 Let J be the Jacobian of F at the present point x. Each method goes from x to x + h. The step h follows from
 
