@@ -20,7 +20,7 @@ from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
-ROUNDING = 1e3  # largest residual in multiples of CLOSED that is accepted if further corrections do not reduce it
+ROUNDING = 1e3  # [CLOSED] largest residual that is accepted after the last correction, because rounding may keep it above CLOSED
 CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
 
