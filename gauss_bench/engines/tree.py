@@ -25,8 +25,9 @@ import numpy as np
 
 from gauss_bench.mechanism.coordinates import state
 from gauss_bench.mechanism.equations import Symbols
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Joint, Mechanism, Point
-from gauss_bench.mechanism.spaces import SIZE, unit
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.terms import Array
 
 

@@ -13,9 +13,9 @@ from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
 from gauss_bench.mechanism import model, motion_laws
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, length, pair, radians
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.terms import Array
 
 

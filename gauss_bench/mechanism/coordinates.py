@@ -25,26 +25,10 @@ from typing import ClassVar, NamedTuple, assert_never
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import Arithmetic, Direction, End, Frame, Placement
 from gauss_bench.mechanism.generated import inverse
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Mechanism, Point, Slip, Weighted
-from gauss_bench.mechanism.spaces import (
-    DIMENSION,
-    SIZE,
-    Arithmetic,
-    Direction,
-    End,
-    Frame,
-    Placement,
-    Real,
-    Vec,
-    angle_at,
-    angles,
-    cross,
-    dot,
-    places,
-    slots,
-    wedge,
-)
+from gauss_bench.mechanism.spaces import DIMENSION, SIZE, Real, Vec, angle_at, angles, cross, dot, places, slots, wedge
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 

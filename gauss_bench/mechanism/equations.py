@@ -17,10 +17,11 @@ from typing import Any, assert_never
 import numpy as np
 
 from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push, slip, state
+from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.generated import GeneratedFunction, Number, Program, Symbol
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import Placement, Real, Vec, dot, slots, wedge
+from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
 Motion = tuple[Real, Real, Real]  # a value and its first and second time derivative

@@ -101,7 +101,7 @@ class Line(NamedTuple):
 
 
 class Program:
-    """The recorded operations in order, each once; a program implements the protocol `Arithmetic` (spaces.py) for its symbols.
+    """The recorded operations in order, each once; a program implements the protocol `Arithmetic` (frames.py) for its symbols.
 
     Attributes:
         constants: name -> number, for constants with more digits than a float.

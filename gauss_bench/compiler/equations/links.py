@@ -27,9 +27,10 @@ from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.equations import Given, Motion
+from gauss_bench.mechanism.frames import Direction, End, Frame, unit
 from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
-from gauss_bench.mechanism.spaces import Direction, End, Frame, Vec, angle_slot, rotate_vec, slots, unit
+from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
 
 

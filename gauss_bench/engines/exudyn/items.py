@@ -21,6 +21,7 @@ from gauss_bench.engines.exudyn.across_releases import rigid_body
 from gauss_bench.engines.shared import PARALLEL, spatial
 from gauss_bench.engines.tree import ends
 from gauss_bench.mechanism.coordinates import gradient, rate, value
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
     GROUND,
     Along,
@@ -43,7 +44,6 @@ from gauss_bench.mechanism.model import (
     loads,
 )
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

@@ -31,8 +31,9 @@ from gauss_bench.compiler.elimination.program import Program
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.engines.minimal.structure import Dyad, Links, OuterJoint, Way
 from gauss_bench.mechanism.coordinates import DistanceState, state, strength
+from gauss_bench.mechanism.frames import Direction, End, Frame, Placement
 from gauss_bench.mechanism.model import GROUND, Angle, Law, Mechanism, Point, Prismatic, loads
-from gauss_bench.mechanism.spaces import Direction, End, Frame, Placement, Vec, angle_at, cross, dot, rotate_vec
+from gauss_bench.mechanism.spaces import Vec, angle_at, cross, dot, rotate_vec
 from gauss_bench.terms import Array
 
 NEAR = 0.02  # [rad, m] largest distance of the expressions' random test points from the samples
@@ -423,7 +424,7 @@ def _inertia(body: Body, mass: float, inertia: float) -> tuple[list[Node], list[
 
 
 class _Rates(Placement):
-    """Poses and velocities of the links at a rate q', as `mechanism/spaces.py` needs them for the coordinates of force laws.
+    """Poses and velocities of the links at a rate q', as `mechanism/frames.py` needs them for the coordinates of force laws.
 
     Every point is the origin of a frame of its own, so that no arm from the centre of mass is needed.
     """

@@ -19,8 +19,8 @@ import numpy as np
 from gauss_bench.engines import tree_loads
 from gauss_bench.engines.tree import Tree, Turning, turning
 from gauss_bench.mechanism.coordinates import rotate
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Along, Distance, Law, Mechanism, Point, PointForce
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

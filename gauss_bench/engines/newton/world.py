@@ -25,8 +25,9 @@ from gauss_bench.engines.following import wind
 from gauss_bench.engines.newton.kernels import Libraries
 from gauss_bench.engines.shared import spatial
 from gauss_bench.engines.tree import spanning_tree
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Prismatic
-from gauss_bench.mechanism.spaces import angles, places, unit
+from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 PLANE = slice(0, 2)  # x and y of a position, velocity or force

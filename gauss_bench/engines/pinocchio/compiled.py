@@ -16,8 +16,8 @@ from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
 from gauss_bench.integrate import StepFailure
 from gauss_bench.integrate.adaptive import MOST
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import Along, Distance, Law, Mechanism, Point, PointForce
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 

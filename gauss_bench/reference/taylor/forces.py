@@ -15,6 +15,7 @@ forces are
 from collections.abc import Mapping
 from typing import Any
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import (
     GROUND,
     AxisSpringDamper,
@@ -28,7 +29,6 @@ from gauss_bench.mechanism.model import (
     SpringDamper,
     Torque,
 )
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.reference.taylor.arithmetic import Value, Vector, cross, dot, plus, scale_by
 from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Sum, merge
 

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple, assert_never
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import AngleDriver, Driver, LengthDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.numbers import Number, angle_of, exact, pair, radians
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Long, Value, cross, dot, epsilon, multiply, stack_arrays, to_dense, vanishes
 from gauss_bench.reference.taylor.vector_sums import NONE, Instant, LoopCoordinates, Sum, VectorTerm, at_states, merge

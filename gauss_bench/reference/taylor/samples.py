@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Prismatic, SlideDriver
 from gauss_bench.mechanism.numbers import Number
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.refinement import pseudo_inverse, solve_by_chord
 from gauss_bench.reference.taylor.arithmetic import Long, Value, dot, epsilon, multiply, stack_arrays, to_dense, vanishes

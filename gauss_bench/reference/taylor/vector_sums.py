@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gauss_bench.mechanism.frames import unit
 from gauss_bench.mechanism.model import GROUND, Joint, Mechanism, Point, Prismatic
-from gauss_bench.mechanism.spaces import unit
 from gauss_bench.reference.taylor.arithmetic import (
     NUMBERS,
     Arithmetic,
