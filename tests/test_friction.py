@@ -14,6 +14,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in, load, load_document, merge
+from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
 from gauss_bench.mechanism.model import Mechanism
@@ -101,6 +102,17 @@ def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: 
     for name in SOUND:
         assert get(name).build(mechanism, Choice()).acceleration(0.0, q, v)[2] == pytest.approx(alpha, rel=1e-11)
     assert MinimalCoordinate(mechanism).acceleration(np.array([theta]), np.array([w]))[0] == pytest.approx(alpha, rel=1e-11)
+
+
+def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.Generator) -> None:
+    mechanism = rubbing("everything", "free")  # with a multiple pin, and a guide on a moving link
+    friction = Evaluator(mechanism).friction
+    q, v, u = rng.normal(size=(3, mechanism.n))
+    works = u @ friction.directions(q, v)  # of each pair in the motion u, for a load of 1 N
+    assert len(works) == 5
+    for (f, pair), work in zip(friction.acting, works, strict=True):
+        law = f.mu * (1.0 if pair.slides else f.radius) * np.tanh(rate(pair.motion, q, v) / f.speed)
+        assert work == pytest.approx(float(-law * rate(pair.motion, q, u)), abs=1e-14)
 
 
 # The fixed point --------------------------------------------------------------------------------------------------------

@@ -124,6 +124,7 @@ def assert_alike(mechanism: Mechanism, times: np.ndarray, true: Motion) -> None:
     np.testing.assert_allclose(true.q[0], mechanism.q0, atol=1e-12)
     for level in "qva":
         assert relative(getattr(found, level), getattr(true, level)) < 1e-12
+    assert (violations(mechanism, times, true) < ROUNDING).all()  # a fault of both would not show between them
 
 
 @pytest.mark.parametrize(("name", "travel"), [("boom", 0.8), ("bore", 0.1), ("barrel", -0.2)])
@@ -188,6 +189,10 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(solve: Solver, step:
     assert solve is basic_motion or error.time == times[reached]
     np.testing.assert_array_equal(error.reached.a, solve(mechanism, times[:reached]).a)
     assert (violations(mechanism, times[:reached], error.reached) < ROUNDING * 10).all()  # near the fold
+    way = limit - float(mechanism.q0[2])  # in 1 s
+    assert np.isfinite(solve(turned(mechanism, way - 1e-6), np.ones(1)).a).all()
+    with pytest.raises(MotionError, match=r"a = 1\.37"):
+        solve(turned(mechanism, way - 1e-9), np.ones(1))  # so near to the limit rounding decides the rates
 
 
 @pytest.mark.parametrize(("solve", "near"), [(loop_motion, 1e-6), (basic_motion, 1e-3)])  # [rad] where the rank counts as lost

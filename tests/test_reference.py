@@ -89,7 +89,8 @@ def test_a_closed_form_starts_with_the_linkage_and_obeys_its_equations_of_motion
     mechanism = load(name)
     found = closed_form(mechanism, ["0.0", "0.31", "1.7", "6.4"])
     assert found is not None
-    assert closed_form(replace(mechanism, digest="another"), ["0"]) is None  # only bears the name
+    for other in (replace(mechanism, digest="another"), load("four_bar")):  # the first only bears the name
+        assert closed_form(other, ["0"]) is None
     levels = [x.astype(float) for x in (found.q, found.v, found.a)]
     for x, start in zip(levels, (mechanism.q0, mechanism.v0), strict=False):
         assert np.abs(x[0] - start).max() < 1e-14
