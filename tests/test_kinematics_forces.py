@@ -53,7 +53,9 @@ def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
     assert rod.at == pytest.approx(meeting(np.zeros(2), A, B, B + np.array([0.0, 1.0])), abs=1e-10)
 
 
-@pytest.mark.parametrize(("name", "scenario"), [*((name, "driven") for name in ("six_bar", "parallelogram", "five_bar")), ("excavator", "dig")])
+@pytest.mark.parametrize(
+    ("name", "scenario"), [*((name, "driven") for name in ("six_bar", "parallelogram", "five_bar")), ("excavator", "dig")]
+)
 def test_drivers_supply_the_power_that_the_links_take_up(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
     evaluator, times = Evaluator(mechanism), np.linspace(0.0, mechanism.duration, 25)

@@ -68,7 +68,8 @@ def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.rand
 
 
 @pytest.mark.parametrize(
-    ("law", "speed", "acceleration"), [("sine", 2, 2 * np.pi), ("cosine", np.pi / 2, np.pi**2 / 2), ("poly345", 15 / 8, 10 / np.sqrt(3))]
+    ("law", "speed", "acceleration"),
+    [("sine", 2, 2 * np.pi), ("cosine", np.pi / 2, np.pi**2 / 2), ("poly345", 15 / 8, 10 / np.sqrt(3))],
 )
 def test_a_rise_has_the_peaks_of_the_textbook(law: str, speed: float, acceleration: float) -> None:
     """The factors are for a travel of 1 in a time of 1."""
