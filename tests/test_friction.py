@@ -118,17 +118,12 @@ def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.
 # The fixed point --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("linkage", "scenario"), [("friction", "torque"), ("everything", "free")])
-def test_all_formulations_and_both_references_agree(linkage: str, scenario: str) -> None:
-    mechanism = crank_slider() if linkage == "friction" else rubbing(linkage, scenario)
+def test_both_references_agree() -> None:
+    mechanism = crank_slider()
     states = random_states(mechanism, 3)
     absolute = AbsoluteCoordinates(mechanism).acceleration(states.t, states.q, states.v)
-    found = {name: get(name).build(mechanism, Choice()) for name in SOUND}
-    for k, (t, q, v, a) in enumerate(zip(states.t, states.q, states.v, states.a, strict=True)):
-        scale = np.abs(a).max()
-        assert np.abs(absolute[k] - a).max() < 1e-11 * scale  # the fixed point's 1e-13 times what is left of its contraction
-        for name in SOUND:
-            assert np.abs(found[name].acceleration(float(t), q, v) - a).max() < 1e-11 * scale
+    # the fixed point's 1e-13 times what is left of its contraction
+    assert (np.abs(absolute - states.a).max(axis=1) < 1e-11 * np.abs(states.a).max(axis=1)).all()
 
 
 @pytest.mark.parametrize("name", ["gauss", "lagrange"])

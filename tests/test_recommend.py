@@ -183,8 +183,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     open_once = moving(40)
     open_once = replace(open_once, q=open_once.q + 1e-3 * (np.arange(41) == 20)[:, None] * (np.arange(9) == 3))
     monkeypatch.setattr(
-        "gauss_bench.advice.recommending.run_apart",
-        lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted),
+        "gauss_bench.advice.recommending.run_apart", lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted)
     )
     with recommending({"gauss": variants(offer("gauss"))}, loops=1e-6) as recommender:
         recommender.truth = known()
@@ -544,10 +543,7 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why
     raced = [{"way": [*w._replace(engine=x, size=SHORT.until / n)], "seconds": [y] * 5} for (x, (w, n, _)), y in timed.items()]
     tables = {"race": raced, "failed": [{"engine": "refused", "message": "no such joint"}]}
     lost = {"crashed": WorkerFailure(Status.CRASHED, "SIGSEGV")}
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        recommending() as recommender,
-    ):
+    with pytest.MonkeyPatch.context() as patch, recommending() as recommender:
         patch.setattr("gauss_bench.advice.recommending.list_survivors", lambda *_: (tables, lost))
         recommender.engines = {x.name: x for x in engines}
         answers = recommender.answers(recommender.race())
