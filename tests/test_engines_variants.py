@@ -62,19 +62,6 @@ def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp
     assert made(tmp_path, GOOD).soft == made(tmp_path, GOOD).unfinished == {}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("the loops are springs of some stiffness", "so it is", r"settings\.default\.soft: gives no cause"),
-        ("one round is too few from a cold start", "short", r"unfinished\.cause: gives no cause"),
-    ],
-)
-def test_what_is_inexact_needs_a_cause(old: str, new: str, said: str, tmp_path: Path) -> None:
-    assert old in SOFT + SHORT
-    with pytest.raises(VariantError, match=said):
-        made(tmp_path, (SOFT + SHORT).replace(old, new))
-
-
 @pytest.mark.parametrize(("old", "new", "said"), table_of_faults("variants"))
 def test_a_faulty_file_is_told_by_table_and_field(old: str, new: str, said: str, tmp_path: Path) -> None:
     assert old in GOOD

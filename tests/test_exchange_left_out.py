@@ -18,32 +18,7 @@ from gauss_bench.exchange.unused import list_names
 from tests.conftest import DATA, needs
 
 mujoco = needs("mujoco")
-URDF, UPRIGHT = ((DATA / name).read_text(encoding="utf-8") for name in ("four_bar.urdf", "four_bar_xz.xml"))
-LEG = """<mujoco model="leg">
-  <compiler angle="degree" autolimits="true"/>
-  <option timestep="0.002" integrator="implicitfast" iterations="50"><flag multiccd="enable"/></option>
-  <visual><global fovy="60"/></visual>
-  <custom><numeric name="gait" data="1"/></custom>
-  <default>
-    <geom type="capsule" size="0.006" density="1200"/>
-    <joint type="hinge" axis="0 1 0" damping="0.002"/>
-    <default class="sprung"><joint stiffness="0.5" springref="20" damping="0.1"/></default>
-    <default class="free"><joint damping="0"/></default>
-  </default>
-  <asset><material name="steel"/></asset>
-  <worldbody>
-    <light name="sun" pos="0 -1 2"/><camera name="side" pos="0 -1 0"/>
-    <geom name="floor" type="plane" size="2 2 .1" pos="0 0 -0.5"/>
-    <body name="crank" pos="0 0 0.3"><joint name="crank_j" range="-90 90"/><geom name="bar" fromto="0 0 0  0.05 0 0"/>
-      <body name="coupler" pos="0.05 0 0"><joint name="b_j" class="free"/><geom fromto="0 0 0  0.18 0 0.06"/></body></body>
-    <body name="rocker" pos="0.2 0 0.25"><joint name="rocker_j" class="sprung"/><geom fromto="0 0 0  0.03 0 0.11"/></body>
-  </worldbody>
-  <contact><exclude body1="crank" body2="rocker"/></contact>
-  <equality><connect name="C" body1="coupler" body2="rocker" anchor="0.18 0 0.06"/></equality>
-  <actuator><motor name="m" joint="crank_j" ctrlrange="-5 5" forcerange="-0.2 0.2"/></actuator>
-  <sensor><jointpos name="angle" joint="crank_j"/><jointvel joint="crank_j"/></sensor>
-  <keyframe><key name="home" ctrl="0.3"/><key name="other"/></keyframe>
-</mujoco>"""
+URDF, UPRIGHT, LEG = ((DATA / x).read_text(encoding="utf-8") for x in ("four_bar.urdf", "four_bar_xz.xml", "imports/leg.xml"))
 NAMED = [
     "<geom> floor, bar",
     "the range of joint crank_j",

@@ -66,8 +66,6 @@ def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file: str, tmp_path:
             continue
         (tmp_path / "model.xml").write_text(text, encoding="utf-8")
         back = load_document(tomllib.loads(import_file(tmp_path / "model.xml", "back").text))
-        masses = {x.name: (x.mass, x.inertia) for x in back.links}
-        assert masses == {x.name: pytest.approx((x.mass, x.inertia), rel=1e-12) for x in mechanism.links}
         compared += check_motors(back, mechanism)
     assert compared or Path(file).stem in NOT_MJCF
 

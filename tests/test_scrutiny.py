@@ -15,7 +15,7 @@ from gauss_bench.api.simulate import simulate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs import scrutiny
@@ -23,6 +23,7 @@ from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, draw_samples, sampling
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
+from tests.engine_runs import document
 from tests.fuzz.files import toml
 from tests.fuzz.motions import over_motions
 
@@ -32,17 +33,7 @@ MASS, K = 2.0, 8e4
 
 def oscillator(k: float = K, c: float = 0.0) -> dict[str, Any]:
     """A block of 2 kg on a horizontal slide, held by a spring: x = 0.1 cos(w t), w^2 = k / m."""
-    return {
-        "format": "planar-linkage/1",
-        "name": "oscillator",
-        "gravity": [0.0, 0.0],
-        "ground": {"points": {"O": [0.0, 0.0]}},
-        "links": {"block": {"points": {"A": [0.0, 0.0], "B": [0.2, 0.0]}, "mass": MASS, "com": [0.0, 0.0], "inertia": 0.1}},
-        "joints": {"slide": {"type": "prismatic", "guide": "ground.O", "block": "block.A"}},
-        "forces": {"f": {"type": "axis_spring_damper", "point": "block.A", "k": k, "c": c}},
-        "assembly": {"sketch": {"block.A": [0.1, 0.0]}, "angles": {"block": 0.0}},
-        "scenarios": {"s": {"duration": 1.0, "forces": ["f"], "start": {"slides": {"slide": 0.1}}}},
-    }
+    return merge(document("small/oscillator"), {"forces": {"f": {"k": k, "c": c}}})
 
 
 def at_rest(document: dict[str, Any]) -> tuple[Any, Trajectory]:
