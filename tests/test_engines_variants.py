@@ -103,11 +103,8 @@ KNOWN = OptionTable(
 def test_options_change_what_they_name_and_nothing_else() -> None:
     usual = KNOWN.resolve("usual")
     assert KNOWN.resolve("rounds=3") == usual | {"rounds": 3}
-    assert KNOWN.resolve("quick, pair=[3, 1], method=PGS , shut=false") == KNOWN.resolve("quick") | {
-        "pair": [3.0, 1.0],
-        "method": "PGS",
-        "shut": False,
-    }
+    named = {"pair": [3.0, 1.0], "method": "PGS", "shut": False}
+    assert KNOWN.resolve("quick, pair=[3, 1], method=PGS , shut=false") == KNOWN.resolve("quick") | named
     mu = KNOWN.resolve("mu=0")["mu"]
     assert (mu, type(mu)) == (0.0, float)
 
