@@ -152,9 +152,7 @@ def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
     assert replace(on, v=0.0 * on.v).share_of_gamma(0.0 * on.a) == 1.0  # without any velocity term none is missed
 
 
-def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}

@@ -13,6 +13,7 @@ from gauss_bench.cli import main
 ROOT = Path(__file__).parents[1]
 FOUR_BAR = ROOT / "mechanisms" / "four_bar.toml"
 FULL = Path("/dev/full")
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 
 
 def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
@@ -22,11 +23,10 @@ def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProc
 
 
 @pytest.mark.long("kinematics")
+@needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["show", "four_bar"], ["kinematics", "four_bar", "--json"], ["--help"]], ids=lambda x: x[0])
 def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> None:
-    if not FULL.exists():
-        pytest.skip("this system has no /dev/full")
     with FULL.open("w") as full:
         ended = run_apart(arguments, stdout=full)
     assert ended.returncode == 74
@@ -38,11 +38,10 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
     assert "Traceback" not in closed.stderr
 
 
+@needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "code"), [(["show", "nosuch"], 2), (["--nosuch"], 2), (["list"], 0)], ids=str)
 def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
-    if not FULL.exists():
-        pytest.skip("this system has no /dev/full")
     with FULL.open("w") as full:
         assert run_apart(arguments, stdout=subprocess.DEVNULL, stderr=full).returncode == code
 
