@@ -26,7 +26,7 @@ from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, Si
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
@@ -105,7 +105,7 @@ class _Follower:
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
-        self.max_change = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
+        self.max_change = np.array([LARGEST_TURN if x.coordinate.unit == "rad" else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
         places = model.at(self.x, self.p)[model.points.first :]

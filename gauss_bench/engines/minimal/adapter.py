@@ -149,7 +149,7 @@ class MinimalModel:
         openings = [way.openings(sampled) for way in self.ways]  # (states, dyads) of each way
         # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is divided by its largest value.
         self.scales = [
-            np.where([dyad.kind == "RPR" for dyad in way.dyads], np.abs(opening).max(axis=0), 1.0)
+            np.where([dyad.opening_is_length for dyad in way.dyads], np.abs(opening).max(axis=0), 1.0)
             for way, opening in zip(self.ways, openings, strict=True)
         ]
         self.signs = [np.sign(x) for x in openings]
@@ -342,7 +342,7 @@ class MinimalModel:
     def _name(self, equation: Equation) -> str:
         """Return the name of an equation's independent coordinate, for the note of a run."""
         way = equation.way
-        return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
+        return f"slide {way.joint.name}" if way.joint.motion.unit == "m" else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
         """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
@@ -353,7 +353,7 @@ class MinimalModel:
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles
 
-        length = typical_length(self.mechanism) if equation.way.joint.slides else None
+        length = typical_length(self.mechanism) if equation.way.joint.motion.unit == "m" else None
         return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:
