@@ -221,15 +221,15 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     # one force with a wrong number, on a wrong link or in a wrong direction
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
-            value = getattr(force, key, 0.0)
-            if np.any(value):
-                doubled, what = with_force(at, **{key: 2 * value}), f"{key} of force {force.name}"
+            number = getattr(force, key, 0.0)
+            if np.any(number):
+                doubled, what = with_force(at, **{key: 2 * number}), f"{key} of force {force.name}"
                 yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
         if force in mechanism.torques:
             for k in {*range(len(names))} - {force.link}:
                 template = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
                 yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), template, once=True)
-        value = getattr(force, "value", None)
+        value: Any = getattr(force, "value", 0.0)
         if np.ndim(value):
             turned = with_force(at, value=np.array([-value[1], value[0]]))
             template = f"the force {force.name} has another direction"
