@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
+from gauss_bench.mechanism.equations import Symbols, rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
@@ -64,6 +65,11 @@ def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.rand
     document = document_of("four_bar")[0]
     document["scenarios"]["driven"]["driver"] = {"link": "crank", "law": law, "start_deg": 10.0, **numbers}
     check(load_document(document, "driven"), rng)
+
+
+def test_every_row_has_the_name_of_its_constraint(any_mechanism: Mechanism) -> None:
+    written = [row.name for row in rows(any_mechanism, Symbols(any_mechanism.n))]
+    assert [x.owner for x in any_mechanism.row_names] == written
 
 
 def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:

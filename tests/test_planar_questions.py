@@ -121,7 +121,7 @@ SILENT = [
 
 
 @pytest.mark.parametrize("line", [*ASKING, *SILENT])
-def test_a_question_is_found_and_nothing_else(line):
+def test_a_question_is_found_and_nothing_else(line: str) -> None:
     assert bool([*questions(line)]) == (line in ASKING)
 
 
@@ -132,10 +132,10 @@ def found_in_package() -> dict[str, list[str]]:
     return {name: asked for name, asked in found.items() if asked}
 
 
-def test_no_file_asks_but_those_that_may():
+def test_no_file_asks_but_those_that_may() -> None:
     assert {name: asked for name, asked in found_in_package().items() if not name.startswith(tuple(MAY_ASK))} == {}
 
 
-def test_every_exception_is_needed():
+def test_every_exception_is_needed() -> None:
     asking = found_in_package()
     assert [place for place in MAY_ASK if not any(name.startswith(place) for name in asking)] == []

@@ -163,7 +163,8 @@ class Weld:
 class Revolute:
     """A pin: point a of one link coincides with point b of another.
 
-    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. Every kind has these:
+    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. Every kind of joint has the
+    attributes of the class.
 
     Attributes:
         ends_meet: whether the joint keeps its two ends at one place; the held coordinates are then the gap between them.
@@ -540,7 +541,7 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
 
 @dataclass(frozen=True, eq=False)
 class AngleDriver:
-    """Prescribed rotation of a link: theta = law(t) [rad]. Every kind of driver has `by` and `key`.
+    """Prescribed rotation of a link: theta = law(t) [rad]. Every kind of driver has the attributes of the class.
 
     Attributes:
         by: key of the driver's table in linkage files that names what is driven.
