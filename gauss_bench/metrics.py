@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gauss_bench.mechanism.coordinates import Placed, motion_of_links, position, state, value
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angle_at, angles, bodies, place_at, places, wedge
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Curve, Group, Reference, Trajectory
@@ -228,19 +228,20 @@ def load_curves(evaluator: Evaluator, trajectory: Trajectory) -> Iterator[Curve]
     The magnitude of a slide's force has the key `normal`, because `force` is that of its driver.
     """
     mechanism = evaluator.mechanism
-    slides = {joint.name for joint in mechanism.slides}
+    sliding = {joint.name for joint in mechanism.joints if joint.motion.unit == "m"}
+    pinned = {joint.name for joint in mechanism.joints if joint.ends_meet}
     joints, welds = joint_forces(evaluator, trajectory), weld_forces(evaluator, trajectory)
     for name, x in [*joints.items(), *welds.items()]:
-        magnitude = "normal" if name in slides else "force"
+        magnitude = "normal" if name in sliding else "force"
         yield Curve(Group.JOINT, name, "fx", "N", x["fx"])
         yield Curve(Group.JOINT, name, "fy", "N", x["fy"])
         yield Curve(Group.JOINT, name, magnitude, "N", np.hypot(x["fx"], x["fy"]))
-        if name in slides or name not in joints:  # a pin has no moment
+        if name not in pinned:  # a pin has no moment
             yield Curve(Group.JOINT, name, "moment", "N m", x["moment"])
     if mechanism.drivers:
         exerted = driving_forces(evaluator, trajectory)
         for k, driver in enumerate(mechanism.drivers):
-            turns = isinstance(driver, AngleDriver)
+            turns = driver.coordinate.unit == "rad"
             yield Curve(Group.MOTOR, driver.name, "torque" if turns else "force", "N m" if turns else "N", exerted[:, k])
 
 

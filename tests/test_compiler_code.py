@@ -4,7 +4,7 @@ import gc
 import mmap
 import os
 import weakref
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.elimination import program as elimination
 from gauss_bench.compiler.elimination.program import generate
 from gauss_bench.compiler.elimination.rank import RankDecision, acceleration_error
+from gauss_bench.compiler.equations.links import Tie, tie_angles
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.kernel import Kernel, compile_kernel
@@ -27,9 +28,11 @@ from gauss_bench.compiler.machine.native_code import Loaded, Target, address
 from gauss_bench.compiler.stepping import rollout as loops
 from gauss_bench.compiler.stepping import steps
 from gauss_bench.compiler.stepping.driver import INTEGRATORS
+from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Angle, Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.terms import Array
@@ -139,6 +142,24 @@ def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
     assert (np.abs(found - truth.a).max(axis=1) / scale).max() < (1e-10 if name == "parallelogram" else 1e-12)
     alone = kernel(name, backend=backend).acceleration(truth.q[0], truth.v[0], float(truth.t[0]))
     np.testing.assert_array_equal(alone, found[0])
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """A coupling that keeps an angle between two links constant, as a slide does."""
+
+    name: str
+    held: tuple[tuple[Angle, float], ...]
+
+
+def test_links_whose_angle_a_coupling_holds_share_one_sine() -> None:
+    free = load(DATA / "double_pendulum.toml")
+    turn = float(np.diff(angles(free.q0))[0])
+    tied = replace(free, couplings=(Stiff("stiff", ((Angle(0, 1), turn),)),), dof=1)
+    assert tie_angles(tied) == (Tie(0, 0.0), Tie(0, turn))
+    q, v = tied.q0, np.zeros(tied.n)
+    found = compile_kernel(tied, backend="numpy").acceleration(q, v, 0.0)
+    np.testing.assert_allclose(found, lagrange(Evaluator(tied).terms(0.0, q, v)).a, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow("crank_slider-gauss_legendre-projection")

@@ -10,7 +10,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.minimal import adapter
 from gauss_bench.engines.minimal.adapter import Minimal
-from gauss_bench.engines.minimal.equation import Equation
+from gauss_bench.engines.minimal.equation import write_equation
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
@@ -149,8 +149,8 @@ def test_a_run_ends_with_a_reason_if_no_coordinate_is_regular() -> None:
 def test_a_derivation_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(mechanism: Mechanism, *rest: Any) -> Any:
         links = tuple(replace(link, inertia=1.05 * link.inertia) for link in mechanism.links)
-        return Equation(replace(mechanism, links=links), *rest)
+        return write_equation(replace(mechanism, links=links), *rest)
 
-    monkeypatch.setattr(adapter, "Equation", wrong)
+    monkeypatch.setattr(adapter, "write_equation", wrong)
     with pytest.raises(RunFailure, match="differs from the linkage"):
         ENGINE.build(load("four_bar", "torque"), Choice())

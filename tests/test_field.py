@@ -144,21 +144,21 @@ def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines: 
     place = tmp_path / "there"
     (place / "bin" / "__pycache__").mkdir(parents=True)
     engines.write_text(f'[twin]\nclass = "a:B"\npython = "{place}/bin/python"\n')
-    assert math.isnan(size_of("twin")[0])  # the interpreter is in no environment of its own
+    assert math.isnan(size_of("twin").megabytes)  # the interpreter is in no environment of its own
     (place / "pyvenv.cfg").write_bytes(bytes(500_000))
     (place / "library.so").write_bytes(bytes(2_000_000))
     (place / "bin" / "__pycache__" / "b.pyc").write_bytes(bytes(500))
     (place / "link.so").symlink_to(place / "library.so")
-    assert size_of("twin")[0] == 2.5
-    assert math.isnan(size_of("gauss")[0])
-    assert size_of("gauss")[1] == "a part of the suite"
+    assert size_of("twin").megabytes == 2.5
+    assert math.isnan(size_of("gauss").megabytes)
+    assert size_of("gauss").of == "a part of the suite"
 
 
 def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sizes, "direct_requirements", lambda engine: ["Jinja2"])
     monkeypatch.setattr(sizes, "size_of_distribution", lambda found: 3_000_000)
     assert sorted(x.metadata["Name"].lower() for x in required_by(["Jinja2", "jinja2"])) == ["jinja2", "markupsafe"]
-    assert size_of("mujoco")[0] == 6.0
+    assert size_of("mujoco").megabytes == 6.0
 
 
 def test_a_brief_search_tries_what_an_engine_names_first_or_its_first_integrators() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
+from gauss_bench.mechanism.equations import Symbols, rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
@@ -77,6 +78,11 @@ def test_a_rise_has_the_peaks_of_the_textbook(law: str, speed: float, accelerati
     assert value[[0, -1]] == pytest.approx([0.3, 0.3 + 1.7])
     assert np.abs(rate).max() == pytest.approx(speed * 1.7 / 0.8)
     assert np.abs(second).max() == pytest.approx(acceleration * 1.7 / 0.8**2)
+
+
+def test_every_row_has_the_name_of_its_constraint(any_mechanism: Mechanism) -> None:
+    written = [row.name for row in rows(any_mechanism, Symbols(any_mechanism.n))]
+    assert [x.owner for x in any_mechanism.row_names] == written
 
 
 def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -223,10 +222,20 @@ def make_diagnosis(
     mechanism: Mechanism, subject: Subject, end: float, verdict: Verdict, reference: str, remarks: Sequence[str]
 ) -> Diagnosis:
     """Return the diagnosis: a verdict with the names of the run, the description of its reference, and remarks."""
-    fields = name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)) | vars(verdict)
-    sentence = fields.pop("sentence")  # the other fields of a verdict have the same names in a diagnosis
-    more: dict[str, Any] = {"until": end, "part": verdict.cause.part, "reference": reference, "remarks": tuple(remarks)}
-    return Diagnosis(**fields, **more, verdict=sentence)
+    return Diagnosis(
+        **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
+        until=end,
+        cause=verdict.cause,
+        part=verdict.cause.part,
+        verdict=verdict.sentence,
+        parts=verdict.parts,
+        numbers=verdict.numbers,
+        explanations=verdict.explanations,
+        candidates=verdict.candidates,
+        runs=verdict.runs,
+        reference=reference,
+        remarks=tuple(remarks),
+    )
 
 
 def read_file(name: str, close: tuple[str, ...]) -> OwnFile | None:

@@ -17,7 +17,7 @@ from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.schema import SECOND
 from gauss_bench.mechanism.coordinates import value as value_of
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism, SlideDriver
+from gauss_bench.mechanism.model import AngleDriver, Mechanism, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.runs.offers import ChoiceError
@@ -223,9 +223,10 @@ def _list_still(mechanism: Mechanism, bodies: Mechanism, start: dict[str, Any]) 
     for name in start["angles"]:
         body, turn = bodies.find_body(name)  # a welded link has a constant angle `turn` in its body
         still.append(AngleDriver(name, constant(_start_angle(mechanism, name) - turn, 0.0), body))
-    for slide, joint in zip(mechanism.slides, bodies.slides, strict=True):
-        if joint.name in start["slides"]:
-            still.append(SlideDriver(joint.name, constant(float(value_of(slide.motion, mechanism.q0)), 0.0), joint))
+    for name, slide in mechanism.drivable.items():
+        if name in start["slides"]:
+            place = constant(float(value_of(slide.motion, mechanism.q0)), 0.0)
+            still.append(SlideDriver(name, place, bodies.drivable[name]))
     return still
 
 
@@ -239,7 +240,7 @@ def _hold_body(moved: dict[str, Any], own: Mechanism, name: str, value: float | 
         start: the table `start` of `moved`, to which a held angle or slide is added; `_list_still` makes it a constant driver.
     """
     joints = moved.get("joints", {})
-    slide = next((x for x in own.slides if x.name == name), None)
+    slide = own.drivable.get(name)
     if name in moved["links"]:
         start["angles"][name] = _start_angle(own, name) if value is None else float(np.radians(value))
     elif name not in joints:
@@ -287,13 +288,13 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
     The value at time 0 of the scenario's own driver of this coordinate takes precedence over the assembled position.
     """
     link, joint, between = table.get("link"), table.get("joint"), table.get("between", ())
-    named = {AngleDriver: link, SlideDriver: joint, LengthDriver: "-".join(between)}
+    named = {"link": link, "joint": joint, "between": "-".join(between)}
     for driver in mechanism.drivers:
-        if driver.name == named[type(driver)]:
+        if driver.name == named[driver.by]:
             return float(driver.law(0.0)[0])
     if link in [x.name for x in mechanism.whole.links]:
         return _start_angle(mechanism, str(link))
-    slide = next((x for x in mechanism.slides if x.name == joint), None)
+    slide = mechanism.drivable.get(str(joint))
     return None if slide is None else float(value_of(slide.motion, mechanism.q0))
 
 

@@ -16,7 +16,7 @@ from gauss_bench.api.simulate import Simulation, point_levels
 from gauss_bench.engines.minimal.structure import Links, close_from
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import AngleDriver, Mechanism, Torque
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angle_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Group, History, Trajectory
@@ -83,9 +83,8 @@ def energies(evaluator: Evaluator, x: Trajectory, trusted: int) -> Iterator[Curv
 def forces(evaluator: Evaluator, x: Trajectory) -> Iterator[Curve]:
     """Yield joint and weld forces, then the forces and torques of drivers, then constant torques."""
     yield from metrics.load_curves(evaluator, x)
-    for force in evaluator.mechanism.forces:
-        if isinstance(force, Torque):
-            yield Curve(Group.MOTOR, force.name, "torque", "N m", np.full(len(x.t), float(force.value)))
+    for torque in evaluator.mechanism.torques:
+        yield Curve(Group.MOTOR, torque.name, "torque", "N m", np.full(len(x.t), float(torque.value)))
 
 
 def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
@@ -95,12 +94,12 @@ def transmission(mechanism: Mechanism, q: Array) -> Iterator[Curve]:
     into 0 to 90 degrees. A slide between two pinned links has no transmission angle.
     Source: Alt, Der Uebertragungswinkel und seine Bedeutung fuer das Konstruieren periodischer Getriebe (1932).
     """
-    given = {driver.link for driver in mechanism.drivers if isinstance(driver, AngleDriver)}
+    given = mechanism.turned_links
     if not given and mechanism.crank is not None:
         given = {mechanism.crank}
     at = Links.of(q, np.zeros_like(q))
     for dyad in close_from(mechanism, given)[0] if given else ():
-        if dyad.kind != "RPR":
+        if not dyad.opening_is_length:
             names = "-".join(mechanism.link_name(k) for k in dyad.links)
             # the opening of a dyad is the sine of the transmission angle
             angle = np.degrees(np.arcsin(np.clip(np.abs(dyad.opening(at)), 0.0, 1.0)))

@@ -21,7 +21,7 @@ from gauss_bench.kinematics.singular import ChangePoint, singular_positions
 from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism, Point, SlideDriver
+from gauss_bench.mechanism.model import GROUND, Driver, Mechanism, Point
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Curve, Trajectory
@@ -253,22 +253,11 @@ def _find_loads(mechanism: Mechanism, states: Trajectory) -> tuple[Curve, ...]:
         raise ChoiceError(f"{mechanism.name}: the forces of this motion are not determined: {error}") from error
 
 
-def name_value(driver: Driver) -> str:
-    """Return the key that linkage files use for the value of a driver: "angle", "position" or "length"."""
-    match driver:
-        case AngleDriver():
-            return "angle"
-        case SlideDriver() if driver.joint.guide.name != f"{driver.name}_barrel.pin":  # a cylinder's guide has this name
-            return "position"
-        case SlideDriver() | LengthDriver():
-            return "length"
-
-
 def describe_driver(driver: Driver, times: Array) -> DriverState:
     """Return the motion of a driver at times (k,) [s], its value under the key of linkage files and under the older key "angle"."""
     value, speed, acceleration = driver.law(times)
     state = DriverState(angle=value, speed=speed, acceleration=acceleration)
-    return cast(DriverState, state | {name_value(driver): value})
+    return cast(DriverState, state | {driver.key: value})
 
 
 def _check_travel(mechanism: Mechanism, times: Array) -> None:
@@ -336,8 +325,8 @@ def columns(result: Kinematics) -> Iterator[tuple[str, Array]]:
     """Yield name and values (k,) of every column of the table of a motion: times, drivers, links, points and loads."""
     yield "t [s]", result.t
     for driver in result.model.drivers:
-        unit, state = "rad" if isinstance(driver, AngleDriver) else "m", cast(Mapping[str, Array], result.drivers[driver.name])
-        for key, per in ((name_value(driver), ""), ("speed", "/s"), ("acceleration", "/s^2")):
+        unit, state = driver.coordinate.unit, cast(Mapping[str, Array], result.drivers[driver.name])
+        for key, per in ((driver.key, ""), ("speed", "/s"), ("acceleration", "/s^2")):
             yield f"{driver.name}.{key} [{unit}{per}]", state[key]
     for group in (result.links, result.points):
         for name, values in group.items():

@@ -9,7 +9,6 @@ import subprocess
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
@@ -172,8 +171,21 @@ def measure_program(
         else:
             message = refuse_far(mechanism, found.position, found.angle)
         status = Status.INVALID if message else Status.OK
-    outcome: dict[str, Any] = {"status": str(status), "message": message, "until": end, "measured_on": measured_on}
-    return ProgramError(**outcome, **vars(choice), **vars(found))  # the fields of both have the same names there
+    return ProgramError(
+        status=str(status),
+        message=message,
+        settings=choice.settings,
+        integrator=choice.integrator,
+        stabilization=choice.stabilization,
+        step=choice.step,
+        tolerance=choice.tolerance,
+        until=end,
+        position=found.position,
+        angle=found.angle,
+        known=found.known,
+        reference=found.reference,
+        measured_on=measured_on,
+    )
 
 
 def run_program(

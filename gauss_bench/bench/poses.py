@@ -99,8 +99,8 @@ def keep(results: Rows, poses: Rows) -> Rows:
         key = case_of(row)
         if key not in posed:
             continue
-        group = key[:3]  # linkage, scenario, engine; settings, integrator and stabilisation follow
-        if key[3:6] == combinations(offer(row["engine"]))[0]:
+        group = row["mechanism"], row["scenario"], row["engine"]
+        if (row["settings"], row["integrator"], row["stabilization"]) == combinations(offer(row["engine"]))[0]:
             shown.add(key)
         if row["status"] == "ok":
             best[group] = min(best.get(group, (np.inf, ())), (row["position_error"], key))

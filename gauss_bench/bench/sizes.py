@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -17,22 +18,30 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # name of a package, with whic
 PACKAGE = "gauss-bench"
 
 
-def size_of(engine: str) -> tuple[float, str]:
-    """Return the size on disk [MB] of an engine's environment or library, NaN if unknown, and what was measured, or why not."""
+@dataclass(frozen=True)
+class Size:
+    """The size on disk of an engine [MB], NaN if it is unknown, and what was measured, or why nothing was."""
+
+    megabytes: float
+    of: str
+
+
+def size_of(engine: str) -> Size:
+    """Return the size on disk of an engine's environment, or of its library."""
     if environment := environment_of(engine):
         folder = Path(environment.python).parent.parent
         if not (folder / VENV).is_file():
-            return math.nan, "its interpreter is in no environment of its own that could be measured"
+            return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
         files = (Path(place, file) for place, _, names in os.walk(folder) for file in names)  # links are not followed
-        return size_of_files(files) / MEGABYTE, "its environment"
+        return Size(size_of_files(files) / MEGABYTE, "its environment")
     if engine in ELSEWHERE:  # it needs an environment of its own, which is not installed here
-        return read_offered(engine).installed, "its environment, as told before it is installed"
+        return Size(read_offered(engine).installed, "its environment, as told before it is installed")
     if engine in AUTHORED:
-        return math.nan, "a part of the suite"
+        return Size(math.nan, "a part of the suite")
     found = [*required_by(direct_requirements(engine))]
     if not found:
-        return math.nan, "no package of this environment is known to be its library"
-    return sum(map(size_of_distribution, found)) / MEGABYTE, "its library and what that requires"
+        return Size(math.nan, "no package of this environment is known to be its library")
+    return Size(sum(map(size_of_distribution, found)) / MEGABYTE, "its library and what that requires")
 
 
 def size_of_distribution(found: Distribution) -> int:

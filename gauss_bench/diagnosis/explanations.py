@@ -22,7 +22,7 @@ from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Force, PointForce, Torque
+from gauss_bench.mechanism.model import Force, turns_only
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -41,6 +41,7 @@ SCALED = (
     ("all masses and inertias", Cause.MASS, ["mass", "inertia"]),
 )
 COORDINATES = ("x", "y", "theta")
+ORDINALS = ("first", "second", "third")  # of the rows of a joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,16 +221,17 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     # one force with a wrong number, on a wrong link or in a wrong direction
     for at, force in enumerate(mechanism.forces):
         for key in NUMBERS:
-            value = getattr(force, key, 0.0)
-            if np.any(value):
-                doubled, what = with_force(at, **{key: 2 * value}), f"{key} of force {force.name}"
+            number = getattr(force, key, 0.0)
+            if np.any(number):
+                doubled, what = with_force(at, **{key: 2 * number}), f"{key} of force {force.name}"
                 yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
-        if isinstance(force, Torque):
+        if force in mechanism.torques:
             for k in {*range(len(names))} - {force.link}:
                 template = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
                 yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), template, once=True)
-        if isinstance(force, PointForce):
-            turned = with_force(at, value=np.array([-force.value[1], force.value[0]]))
+        value: Any = getattr(force, "value", 0.0)
+        if np.ndim(value):
+            turned = with_force(at, value=np.array([-value[1], value[0]]))
             template = f"the force {force.name} has another direction"
             yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, template)
 
@@ -243,7 +245,7 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
         alone = Evaluator(replace(mechanism, forces=forces, gravity=0 * np.asarray(mechanism.gravity)))
         return alone.applied.generalised(x.q, x.v, x.t)
 
-    angular = [f for f in mechanism.forces if all(isinstance(getattr(y, "coordinate", None), Angle) for y in f.to_loads())]
+    angular = [f for f in mechanism.forces if turns_only(f)]
     moments = np.zeros_like(parts.Q)
     angles(moments)[...] = angles(parts.Q)  # the entries of Q that belong to angles
     sums = {"all angular forces": force_of(*angular), "all moments on links": moments}
@@ -256,10 +258,7 @@ def force_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
 def entry_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
     """Yield the possible faults with a wrong factor on entries, rows or velocity terms; an amount of -1 leaves them out."""
     mechanism, parts = own.mechanism, own.parts(x)
-    # names of the rows of J, in the order of the evaluator
-    names = [f"{joint.name}, {part}" for joint in mechanism.joints for part in ("first row", "second row")]
-    names += [coupling.name for coupling in mechanism.couplings for _ in coupling.held]
-    names += [driver.name for driver in mechanism.drivers] + [edge.name for edge in mechanism.knife_edges]
+    names = [f"{row.owner}, {ORDINALS[row.place]} row" if row.part else row.owner for row in mechanism.row_names]
     columns = [f"{coordinate} of {link.name}" for link in mechanism.links for coordinate in COORDINATES]
     bias = parts.gamma - own.second_rates(x)  # (k, m) velocity terms -J' v
     rows = {"the velocity terms of the constraints (J' v)": slice(None)}

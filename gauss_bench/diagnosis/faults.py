@@ -132,7 +132,7 @@ class Faulty(Interpreted):
 def last_pin(mechanism: Mechanism) -> list[int]:
     """Return the indices of the constraint rows of the last pin in the file."""
     ends = np.cumsum([len(joint.held) for joint in mechanism.joints])
-    last = max(k for k, joint in enumerate(mechanism.joints) if not joint.slides)
+    last = max(k for k, joint in enumerate(mechanism.joints) if joint.ends_meet)
     return list(range(ends[last] - len(mechanism.joints[last].held), ends[last]))
 
 

@@ -127,7 +127,7 @@ def _columns(mechanism: Mechanism, truth: States, reported: States) -> Iterator[
         tree = spanning_tree(mechanism, shallow)
         named = [""] * tree.n
         for b in tree.branches:
-            for k in range(b.at, min(tree.n, b.at + (3 if b.kind == "free" else 1))):  # a free link has three coordinates
+            for k in range(b.at, b.at + len(b.coordinates)):
                 named[k] = b.joint.name if b.joint else names[b.link]
         (y, dy), (true_y, true_dy) = tree.relative(reported.q, reported.v), tree.relative(truth.q, truth.v)
         yield "joint coordinates", y.T, true_y.T, named

@@ -244,7 +244,7 @@ def _explain(own: OwnMotion, x: States) -> Misplaced | None:
     for joint in mechanism.joints:
         gap = gaps[:, row : row + len(joint.held)]
         row += len(joint.held)
-        if joint.slides or not squares:
+        if not joint.ends_meet or not squares:
             continue
         others = squares - float((gap**2).sum())  # squared gaps of other joints, which this pin does not explain
         for point, sign in zip(joint.ends, (1.0, -1.0), strict=True):

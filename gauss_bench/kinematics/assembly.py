@@ -106,7 +106,7 @@ def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """
     earlier = {x.name for other in before for x in _joints(mechanism, other)}
     own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
-    return next((x for x in reversed(own) if not x.slides), own[-1])
+    return next((x for x in reversed(own) if x.ends_meet), own[-1])
 
 
 def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
@@ -128,7 +128,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
     local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
     part = replace(mechanism, joints=tuple(joints))
-    if chord.slides:  # only if there is no pin at which the loop could be cut
+    if not chord.ends_meet:  # only if there is no pin at which the loop could be cut
         closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
@@ -151,14 +151,14 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 
     In the position q (n,) the ends of the pin `chord` are nearest to each other, at the distance `apart` [m].
     """
-    if chord.slides:
+    if not chord.ends_meet:
         return ()
     lengths: list[Length] = []
     a, b = chord.ends
     gap = position(q, b) - position(q, a)
     before = next(x for x in loop.passages if x.leave.name == chord.name)
     sense = -1.0 if before.link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
-    pins = {pin.name: pin.ends for pin in mechanism.pins}
+    pins = {x.name: x.ends for x in mechanism.joints if x.ends_meet}
     for passage in loop.passages:
         pairs = (passage.enter.name, passage.leave.name)
         ends = [end for pair in pairs for end in pins.get(pair, ())]

@@ -26,7 +26,8 @@ from gauss_bench.kinematics.motion import LimitOfMotion, Motion, MotionError, Si
 from gauss_bench.kinematics.point_equations import PointModel
 from gauss_bench.kinematics.root_finding import ExitFlag, gauss_newton, levenberg_marquardt
 from gauss_bench.mechanism.close import walk
-from gauss_bench.mechanism.model import AngleDriver, Mechanism
+from gauss_bench.mechanism.equations import LEVELS
+from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
@@ -57,7 +58,7 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
     try:
         for t in np.asarray(times, dtype=float):
             # (i, 3): value, first and second time derivative of each driver; the shape is given because there may be no driver
-            laws = np.array([driver.law(t) for driver in mechanism.drivers], dtype=float).reshape(-1, 3)
+            laws = np.array([driver.law(t) for driver in mechanism.drivers], dtype=float).reshape(-1, LEVELS)
             follower.move_to(laws[:, 0])
             states.append(follower.state(laws[:, 1], laws[:, 2]))
             corrections.append(follower.corrections)
@@ -105,7 +106,7 @@ class _Follower:
         q0 = model.points.mechanism.q0
         self.x, self.p, self.theta = model.points.inputs_at(q0), model.points.unknown_at(q0), angles(q0).copy()
         slide = LARGEST_SLIDE * model.size
-        self.max_change = np.array([LARGEST_TURN if isinstance(x, AngleDriver) else slide for x in model.points.drivers])
+        self.max_change = np.array([LARGEST_TURN if x.coordinate.unit == "rad" else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
         places = model.at(self.x, self.p)[model.points.first :]

@@ -29,7 +29,7 @@ from gauss_bench.kinematics.freedom import Freedom
 from gauss_bench.kinematics.singular import driving_coordinates, input_coordinate
 from gauss_bench.mechanism.coordinates import gradient, position
 from gauss_bench.mechanism.model import GROUND, Measured, Mechanism, pins_of_all_pairs
-from gauss_bench.mechanism.spaces import angle_at, place_at
+from gauss_bench.mechanism.spaces import angle_at, angles, place_at
 from gauss_bench.terms import Array, largest
 
 STILL = 1e-9  # a relative motion below this share of the fastest motion in the linkage is rounding
@@ -80,10 +80,13 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
     """
     v, size = free_motion(mechanism, q), mechanism.size
     # a turn of one radian counts as a displacement of the linkage's own size
-    fastest = largest(v * np.tile([1.0, 1.0, size], len(mechanism.links)))
+    displacements = np.array(v)
+    angles(displacements)[:] *= size
+    fastest = largest(displacements)
+    meeting = [x for x in mechanism.joints if x.ends_meet]
     pins = {}  # indices of two links -> place (2,) of the pin that joins them, which is their centre
-    for name in {pin.joint for pin in mechanism.pins}:
-        for pair in pins_of_all_pairs(tuple(x for x in mechanism.pins if x.joint == name)):
+    for name in {x.joint for x in meeting}:
+        for pair in pins_of_all_pairs(tuple(x for x in meeting if x.joint == name)):
             links = sorted(end.link for end in pair.ends)
             pins[links[0], links[1]] = position(q, pair.ends[0])
     centres = []

@@ -21,7 +21,7 @@ import numpy as np
 
 from gauss_bench.kinematics.freedom import Freedom, Place
 from gauss_bench.mechanism.coordinates import arm, position, rotate, value, velocity
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism, Point, Revolute, SlideDriver
+from gauss_bench.mechanism.model import GROUND, AngleDriver, Joint, Mechanism, Point, Revolute, SlideDriver
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.mechanism.spaces import angle_at, angle_slot, place_at
 from gauss_bench.terms import Array
@@ -83,7 +83,7 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         if point.link != GROUND:  # a point on the ground keeps its place in any case
             pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
     for name in locks.joints:
-        own = [x for x in mechanism.pins if x.joint == name]
+        own = [x for x in mechanism.joints if x.joint == name and x.ends_meet]
         _check_found(own, "pin joint", name)
         pins += [_second_pin(mechanism, q, x) for x in own]
     for name in locks.links:
@@ -91,10 +91,9 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         body, _ = mechanism.find_body(name)
         drivers.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
-        slides = [x for x in mechanism.slides if x.name == name]
-        _check_found(slides, "slide", name)
-        for slide in slides:
-            drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
+        _check_found([x for x in mechanism.drivable if x == name], "slide", name)
+        slide = mechanism.drivable[name]
+        drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(drivers))
 
 
@@ -104,11 +103,11 @@ def _check_found(found: list[Any], kind: str, name: str) -> None:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
 
-def _second_pin(mechanism: Mechanism, q: Array, joint: Revolute) -> Revolute:
+def _second_pin(mechanism: Mechanism, q: Array, joint: Joint) -> Revolute:
     """Return a second pin that joins the two links of a pin at another point: two pins prevent a relative rotation."""
-    at = position(q, joint.a) + np.array([mechanism.size, 0.0])
+    at = position(q, joint.ends[0]) + np.array([mechanism.size, 0.0])
     ends = []
-    for link in (joint.a.link, joint.b.link):
+    for link in (end.link for end in joint.ends):
         local = rotate(at - place_at(q, link), -angle_at(q, link))
         ends.append(Point(link, local, f"lock of {joint.joint}"))
     return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])

@@ -34,6 +34,7 @@ from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.close import Residual, minimum_norm, project
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
 NEWTON_STEPS = 12
@@ -184,7 +185,7 @@ class LoopEquations:
     def start(self) -> Array:
         """Return the state x at the mechanism's start q0."""
         q = self.mechanism.q0
-        values: dict[Variable, float] = {i: float(theta) for i, theta in enumerate(q[2::3])}
+        values: dict[Variable, float] = {i: float(theta) for i, theta in enumerate(angles(q))}
         for slide in self.mechanism.slides:
             values[slide.name] = float(value(slide.motion, q))
         for i, bar in enumerate(self.bars, start=len(self.mechanism.links)):  # bars are further links

@@ -59,7 +59,7 @@ class Singular:
     @property
     def crank(self) -> float:
         """The angle of the crank at the position [rad]; NaN if the driving coordinate is not an angle."""
-        return self.input if isinstance(self.driving.coordinate, Angle) else float("nan")
+        return self.input if self.driving.unit == "rad" else float("nan")
 
 
 def input_coordinate(mechanism: Mechanism) -> Measured:
@@ -71,7 +71,7 @@ def input_coordinate(mechanism: Mechanism) -> Measured:
         return Measured(mechanism.links[mechanism.crank].name, Angle(GROUND, mechanism.crank))
     for x in driving_coordinates(mechanism):
         # the measured coordinate is named "angle of LINK" or "slide NAME", a driving coordinate LINK or NAME alone
-        if mechanism.measured.name == f"{'angle of' if isinstance(x.coordinate, Angle) else 'slide'} {x.name}":
+        if mechanism.measured.name == f"{'angle of' if x.unit == 'rad' else 'slide'} {x.name}":
             return x
     return mechanism.measured
 
@@ -83,8 +83,8 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
         links = [end.link for end in joint.ends]
         if GROUND in links:
             turning = max(links)  # the other link: the ground has the smallest index, -1
-            pin = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
-            coordinates.append(Measured(joint.name, joint.motion) if joint.slides else pin)
+            turn = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
+            coordinates.append(turn if joint.motion.unit == "rad" else Measured(joint.name, joint.motion))
     return coordinates
 
 
@@ -193,7 +193,7 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
 def _describe(driving: Measured, q: Array) -> str:
     """Return the name and the value of the driving coordinate at a position."""
     x = float(value(driving.coordinate, q))
-    return f"{driving.name} at {np.degrees(x):.1f} deg" if isinstance(driving.coordinate, Angle) else f"{driving.name} = {x:.4g} m"
+    return f"{driving.name} at {np.degrees(x):.1f} deg" if driving.unit == "rad" else f"{driving.name} = {x:.4g} m"
 
 
 def _distance(q: Array, other: Array) -> float:

@@ -192,7 +192,8 @@ def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     Slides make the links that they join turn by the same angle, for which one link, the root, stands: the ground if it is one of
     them, else the first link that is no block. A link without a slide is its own root.
     """
-    blocks = {j.block.link for j in mechanism.slides}
+    held = mechanism.held_angles
+    blocks = {angle.b for angle, _ in held}
     roots: dict[int, tuple[int, float]] = {}
     for root in sorted(range(GROUND, len(mechanism.links)), key=lambda i: (i != GROUND, i in blocks, i)):
         todo = [(root, 0.0)]
@@ -200,8 +201,8 @@ def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
             link, phase = todo.pop()
             if link not in roots:
                 roots[link] = (root, phase)
-                todo += [(j.block.link, phase + j.turn) for j in mechanism.slides if j.guide.link == link]
-                todo += [(j.guide.link, phase - j.turn) for j in mechanism.slides if j.block.link == link]
+                todo += [(angle.b, phase + turn) for angle, turn in held if angle.a == link]
+                todo += [(angle.a, phase - turn) for angle, turn in held if angle.b == link]
     return roots
 
 

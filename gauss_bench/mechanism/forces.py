@@ -23,7 +23,7 @@ import numpy as np
 from gauss_bench.mechanism import equations
 from gauss_bench.mechanism.coordinates import columns, state
 from gauss_bench.mechanism.equations import Symbols
-from gauss_bench.mechanism.model import Mechanism, PointForce, Torque, factor_of, loads
+from gauss_bench.mechanism.model import Coordinate, Mechanism, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor
 from gauss_bench.mechanism.spaces import Real, places
 from gauss_bench.terms import Array
@@ -124,8 +124,8 @@ class JointFriction:
     Attributes:
         acting: each friction with the pair in which it acts.
         places: row and column of each nonzero entry of W (n, p), whose column k is the generalised friction per load of pair k.
-        rows: (p,) index of the first multiplier of each pair.
-        pins: (p,) 1 for a pin, whose second multiplier is a force too; 0 for a slide, whose second multiplier is a moment.
+        first, last: (p,) indices of the first and the last multiplier of each pair that is a force [N]; the others are moments.
+        both: (p,) 1 if these are two multipliers, as of a pin; 0 if they are one, as of a slide.
         lever: (p,) mu times radius [m] of a pin; mu [-] of a slide.
         speed: (p,) speed of the regularisation [rad/s or m/s].
     """
@@ -137,8 +137,13 @@ class JointFriction:
     def __init__(self, mechanism: Mechanism):
         """Find the pairs with friction; generate the function for their relative speeds and the gradients of these."""
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
-        self.rows = np.array([mechanism.held_names.index(pair.name) for _, pair in self.acting], dtype=int)
-        self.pins = np.array([not pair.slides for _, pair in self.acting], dtype=float)
+        forces = []  # for each pair the indices of the multipliers that are forces: those of held lengths
+        for _, pair in self.acting:
+            held: tuple[tuple[Coordinate, float], ...] = pair.held
+            first = mechanism.held_names.index(pair.name)
+            forces.append([row for row, (x, _) in enumerate(held, first) if x.unit == "m"])
+        self.first, self.last = (np.array([x[end] for x in forces], dtype=int) for end in (0, -1))
+        self.both = np.array(self.first != self.last, dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])
         at = Symbols(mechanism.n)
@@ -150,11 +155,11 @@ class JointFriction:
 
     def __bool__(self) -> bool:
         """Tell whether any pair of the mechanism has friction."""
-        return len(self.rows) > 0
+        return bool(self.acting)
 
     def directions(self, q: Array, v: Array) -> Array:
         """Return W (..., n, p) at state(s) q, v (..., n): column k is the generalised friction under a load of 1 N of pair k."""
-        W = np.zeros((*q.shape, len(self.rows)), dtype=q.dtype)
+        W = np.zeros((*q.shape, len(self.acting)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
         law = -self.lever * np.tanh(rates / self.speed)
         for i, (k, p) in enumerate(self.places):
@@ -163,7 +168,7 @@ class JointFriction:
 
     def loads(self, multipliers: Array) -> Array:
         """Return the loads N (..., p) [N] that the pairs carry, from multipliers (..., m)."""
-        return np.hypot(multipliers[..., self.rows], self.pins * multipliers[..., self.rows + 1])
+        return np.hypot(multipliers[..., self.first], self.both * multipliers[..., self.last])
 
     def generalised(self, q: Array, v: Array, multipliers: Array) -> Array:
         """Return the generalised force W N(lambda) of friction (..., n) [N, N m]."""

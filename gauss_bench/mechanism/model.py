@@ -7,12 +7,13 @@ import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw, read_factor
 from gauss_bench.mechanism.numbers import turn_vector
+from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.terms import Array
 
 GROUND = -1
@@ -162,14 +163,22 @@ class Weld:
 class Revolute:
     """A pin: point a of one link coincides with point b of another.
 
-    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own.
+    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. Every kind of joint has the
+    attributes of the class.
+
+    Attributes:
+        ends_meet: whether the joint keeps its two ends at one place; the held coordinates are then the gap between them.
+        parts: names of the held coordinates.
+        numbers: names of the fields that are the values of the first held coordinates and may be parameters of programs.
     """
 
     name: str
     joint: str
     a: Point
     b: Point
-    slides: ClassVar[bool] = False
+    ends_meet: ClassVar[bool] = True
+    parts: ClassVar[tuple[str, ...]] = ("x", "y")
+    numbers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def ends(self) -> tuple[Point, Point]:
@@ -207,7 +216,9 @@ class Prismatic:
     angle: float
     turn: float
     offset: float
-    slides: ClassVar[bool] = True
+    ends_meet: ClassVar[bool] = False
+    parts: ClassVar[tuple[str, ...]] = ("normal", "turn")
+    numbers: ClassVar[tuple[str, ...]] = ("offset",)
 
     @property
     def joint(self) -> str:
@@ -498,6 +509,11 @@ class CoulombFriction:
 Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpringDamper | JointDamping
 
 
+def turns_only(force: Force) -> bool:
+    """Tell whether a force acts along angles alone."""
+    return all(isinstance(x, Law) and x.coordinate.unit == "rad" for x in force.to_loads())
+
+
 def factor_of(force: Force) -> Factor | None:
     """Return the factor of a force that varies, or None for a steady force."""
     return force.factor if isinstance(force, (Torque, PointForce)) else None
@@ -529,11 +545,18 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
 
 @dataclass(frozen=True, eq=False)
 class AngleDriver:
-    """Prescribed rotation of a link: theta = law(t) [rad]."""
+    """Prescribed rotation of a link: theta = law(t) [rad]. Every kind of driver has the attributes of the class.
+
+    Attributes:
+        by: key of the driver's table in linkage files that names what is driven.
+        key: key of linkage files for the value of the driver.
+    """
 
     name: str
     law: MotionLaw
     link: int
+    by: ClassVar[str] = "link"
+    key: ClassVar[str] = "angle"
 
     @property
     def coordinate(self) -> Angle:
@@ -548,6 +571,12 @@ class SlideDriver:
     name: str
     law: MotionLaw
     joint: Prismatic
+    by: ClassVar[str] = "joint"
+
+    @property
+    def key(self) -> str:
+        """The key of linkage files for the value of the driver: "position", or "length" if the slide is that of a cylinder."""
+        return "length" if self.joint.guide.name == f"{self.name}_barrel.pin" else "position"
 
     @property
     def coordinate(self) -> Along:
@@ -563,6 +592,8 @@ class LengthDriver:
     law: MotionLaw
     a: Point
     b: Point
+    by: ClassVar[str] = "between"
+    key: ClassVar[str] = "length"
 
     @property
     def coordinate(self) -> Distance:
@@ -571,6 +602,20 @@ class LengthDriver:
 
 
 Driver = AngleDriver | SlideDriver | LengthDriver
+
+
+class RowName(NamedTuple):
+    """The name of a constraint row.
+
+    Attributes:
+        owner: name of its joint, coupling, driver or knife edge.
+        part: name of the coordinate that a joint holds by it; empty if the owner is no joint.
+        place: index of the row among those of its owner.
+    """
+
+    owner: str
+    part: str
+    place: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -657,6 +702,27 @@ class Mechanism:
         return tuple(joint for joint in self.joints if isinstance(joint, Prismatic))
 
     @property
+    def drivable(self) -> dict[str, Prismatic]:
+        """Name -> joint, of the joints whose coordinate a driver, or the start of a scenario, may give: the slides."""
+        return {joint.name: joint for joint in self.slides}
+
+    @property
+    def held_angles(self) -> tuple[tuple[Angle, float], ...]:
+        """The relative angles that joints and couplings keep constant, with their values."""
+        held = [x for part in (*self.joints, *self.couplings) for x in part.held]
+        return tuple((x, value) for x, value in held if isinstance(x, Angle))
+
+    @property
+    def turned_links(self) -> set[int]:
+        """The indices of the links whose angles drivers prescribe."""
+        return {driver.link for driver in self.drivers if isinstance(driver, AngleDriver)}
+
+    @property
+    def torques(self) -> tuple[Torque, ...]:
+        """The forces that are torques on single links."""
+        return tuple(force for force in self.forces if isinstance(force, Torque))
+
+    @property
     def driver(self) -> AngleDriver | None:
         """The driver of the scenario if it is the only one and turns a link; else None."""
         only = self.drivers[0] if len(self.drivers) == 1 else None
@@ -696,7 +762,7 @@ class Mechanism:
     @property
     def n(self) -> int:
         """Number of coordinates: x, y and angle of each body."""
-        return 3 * len(self.links)
+        return SIZE * len(self.links)
 
     @property
     def m(self) -> int:
@@ -707,6 +773,13 @@ class Mechanism:
     def held_names(self) -> tuple[str, ...]:
         """The name of the joint or coupling of each row that holds a coordinate; rows of drivers and knife edges follow them."""
         return tuple(part.name for part in (*self.joints, *self.couplings) for _ in part.held)
+
+    @property
+    def row_names(self) -> tuple[RowName, ...]:
+        """The names of all constraint rows, in their order: joints, couplings, drivers, knife edges."""
+        joints = [RowName(x.name, part, k) for x in self.joints for k, part in enumerate(x.parts)]
+        couplings = [RowName(x.name, "", k) for x in self.couplings for k in range(len(x.held))]
+        return *joints, *couplings, *(RowName(x.name, "", 0) for x in (*self.drivers, *self.knife_edges))
 
     @property
     def mass(self) -> Array:

@@ -13,6 +13,7 @@ Methods of Numerical Integration (1984), section 2.7.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -29,6 +30,7 @@ NEWTON_STEPS = 3  # from roots in double precision: the first step reaches long 
 BatchAcceleration = Callable[[Array, Array, Array], Array]  # t (k,), q, v (k, n) -> a (k, n)
 
 
+@dataclass(frozen=True, eq=False)
 class Tableau:
     """The coefficients of the Gauss method with s stages on the interval 0..1.
 
@@ -38,27 +40,33 @@ class Tableau:
         expansion: (s, s) matrix that turns values at the nodes into coefficients of Legendre polynomials.
     """
 
-    def __init__(self, stages: int, dtype: Any = np.float64):
-        """Compute the coefficients for `stages` stages, as numbers of the numpy type `dtype`."""
-        x = legendre.leggauss(stages)[0].astype(dtype)  # roots of P_s, corrected by Newton's method
-        for _ in range(NEWTON_STEPS):
-            P = legendre_values(x, stages + 1)
-            x = x - P[stages] * (x * x - 1) / (stages * (x * P[stages] - P[stages - 1]))
-        x = (x - x[::-1]) / 2
-        P = legendre_values(x, stages + 1)
-        odd = 2 * np.arange(stages, dtype=dtype) + 1  # 2 k + 1
-        self.c, self.b = (1 + x) / 2, 1 / (odd @ P[:-1] ** 2)
-        below = np.concatenate([-np.ones_like(P[:1]), P[:-2]])  # P_-1 = -1 makes x + 1 the integral of P_0 from -1
-        # A_ij: integral of l_j to the node i, half of that on -1..1
-        self.A = (P[1:] - below).T @ P[:-1] * (self.b / 2)
-        self.AA, self.bA, self.expansion = self.A @ self.A, self.b @ self.A, odd[:, None] * P[:-1] * self.b
+    c: Array
+    b: Array
+    A: Array
+    AA: Array
+    bA: Array
+    expansion: Array
 
     def forecast(self, ratio: Any = 1) -> Array:
         """Return the matrix (s, s) from values at the nodes of a step to those at the next step, which is `ratio` times as long."""
         return np.asarray(legendre_values(1 + 2 * ratio * self.c, len(self.c)).T @ self.expansion)
 
 
-gauss_tableau = lru_cache(Tableau)  # each is computed once
+@lru_cache
+def gauss_tableau(stages: int, dtype: Any = np.float64) -> Tableau:
+    """Compute the coefficients for `stages` stages, as numbers of the numpy type `dtype`."""
+    x = legendre.leggauss(stages)[0].astype(dtype)  # roots of P_s, corrected by Newton's method
+    for _ in range(NEWTON_STEPS):
+        P = legendre_values(x, stages + 1)
+        x = x - P[stages] * (x * x - 1) / (stages * (x * P[stages] - P[stages - 1]))
+    x = (x - x[::-1]) / 2
+    P = legendre_values(x, stages + 1)
+    odd = 2 * np.arange(stages, dtype=dtype) + 1  # 2 k + 1
+    b = 1 / (odd @ P[:-1] ** 2)
+    below = np.concatenate([-np.ones_like(P[:1]), P[:-2]])  # P_-1 = -1 makes x + 1 the integral of P_0 from -1
+    # A_ij: integral of l_j to the node i, half of that on -1..1
+    A = (P[1:] - below).T @ P[:-1] * (b / 2)
+    return Tableau(c=(1 + x) / 2, b=b, A=A, AA=A @ A, bA=b @ A, expansion=odd[:, None] * P[:-1] * b)
 
 
 def legendre_values(x: Array, count: int) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gauss_bench.engines.bars import CURVE, RATIO
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.mechanism.spaces import angle_slot
 from gauss_bench.releases.cases import FIRST, FOLDER, SPEED, STATES, States, find_mechanism, states_of, with_shifts
 from gauss_bench.terms import Array
 
@@ -61,8 +62,9 @@ def coupled_acceleration(evaluator: Evaluator, q: Array, v: Array) -> Array:
     """
     terms = evaluator.terms(0.0, q, v)
     row = np.zeros(len(q))
-    row[5], row[2] = 1.0, -(1 + RATIO + 2 * CURVE * q[2])  # columns of both angles
+    first, second = angle_slot(0), angle_slot(1)
+    row[second], row[first] = 1.0, -(1 + RATIO + 2 * CURVE * q[first])
     J = np.vstack([terms.J, row])  # (m + 1, n)
-    gamma = np.append(terms.gamma, 2 * CURVE * v[2] ** 2)
+    gamma = np.append(terms.gamma, 2 * CURVE * v[first] ** 2)
     K = np.block([[terms.M, J.T], [J, np.zeros((len(J), len(J)))]])
     return np.linalg.solve(K, np.concatenate([terms.Q, gamma]))[: len(q)]

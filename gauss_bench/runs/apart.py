@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines import SAFE, get
-from gauss_bench.engines.base import Choice, ask
+from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
 from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
@@ -92,6 +92,20 @@ def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[s
     return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
+@dataclass(frozen=True)
+class _Key:
+    """All parts of a request on which a built model depends: the linkage with the planted fault, the engine and its setting."""
+
+    linkage: str
+    scenario: str
+    sha256: str
+    alter: Alteration
+    engine: str
+    settings: str
+    integrator: str
+    stabilization: str
+
+
 def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
@@ -99,16 +113,24 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
-    # identifies the model: all parts of the request on which the built model depends
-    key: tuple[Any, ...] = (request.linkage, request.scenario, mechanism.sha256, request.alter)
-    key += (request.engine, choice.settings, choice.integrator, choice.stabilization)
+    key = _Key(
+        linkage=request.linkage,
+        scenario=request.scenario,
+        sha256=mechanism.sha256,
+        alter=request.alter,
+        engine=request.engine,
+        settings=choice.settings,
+        integrator=choice.integrator,
+        stabilization=choice.stabilization,
+    )
 
-    def build(mechanism: Mechanism, choice: Choice) -> Any:
+    def build(mechanism: Mechanism, choice: Choice) -> Model:
         """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key`."""
         if key not in _kept:
             _kept.clear()
             _kept[key] = engine.build(mechanism, choice)
-        _kept[key].choice = choice
+        model: Any = _kept[key]
+        model.choice = choice  # an attribute that models of resizable engines have
         return _kept[key]
 
     keeps = again and ask(engine, "resizable")
@@ -118,7 +140,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     return run
 
 
-_kept: dict[tuple[Any, ...], Any] = {}  # the one model that this process keeps, by the linkage, engine and settings of its request
+_kept: dict[_Key, Model] = {}  # the one model that this process keeps
 
 
 def outcome_of(answer: object) -> Outcome:

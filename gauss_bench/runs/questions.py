@@ -37,7 +37,7 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
 
     They are the forces fx, fy [N] on the joint's second link and the moment [N m] about its point; NaN if the model reports none.
     """
-    forces = np.full((len(t), len(names), 3), np.nan)
+    forces = np.full((len(t), len(names), SIZE), np.nan)
     for k, state in enumerate(zip(t, q, v, strict=True)):
         with suppress(RunFailure):
             reported = ask(model, "joint_forces")(*state)
@@ -70,7 +70,7 @@ class ForceQuestion:
 
     def compare(self, answer: object) -> tuple[float, float]:
         """Return the largest error of the joint forces of an engine, and the largest correct one [N, N m]; NaN if it has none."""
-        shape = (len(self.states.t), len(self.mechanism.joints), 3)
+        shape = (len(self.states.t), len(self.mechanism.joints), SIZE)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
         return compare_joint_forces(Evaluator(self.mechanism), self.states, answer)

@@ -137,11 +137,7 @@ class Study:
 
     def dropped(self, choice: int) -> tuple[str, ...]:
         """Return the names of the constraint rows that are left out by drops[choice]."""
-        # in the order of the rows of J: joints, couplings, drivers, knife edges
-        parts = [(j.name, ("normal", "turn") if j.slides else ("x", "y")) for j in self.mechanism.joints]
-        names = [f"{name}.{part}" for name, both in parts for part in both]
-        names += [x.name for x in self.mechanism.couplings for _ in x.held]
-        names += [d.name for d in self.mechanism.drivers] + [e.name for e in self.mechanism.knife_edges]
+        names = [f"{row.owner}.{row.part}" if row.part else row.owner for row in self.mechanism.row_names]
         return tuple(names[k] for k in self.drops[choice].rows)
 
     def soundness(self, choice: int) -> Array:

@@ -43,7 +43,7 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
         numbers |= {f"points.{owner}.{name}": xy for name, xy in points.items()}
     for force in mechanism.forces:
         numbers |= {f"forces.{force.name}.{key}": x for key, x in force_numbers(force).items()}
-    return numbers | {f"joints.{j.name}.offset": j.offset for j in mechanism.slides}
+    return numbers | {f"joints.{j.name}.{key}": getattr(j, key) for j in mechanism.joints for key in j.numbers}
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
@@ -164,10 +164,10 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     The root is the ground if slides connect the link with the ground. A link without slides is its own root.
     """
     ties = list(free_angles(mechanism))
-    for slide in mechanism.slides:
-        guide, block = (Tie(GROUND, 0.0) if p.link == GROUND else ties[p.link] for p in (slide.guide, slide.block))
+    for angle, turn in mechanism.held_angles:
+        guide, block = (Tie(GROUND, 0.0) if link == GROUND else ties[link] for link in (angle.a, angle.b))
         # angle of the old root = angle of the new root + offset, because angle of the block = angle of the guide + turn
-        old, new, offset = block.root, guide.root, guide.offset + slide.turn - block.offset
+        old, new, offset = block.root, guide.root, guide.offset + turn - block.offset
         if old == GROUND:  # the ground remains a root
             old, new, offset = new, old, -offset
         if old != new:
@@ -208,6 +208,8 @@ class Links(Given):
         self.arithmetic, self.zero = graph, graph.constant(0.0)
         self._frames: dict[int, Frame] = {}  # link -> frame
         self._ends: dict[tuple[object, ...], End] = {}  # name and local vector of a point -> end
+        # joint and index of a held coordinate -> name of the number at which it is held
+        self._held = {(x.name, k): f"joints.{x.name}.{key}" for x in mechanism.joints for k, key in enumerate(x.numbers)}
 
     @property
     def time(self) -> Node:
@@ -249,9 +251,9 @@ class Links(Given):
         return self.graph.input("p", names.index(name), np.full(self.graph.samples, value), abs(value) or 1.0)
 
     def held(self, joint: str, index: int, value: float) -> Node:
-        """Return the constant value at which a joint holds coordinate `index`; a slide's offset (index 0) may be a parameter."""
-        name = f"joints.{joint}.offset"
-        return self.number(name) if index == 0 and name in self.parameters.all else self.graph.constant(float(value))
+        """Return the constant value at which a joint holds coordinate `index`; a slide's offset may be a parameter."""
+        name = self._held.get((joint, index))
+        return self.number(name) if name else self.graph.constant(float(value))
 
     def law(self, law: MotionLaw) -> Motion:
         """Return value, first and second time derivative of a law as expressions of time.

@@ -55,6 +55,7 @@ LAST_CORRECTION = 2.0**-28
 Coefficients = Sequence[float]
 
 
+@dataclass(frozen=True, eq=False)
 class Dop853:
     """DOP853, an explicit Runge-Kutta method of s stages, for q'' = a(t, q, v).
 
@@ -69,17 +70,23 @@ class Dop853:
             each set of weights has the sum 0.
     """
 
-    def __init__(self) -> None:
-        """Compute the weights from the Butcher tableau of the method."""
-        self.c, rows, b = dop853_tableau()
-        A = np.zeros((len(b), len(b)))
-        for k, row in enumerate(rows):
-            A[k, :k] = row
-        self.A, self.twice, self.b, self.end = (x.tolist() for x in (A, A @ A, b, b @ A))
-        self.estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
+    c: list[float]
+    A: list[list[float]]
+    twice: list[list[float]]
+    b: list[float]
+    end: list[float]
+    estimates: list[tuple[list[float], list[float]]]
 
 
-order_eight = cache(Dop853)  # computed once
+@cache
+def order_eight() -> Dop853:
+    """Compute the weights of DOP853 from its Butcher tableau."""
+    c, rows, b = dop853_tableau()
+    A = np.zeros((len(b), len(b)))
+    for k, row in enumerate(rows):
+        A[k, :k] = row
+    estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
+    return Dop853(c, A=A.tolist(), twice=(A @ A).tolist(), b=b.tolist(), end=(b @ A).tolist(), estimates=estimates)
 
 
 @dataclass(frozen=True)

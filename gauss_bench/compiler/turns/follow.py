@@ -24,6 +24,7 @@ computed by series of two terms, which are exact up to rounding errors if |z| is
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine import trigonometry
@@ -40,6 +41,7 @@ LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b
 LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
 
 
+@dataclass(frozen=True, eq=False)
 class _Sample:
     """One Newton correction, and the values that are computed at one sample; each is given by its index in a new graph.
 
@@ -54,37 +56,47 @@ class _Sample:
         norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next sample.
     """
 
-    def __init__(self, program: ClosingProgram, plain: bool):
-        """Write the values into a graph.
+    graph: Graph
+    start: list[int]
+    end: list[int]
+    closed: list[int]
+    guards: list[int]
+    following: list[int]
+    stored: list[int]
+    norms: list[int]
 
-        `plain`: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
-        """
-        g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
-        def sincos(x: int) -> Pair:
-            """Return sine and cosine of a value, computed from scratch."""
-            return (g.make("sin", x), g.make("cos", x)) if plain else trigonometry.sincos(g, x)
+def _write_sample(program: ClosingProgram, plain: bool) -> _Sample:
+    """Write the values at one sample into a graph.
 
-        q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
-        u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, both time derivatives, values at the next sample
-        at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
-        ((*correction,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's z, the only result of the function
-        closed = [g.add(x, change) for x, change in zip(q, correction, strict=True)]
-        start = [sincos(guess[k]) for k in angles]
-        end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], correction[k], REACH) for k in angles]
-        at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
-        # at the corrected position: the guards, the step to the guess at the next sample, and the numbers to be stored
-        step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
-        guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
-        following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
-        norms = [g.squares([x[k] for k in angles]) for x in (correction, advance)]
-        flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
-        parts = [flat_start, flat_end, closed, guards, following, stored, norms]
-        if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
-            g, moved = rewrite(g, [x for part in parts for x in part])
-            parts = [[moved[x] for x in part] for part in parts]
-        self.graph = g
-        self.start, self.end, self.closed, self.guards, self.following, self.stored, self.norms = parts
+    `plain`: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
+    """
+    g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
+
+    def sincos(x: int) -> Pair:
+        """Return sine and cosine of a value, computed from scratch."""
+        return (g.make("sin", x), g.make("cos", x)) if plain else trigonometry.sincos(g, x)
+
+    q, guess = _leaves(g, "q", n), _leaves(g, "guess", n)
+    u, w, b, next_u = (_leaves(g, letter, K) for letter in "uwbn")  # values, both time derivatives, values at the next sample
+    at_q = {q[k]: (g.leaf(f"%s{k}"), g.leaf(f"%c{k}")) for k in angles}  # angle -> its sine and cosine, which are leaves too
+    ((*correction,),) = inline(g, program.correction, (q, u), at_q.__getitem__)  # Newton's z, the only result of the function
+    closed = [g.add(x, change) for x, change in zip(q, correction, strict=True)]
+    start = [sincos(guess[k]) for k in angles]
+    end = [sincos(closed[k]) if plain else trigonometry.rotate(g, at_q[q[k]], correction[k], REACH) for k in angles]
+    at_closed = {closed[k]: pair for k, pair in zip(angles, end, strict=True)}
+    # at the corrected position: the guards, the step to the guess at the next sample, and the numbers to be stored
+    step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
+    guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
+    following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
+    norms = [g.squares([x[k] for k in angles]) for x in (correction, advance)]
+    flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
+    parts = {"start": flat_start, "end": flat_end, "closed": closed, "guards": guards}
+    parts |= {"following": following, "stored": stored, "norms": norms}
+    if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
+        g, moved = rewrite(g, [x for part in parts.values() for x in part])
+        parts = {name: [moved[x] for x in part] for name, part in parts.items()}
+    return _Sample(g, **parts)
 
 
 def _leaves(g: Graph, name: str, count: int) -> list[int]:
@@ -120,7 +132,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
     It ends after the last sample, or when no lane of the group has a closed sample and a near guess at the next one.
     """
-    sample = _Sample(program, plain)
+    sample = _write_sample(program, plain)
     g = sample.graph
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)

@@ -19,7 +19,7 @@ from gauss_bench.compiler.equations.sampling import manifold_states, typical_len
 from gauss_bench.engines.base import Choice, sample_arrays
 from gauss_bench.engines.compiled import compiler_version
 from gauss_bench.engines.following import follow, wind
-from gauss_bench.engines.minimal.equation import Equation
+from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_function
 from gauss_bench.engines.minimal.structure import Links, NoWay, ways
 from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
@@ -96,6 +96,7 @@ class Segment:
     end: Array
 
 
+@dataclass(frozen=True, eq=False)
 class LinkMotion:
     """Poses, velocities and accelerations of the links at k states that are given in the variables of one equation of motion.
 
@@ -105,20 +106,26 @@ class LinkMotion:
         v, a: (k, n) velocities and accelerations in absolute coordinates.
     """
 
-    def __init__(self, rate: Array, results: Sequence[Array]):
+    places: Array
+    raw_angles: Array
+    v: Array
+    a: Array
+
+    @staticmethod
+    def of(rate: Array, results: Sequence[Array]) -> "LinkMotion":
         """Compute the motion from the rates (k,) of the coordinate and the results (k, ...) of `Equation.motion`."""
         # (k, 4 links) x, y, cos, sin of each link; (k, n) first and second derivatives p', p'' by the coordinate q; (k, 1) q''
         pose, first, second, acceleration = results
         x, y, c, s = np.moveaxis(pose.reshape(len(pose), -1, 4), -1, 0)  # (k, links) each
         w = rate[:, None]  # q'
-        self.places, self.raw_angles = np.stack([x, y], axis=-1), np.arctan2(s, c)
-        self.v, self.a = first * w, first * acceleration + second * (w * w)  # v = p' q',  a = p' q'' + p'' q'^2
+        v, a = first * w, first * acceleration + second * (w * w)  # v = p' q',  a = p' q'' + p'' q'^2
+        return LinkMotion(np.stack([x, y], axis=-1), np.arctan2(s, c), v, a)
 
     @staticmethod
     def at(equation: Equation, y: Array) -> "LinkMotion":
         """Return the motion of the links at states y (k, 2n) in the variables of an equation of motion."""
         n, zero = equation.program.n, np.zeros((len(y), 1))
-        return LinkMotion(y[:, n], equation.motion(zero, y[:, :n], y[:, n:], zero[:, :0]))
+        return LinkMotion.of(y[:, n], equation.motion(zero, y[:, :n], y[:, n:], zero[:, :0]))
 
     def unwrap(self, near: Array) -> Array:
         """Return q (k, n), with whole turns added to the angles so that they are nearest to `near` (k, links)."""
@@ -152,7 +159,7 @@ class MinimalModel:
         openings = [way.openings(sampled) for way in self.ways]  # (states, dyads) of each way
         # Openings of RRR and RRP are sines and cosines. That of RPR is a length, which is divided by its largest value.
         self.scales = [
-            np.where([dyad.kind == "RPR" for dyad in way.dyads], np.abs(opening).max(axis=0), 1.0)
+            np.where([dyad.opening_is_length for dyad in way.dyads], np.abs(opening).max(axis=0), 1.0)
             for way, opening in zip(self.ways, openings, strict=True)
         ]
         self.signs = [np.sign(x) for x in openings]
@@ -188,7 +195,7 @@ class MinimalModel:
             best = sorted(on[np.argsort(-self.open[key.way][on], kind="stable")][: max(3, len(on) // 2)])
             states = self.walk.q[best] if q is None else np.vstack([self.walk.q[best], q])
             least = self.least * self.scales[key.way]
-            self.equations[key] = Equation(self.mechanism, self.ways[key.way], key.signs, states, least)
+            self.equations[key] = write_equation(self.mechanism, self.ways[key.way], key.signs, states, least)
         return self.equations[key]
 
     def _evaluator(self, key: Key) -> Callable[[Array], list[Array]]:
@@ -235,7 +242,7 @@ class MinimalModel:
         y = self._state(equation, q, v)
         if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
             rate = y[len(y) // 2]  # of the coordinate
-            motion = LinkMotion(rate[None], [x[None] for x in self._evaluator(key)(y)])
+            motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
         else:
             motion = LinkMotion.at(equation, y[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
@@ -345,7 +352,7 @@ class MinimalModel:
     def _name(self, equation: Equation) -> str:
         """Return the name of an equation's independent coordinate, for the note of a run."""
         way = equation.way
-        return f"slide {way.joint.name}" if way.joint.slides else f"angle of {self.mechanism.link_name(way.link)}"
+        return f"slide {way.joint.name}" if way.joint.motion.unit == "m" else f"angle of {self.mechanism.link_name(way.link)}"
 
     def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
         """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
@@ -356,7 +363,7 @@ class MinimalModel:
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles
 
-        length = typical_length(self.mechanism) if equation.way.joint.slides else None
+        length = typical_length(self.mechanism) if equation.way.joint.motion.unit == "m" else None
         return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
 
     def read(self) -> Trajectory:

@@ -40,6 +40,7 @@ NEAR = 0.02  # [rad, m] largest distance of the expressions' random test points 
 AXIS = 1e-14  # relative to a vector's length: a smaller component is the rounding error of a right angle
 
 
+@dataclass(frozen=True, eq=False)
 class Equation:
     """The equation of motion for one independent coordinate on one branch of the linkage.
 
@@ -51,42 +52,12 @@ class Equation:
         motion: function (t, q, v, p) -> x, y, cos, sin of every link; x', y', omega of every link; x'', y'', alpha; and q''.
     """
 
-    def __init__(self, mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array):
-        """Write the equation of motion of a linkage.
-
-        Args:
-            q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
-            least: (dyads,) for each dyad the smallest opening at which the equation may be used.
-        """
-        # links whose angles torsion springs need, without those whose angles slides fix relative to the ground -> root
-        torsion = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and x.k and isinstance(x.coordinate, Angle)]
-        needed = {link for angle in torsion for link in (angle.a, angle.b)}
-        roots = {link: root for link, root in _roots(way).items() if link in needed and root.link != GROUND}
-        integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
-        self.way, self.signs, self.integrated = way, tuple(signs), integrated
-        slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
-        self.angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
-        value, _ = way.state(Links.of(q, np.zeros_like(q)))
-        states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
-        motion = _Motion(mechanism, way, signs, integrated, states)
-        a, openings = motion.acceleration(), motion.openings
-        square_roots = [node for node, _ in openings]
-        n = 1 + len(integrated)
-        inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
-        self.program = Program(
-            name=mechanism.name,
-            formulation="minimal",
-            n=n,
-            m=0,
-            independent=(0,),
-            parameters=(),
-            values=np.zeros(0),
-            dropped=(),
-            thresholds=np.array([size * x for (_, size), x in zip(openings, least, strict=True)]),  # of the square roots
-            acceleration=function(inputs, [a, square_roots], uses([*a, *square_roots])),
-        )
-        # a[0] is q''; the others are the second derivatives of the integrated angles
-        self.motion: Function = function(inputs, [*motion.links(), a[:1]], None)
+    way: Way
+    signs: tuple[float, ...]
+    integrated: tuple[int, ...]
+    angles: Mapping[int, tuple[int, float]]
+    program: Program
+    motion: Function
 
     def state(self, at: Links, link_angles: Mapping[int, float]) -> Array:
         """Return the program's state (2n,), q then v, at a state of the links.
@@ -104,6 +75,44 @@ class Equation:
     def spring_angles(self, q: Array) -> dict[int, float]:
         """Return link -> angle [rad], for the angles that springs need, at the program's q (n,)."""
         return {link: float(q[k]) + turn for link, (k, turn) in self.angles.items()}
+
+
+def write_equation(mechanism: Mechanism, way: Way, signs: Sequence[float], q: Array, least: Array) -> Equation:
+    """Write the equation of motion of a linkage.
+
+    Args:
+        q: (k, n) positions of the linkage on this branch, away from dead centres, in absolute coordinates.
+        least: (dyads,) for each dyad the smallest opening at which the equation may be used.
+    """
+    # links whose angles torsion springs need, without those whose angles slides fix relative to the ground -> root
+    torsion = [x.coordinate for x in loads(mechanism.forces) if isinstance(x, Law) and x.k and isinstance(x.coordinate, Angle)]
+    needed = {link for angle in torsion for link in (angle.a, angle.b)}
+    roots = {link: root for link, root in _roots(way).items() if link in needed and root.link != GROUND}
+    integrated = tuple(sorted({root.link for root in roots.values()} - {way.link}))
+    slots = {link: k for k, link in enumerate((way.link, *integrated))}  # root -> index of its angle in the program's q
+    angles = {link: (slots[roots[link].link], roots[link].turn) for link in sorted(roots)}
+    value, _ = way.state(Links.of(q, np.zeros_like(q)))
+    states = np.column_stack([value, *(angle_at(q, link) for link in integrated)])
+    motion = _Motion(mechanism, way, signs, integrated, states)
+    a, openings = motion.acceleration(), motion.openings
+    square_roots = [node for node, _ in openings]
+    n = 1 + len(integrated)
+    inputs: Inputs = (("t", 1), ("q", n), ("v", n), ("p", 0))
+    program = Program(
+        name=mechanism.name,
+        formulation="minimal",
+        n=n,
+        m=0,
+        independent=(0,),
+        parameters=(),
+        values=np.zeros(0),
+        dropped=(),
+        thresholds=np.array([size * x for (_, size), x in zip(openings, least, strict=True)]),  # of the square roots
+        acceleration=function(inputs, [a, square_roots], uses([*a, *square_roots])),
+    )
+    # a[0] is q''; the others are the second derivatives of the integrated angles
+    of_links = function(inputs, [*motion.links(), a[:1]], None)
+    return Equation(way, tuple(signs), integrated, angles, program, of_links)
 
 
 class Root(NamedTuple):

@@ -134,6 +134,11 @@ class Dyad:
         a, c = inner_on_first.local - self.first.own.local, inner_on_second.local - self.second.own.local
         return float(np.hypot(*a)), float(np.hypot(*c))
 
+    @property
+    def opening_is_length(self) -> bool:
+        """Whether `opening` is a distance [m] instead of the sine of the transmission angle."""
+        return self.kind == "RPR"
+
     def opening(self, at: Links) -> Any:
         """Return a number that is zero at the dyad's dead centre and has opposite signs on its two branches.
 
@@ -143,7 +148,7 @@ class Dyad:
         on_first, on_second = self.middle
         # for complex x and y, Re(conj(x) y) is their scalar product, and Im(conj(x) y) their cross product
         along = at.direction(self.line.link, self.angle).conjugate()
-        if self.kind == "RPR":
+        if self.opening_is_length:
             return (along * (at.point(on_second) - at.point(on_first))).real
         r1, r2 = self.lengths
         arm = at.arm(self.first.own, on_first)  # from A to B

@@ -75,7 +75,7 @@ class Evaluated:
 
 
 @cache
-def functions(jax: Any, mjx: Any, of_model: Any, of_state: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def functions(jax: Any, mjx: Any, *, of_model: Any, of_state: Any) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the two functions take_steps and terms for models of one structure; JAX compiles a function on its first call.
 
     take_steps(model, state, number of steps) returns the state after the steps. terms(model, state) returns the fields of
@@ -143,8 +143,8 @@ class Device:
         """Put the numbers of MuJoCo's model on the device, and choose the compiled functions for its structure."""
         self.model: Any = self.mjx.put_model(model)
         # all states of MJX have the structure of `rest`, the state at rest
-        structures = self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest)
-        self._take_steps, self._terms = functions(self.jax, self.mjx, *structures)
+        of_model, of_state = self.trees.tree_structure(self.model), self.trees.tree_structure(self.rest)
+        self._take_steps, self._terms = functions(self.jax, self.mjx, of_model=of_model, of_state=of_state)
 
     def with_step(self, size: float) -> list[Any]:
         """Return MJX's model with steps of `size` [s]."""

@@ -26,6 +26,7 @@ from markupsafe import Markup
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.spaces import DIMENSION, SIZE, angles, places
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.drawings.canvas import Canvas
 from gauss_bench.report.drawings.drawing import canvas_of, draw_paths, linkage_parts
@@ -86,8 +87,7 @@ def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
     """Return x, y and angle of links as drawn, (k, links, 3) [px, px, degrees], at states (k, n)."""
-    links = states.reshape(len(states), -1, 3)
-    return np.concatenate((canvas.at(links[..., :2]), -np.degrees(links[..., 2:])), axis=-1)
+    return np.concatenate((canvas.at(places(states)), -np.degrees(angles(states)[..., None])), axis=-1)
 
 
 def list_frames(places: Array) -> list[Any]:
@@ -139,7 +139,7 @@ def read_poses(rows: Iterable[Row], links: Sequence[str], *parts: str) -> tuple[
     """
     stored = {(number(r, "t"), r["link"]): r for r in rows}
     times = [t for t in sorted({t for t, _ in stored}) if all((t, link) in stored for link in links)]
-    shape = (len(times), len(links), 3)
+    shape = (len(times), len(links), SIZE)
     values = [
         np.reshape([number(stored[t, link], x + part) for t in times for link in links for x in ("x", "y", "angle")], shape)
         for part in parts
@@ -211,7 +211,7 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
     # rest = reference + ahead - turn(c + a), with the crank angle c + a of the run
     rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
     # angles of the turn are known up to whole turns only: take the nearest ones
-    rest[..., 2] = (rest[..., 2] + np.pi) % (2 * np.pi) - np.pi
+    rest[..., DIMENSION] = (rest[..., DIMENSION] + np.pi) % (2 * np.pi) - np.pi
     shown, gap = shift_in_pixels(canvas, rest), shift_in_pixels(canvas, x.gap)
     # the crank angle is one of the coordinates, so that differences of coordinates contain its difference
     data = _describe(x) | {"ahead": _round(crank_angles(turn.mechanism, ahead))}
@@ -229,7 +229,7 @@ def _describe(x: StoredRun) -> dict[str, Any]:
 
 def shift_in_pixels(canvas: Canvas, x: Array) -> Array:
     """Convert differences (k, links, 3) from [m, m, rad] to [px, px, degrees] with y down."""
-    return np.concatenate((canvas.offset(x[..., :2]), -np.degrees(x[..., 2:])), axis=-1)
+    return np.concatenate((canvas.offset(x[..., :DIMENSION]), -np.degrees(x[..., DIMENSION:])), axis=-1)
 
 
 def _round(x: Array) -> list[Any]:
