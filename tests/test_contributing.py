@@ -170,11 +170,15 @@ def test_a_metric_is_a_function_its_call_and_its_column(tmp_path: Path) -> None:
     insert(package / "metrics.py", "def energy_scale(", METRIC)
     called = '        "largest_acceleration": metrics.largest_acceleration(mechanism, trajectory),\n'
     insert(package / "bench" / "measure.py", '        "position_drift": float(drift.position.max()),\n', called)
-    column = '  { number = "largest_acceleration", unit = "m/s^2", meaning = "of any centre of mass" },\n'
+    column = '  { number = "largest_acceleration", unit = "m/s^2", added = true, meaning = "of any centre of mass" },\n'
     insert(
         package / "tables.toml", '  { number = "compared", meaning = "number of times at which the reference is known" },\n', column
     )
-    said_by(folder, "-c", ONE_CASE)
+    said_by(
+        folder,
+        "-c",
+        f"{ONE_CASE}\nfrom gauss_bench.tables import read_table\nassert read_table('results', Path({str(ROOT / 'reports')!r}))",
+    )
     with (folder / "run" / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "ok"]
     assert rows

@@ -4,6 +4,7 @@ Pinocchio has no springs and no integrator for constrained systems. The script h
 in the joint coordinates, and tables for all others, which a function in the script evaluates.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.transcript import Script, name_laws, python
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.mechanism.model import GROUND, Along, Distance, Law, LengthDriver, Load, Mechanism, Point, PointForce, loads
+from gauss_bench.mechanism.model import GROUND, Along, Distance, Force, Law, LengthDriver, Mechanism, Point, PointForce, loads
 from gauss_bench.trajectory import RunFailure, Status
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     if choice.stabilization == "baumgarte":
         stabilization = "with Baumgarte's terms"
         gains = float(options["baumgarte_Kp_per_s2"]), float(options["baumgarte_Kd_per_s"])
-    others = list(loads(built.forces.others))  # forces that are not affine functions of the joint coordinates
+    others = built.forces.others  # forces that are not affine functions of the joint coordinates
     rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
     return write_program(
         "pinocchio.py.jinja",
@@ -113,14 +114,14 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
     return [*script.lines, f"PROXIMAL = pin.ProximalSettings({accuracy}, {int(built.options['max_iter'])})"]
 
 
-def tabulate(others: list[Load]) -> dict[str, list[Any]]:
-    """Return tables of the loads that are not affine in the coordinates: the exported script's lists SPRINGS, SLIDES and PUSHES.
+def tabulate(others: Sequence[Force]) -> dict[str, list[Any]]:
+    """Return tables of forces that are not affine in the coordinates: the exported script's lists SPRINGS, SLIDES and PUSHES.
 
     Raises:
-        RunFailure: the script cannot evaluate a load of this kind.
+        RunFailure: the script cannot evaluate a load of this kind; the message names the force.
     """
     tables: dict[str, list[Any]] = {"springs": [], "slides": [], "pushes": []}
-    for load in others:
+    for name, load in ((force.name, load) for force in others for load in loads([force])):
         match load:
             case Law(Distance(a, b), k, c, rest, 0.0):
                 tables["springs"].append([spot(a), spot(b), k, c, rest])
@@ -130,7 +131,7 @@ def tabulate(others: list[Load]) -> dict[str, list[Any]]:
                 if point.link != GROUND:  # a force on the ground moves nothing
                     tables["pushes"].append([spot(point), frame, *map(float, force)])
             case _:
-                raise RunFailure(Status.SKIP, "a load of this kind is not written for Pinocchio")
+                raise RunFailure(Status.SKIP, f"a load of this kind is not written for Pinocchio ({name})")
     return tables
 
 

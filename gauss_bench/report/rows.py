@@ -18,7 +18,7 @@ Key = TypeVar("Key", bound=Hashable)
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")  # identify a case
 METHOD = ("engine", "settings", "integrator", "stabilization")  # identify a variant of an engine
 VALID_ACCELERATION = 1e-2  # limit of a valid run's median acceleration error, for runs that did not record it
-OWN_ENGINES = (  # for runs that did not record them
+OWN_ENGINES = (  # of the runs that did not record them; engines that came later are not listed
     *("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16"),
     *("gauss-native", "lagrange-native", "minimal", "by_hand"),
 )

@@ -166,8 +166,10 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
         ends = [entry.get("point"), entry.get("origin"), *sequence(entry, "between"), entry.get("link"), *sequence(entry, "links")]
         ends += joints.get(str(entry.get("joint")), [])[:1]
         at = [places[x] for x in ends if isinstance(x, str) and x in places]
-        key, unit = FORCES["labels"].get(kind, ("value", ""))
-        label = f"cylinder {name}" if kind == "cylinder" else f"{name}: {entry.get(key, 0)} {unit}".strip()
+        label = f"cylinder {name}" if kind == "cylinder" else name
+        if kind in FORCES["labels"]:
+            key, unit = FORCES["labels"][kind]
+            label = f"{name}: {entry.get(key, 0)} {unit}".strip()
         shown.append({"id": name, "type": kind, "table": entry, "at": at, "label": label})
     return shown
 

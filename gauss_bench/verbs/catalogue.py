@@ -123,7 +123,7 @@ class Description:
         dof: degrees of freedom; redundant: number of redundant constraint rows; loops: number of loops.
         links: name of a rigid link -> the link; links that are welded together count as one.
         joints: name of a joint -> kind of joint.
-        knife_edges: names of the knife edges.
+        knife_edges: names of the knife edges; couplings: name of any other constraint besides joints and drivers -> its kind.
         welds: name of a weld -> names of the links that the weld carries: its welded link, and all links welded onto that link.
         warnings: the loader's warnings on the file.
         scenarios: name of a scenario -> scenario.
@@ -138,6 +138,7 @@ class Description:
     links: dict[str, DescribedLink]
     joints: dict[str, str]
     knife_edges: tuple[str, ...]
+    couplings: dict[str, str]
     welds: dict[str, tuple[str, ...]]
     warnings: tuple[str, ...]
     scenarios: dict[str, DescribedScenario]
@@ -178,10 +179,11 @@ def show(linkage: str, scenario: str | None) -> Answer[Description]:
             source=first.source,
             dof=first.dof,
             redundant=first.redundant,
-            loops=len(first.joints) - len(first.links),
+            loops=max(0, len(first.joints) - len(first.links)),  # links may be free, as a sleigh is
             links={x.name: DescribedLink(x.mass, x.inertia, x.com, x.points) for x in first.links},
             joints={x.name: type(x).__name__.lower() for x in first.joints},
             knife_edges=tuple(x.name for x in first.knife_edges),
+            couplings={x.name: type(x).__name__ for x in first.couplings},
             welds={x.name: tuple(first.whole.links[i].name for i in x.beyond) for x in first.welds},
             warnings=tuple(sorted({x for m in (first, *others) for x in m.warnings})),
             scenarios=scenarios,

@@ -145,10 +145,10 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     coefficients = {"T": 0.0, "D": 0.0}
     if slider is not None:
         coefficients |= {"K": 0.0, "C": 0.0, "X0": 0.0}
-    for load in loads(mechanism.forces):
+    for name, load in ((force.name, load) for force in mechanism.forces for load in loads([force])):
         match load:
             case Law(inverse_square=s) if s:
-                raise Underived("a force that falls with the square of a distance is not derived by hand")
+                raise Underived(f"a force that falls with the square of a distance is not derived by hand ({name})")
             case Law(Angle(a, b), k=0, c=c, bias=bias) if {a, b} == {GROUND, crank}:
                 coefficients["T"] += bias if b == crank else -bias
                 coefficients["D"] += c
@@ -162,5 +162,5 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 beside = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
                 coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
             case _:
-                raise Underived("a load acts that the derivation by hand does not have")
+                raise Underived(f"a load acts that the derivation by hand does not have ({name})")
     return coefficients
