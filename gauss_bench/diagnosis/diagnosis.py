@@ -229,21 +229,23 @@ class Case:
         self.jump_time = np.nan
 
     def verdict(self) -> Answer:
-        """Return the answer to the first question whose answer accounts for the error.
+        """Return the dominant cause of the error: the answer to the first question that finds one.
 
-        If the error mainly decreases with the step, a fault that reproduces the reported accelerations is not named as the cause,
-        but its explanations are listed.
+        A fault of the model that reproduces the reported accelerations is the cause only if most of the error remains at smaller
+        steps. If not, the fault is listed among the explanations of another cause.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
         for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
             if answer := question():
                 return answer
-        exact = self._reproduce()
-        if exact and (self._is_round_off() or not self._step_dominates()):
-            return exact
+        fault = self._reproduce()
+        if fault and (self._is_round_off() or not self._step_dominates()):
+            return fault
         answer = self._find_length() or self._find_other_times() or self._explain_by_steps()
-        return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
+        if fault and not answer.explanations:
+            return answer._replace(explanations=fault.explanations)
+        return answer
 
     def _acceleration_noise(self) -> float:
         """Return the relative error that correct accelerations may have: ten times the difference of two solvers."""

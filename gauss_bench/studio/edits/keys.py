@@ -55,17 +55,20 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return a copy of a value of a parsed file, in which `change` has replaced every text and every key of a table.
+    """Return a copy of a parsed file, or of a value in it, with `change(text, key)` in place of every text and every key.
 
-    Free texts, the values of the keys in TEXTS, stay.
+    The values of the keys in TEXTS name nothing and stay.
 
     Args:
-        change: function (text, key) -> new text, where `key` is the key of the table or value in which the text was found.
-        key: key of x in its table; empty for the file itself and for an entry of a group, whose key is only its name.
+        change: function that returns the new text. Its second argument is the key whose value is the text, or contains it; for a
+            key of a table it is the key of that table.
+        key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
-        has_entries = key in GROUPS  # x is a table of named entries, such as `links`
-        return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
+        copy = {}
+        for name, entry in x.items():
+            copy[change(name, key)] = rewrite(entry, change, "" if key in GROUPS else name)
+        return copy
     if isinstance(x, list):
         return [rewrite(y, change, key) for y in x]
     return change(x, key) if isinstance(x, str) and key not in TEXTS else x
@@ -109,7 +112,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        """Return x, with the old name in it replaced by the new name; x is the value of `key`, or a key inside the table `key`."""
+        """Return the new text for x, the value of `key` or a key in the table `key`: see `rewrite`."""
         if key in keys and x == old:
             return new
         # a reference to a point, "LINK.POINT", begins with the name of its link
