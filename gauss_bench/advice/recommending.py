@@ -365,7 +365,8 @@ class Recommender:
         """
         if before is None:
             return MOST
-        spared = SPARE * before.work / EVALUATIONS.get(way.integrator, 1)
+        best, trial = before
+        spared = SPARE * work(best.integrator, trial) / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:

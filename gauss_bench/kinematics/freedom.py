@@ -68,7 +68,7 @@ class Freedom:
 
     def close(self, q: Array) -> Place | None:
         """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton; None if it does not converge."""
-        before = np.inf  # rounding may keep the residual above CLOSED: if it stops falling, 1000 CLOSED is accepted
+        before = np.inf  # [m] residual of the last iteration; where it stops falling because of rounding, 1000 CLOSED is accepted
         for _ in range(CORRECTIONS):
             if not np.isfinite(q).all():
                 return None

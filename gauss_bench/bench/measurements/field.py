@@ -127,8 +127,8 @@ def complete(suite: Suite, tables: Tables) -> None:
                 if {k: row[k] for k in place} == place:
                     row["redundant"] = redundant
     for (engine,), own in group_by(rows, "engine").items():
-        megabytes, of = size_of(engine)
-        columns = {"size": megabytes, "size_of": of} | start_columns(tables.get("samples", []), engine)
+        megabytes, what = size_of(engine)
+        columns = {"size": megabytes, "size_of": what} | start_columns(tables.get("samples", []), engine)
         for row in own:
             row |= columns
     if rows:
