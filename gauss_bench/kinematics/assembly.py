@@ -179,9 +179,9 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    The largest of the ranks at q and at neighbouring positions, to which the linkage can move, is taken. Two bars that are stretched
-    along one line cannot move, although J loses rank. All links of such a linkage are turned slightly, which opens the joints: J
-    would have the same rank with slightly different lengths.
+    The largest of the ranks at q and at neighbouring positions, to which the linkage can move, is taken. Two bars that are
+    stretched along one line cannot move, although J loses rank. All links of such a linkage are turned slightly, which opens the
+    joints: J would have the same rank with slightly different lengths.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)

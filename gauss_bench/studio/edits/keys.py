@@ -186,23 +186,27 @@ def _delete_pin(d: Drawing, name: str) -> None:
         if link == "ground":
             d.written_points("ground").pop(point, None)
         elif link in d.group("links"):
-            given = d.link(link)
-            if len(given["points"]) <= 2:
+            if len(d.link(link)["points"]) > 2:
+                _delete_point(d, link, point)
+            else:
                 del d.group("links")[link], d.poses[link]
-                continue
-            given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
-            kept: list[list[str]] = []  # bars that do not end at the point
-            neighbours: list[str] = []  # other ends of bars that do
-            for bar in sequence(given, "bars"):
-                if point in bar:
-                    neighbours += [x for x in bar if x != point]
-                else:
-                    kept.append(bar)
-            # in a polygon of bars, a new bar joins the neighbours of the deleted point
-            if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
-                kept.append(neighbours)
-            if "bars" in given:
-                given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
+
+
+def _delete_point(d: Drawing, link: str, point: str) -> None:
+    """Delete a point of a link and the bars that end there; in a polygon of bars, a new bar joins the neighbours of the point."""
+    given = d.link(link)
+    given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
+    kept: list[list[str]] = []  # bars that do not end at the point
+    neighbours: list[str] = []  # other ends of bars that do
+    for bar in sequence(given, "bars"):
+        if point in bar:
+            neighbours += [x for x in bar if x != point]
+        else:
+            kept.append(bar)
+    if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
+        kept.append(neighbours)
+    if "bars" in given:
+        given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
 
 
 def prune(d: Drawing) -> None:
@@ -267,7 +271,7 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders.
 
-    It is refused if the file has a damper that would act differently in the second edition.
+    The cylinder is refused if the file has a damper that would act differently in the second edition.
     """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
