@@ -26,16 +26,16 @@ def race_there(
     engines: Sequence[str],
     path: str,
 ) -> Tables:
-    """Measure the run times of several settings in alternation, in this process (a worker), until `deadline` by time.monotonic.
-
-    Runs end at `until` [s]; an engine whose first run takes longer than SLOW is timed by that run alone.
+    """Measure the run times of several settings in alternation, in this process (a worker).
 
     Return two tables: "race" with the fields of the `Way` and the run times [s] of each timed setting, and "failed" with engine and
-    message of each that could not be timed.
+    message of each that could not be timed. An engine whose first run takes longer than SLOW is timed by that run alone.
 
     Args:
+        until: end of the runs [s].
         samples: number of samples of a run whose integrator chooses its own steps.
         rows: for each setting the fields of its `Way`, and its number of steps; the most important settings come first.
+        deadline: time of time.monotonic [s] at which the race ends.
         engines: the engines whose settings are timed.
         path: the file into which the name of the running engine is written.
     """

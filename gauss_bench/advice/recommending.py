@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,13 +57,25 @@ TRUTH, SEARCHED, RACED = 0.5, 0.65, 0.95  # shares of the budget at which the re
 AFTER = 0.05  # share of the budget by which a run may exceed the end of the search
 ONE_TRY = 0.1  # share of the budget that the first run of an engine may take in any case
 TRIED = 0.85  # share of the budget until which an engine without a run gets one
-LAST = 1.25  # time at which writing the programs, the last step, must end, in units of the budget
-WRITTEN = 15.0  # [s] that writing the program of the advised setting may take in any case
-WAITS = 4.0  # largest elapsed time of writing it, in units of WRITTEN: other programs may have the processor
+LAST = 1.25  # time at which the programs, the last part of an answer, must be written, in units of the budget
+WRITTEN = 15.0  # [s] that writing the program of the advised setting may take even if the budget is used up
+WAITS = 4.0  # largest elapsed time of this writing, in units of WRITTEN: other programs may have the processor
 LONGEST = 0.15  # share of the budget that one run may take; the first run of an engine may take twice as long, because it compiles
 
 Told = Callable[[str], object]
 Better = Callable[[Answer], object]
+
+
+class Tried(NamedTuple):
+    """A setting that was tried, with its step or tolerance, and its trial run."""
+
+    way: Way
+    trial: Trial
+
+    @property
+    def work(self) -> float:
+        """Number of acceleration evaluations of the trial run."""
+        return work(self.way.integrator, self.trial)
 
 
 class _Over(Exception):
@@ -127,15 +139,15 @@ class _Engine:
         by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
         return {way._replace(size=trial.size): trial for way, trial in by_work}  # size: step or tolerance
 
-    def best(self) -> tuple[Way, Trial] | None:
+    def best(self) -> Tried | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
-        return next(iter(self.passing().items()), None)
+        return next((Tried(way, trial) for way, trial in self.passing().items()), None)
 
-    def nearest(self) -> tuple[Way, Trial] | None:
-        """Return the setting with the smallest SHARE, and its trial run; None if no run ended."""
-        ended = [(way, trial) for way, x in self.trials.items() if (trial := nearest(x, SHARE)) is not None]
-        way, trial = min(ended, key=lambda pair: pair[1].errors[SHARE], default=(None, None))
-        return None if way is None or trial is None else (way._replace(size=trial.size), trial)
+    def nearest(self) -> Tried | None:
+        """Return the setting with the smallest SHARE; None if no run ended."""
+        found = [(way, nearest(trials, SHARE)) for way, trials in self.trials.items()]
+        ended = [Tried(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
+        return min(ended, key=lambda x: x.trial.errors[SHARE], default=None)
 
     def loop_of(self, way: Way) -> str:
         """Return the name of a setting's time loop, or an empty text if its options name none."""
@@ -192,7 +204,7 @@ class Recommender:
         self.engines: dict[str, _Engine] = {}
         self.lost: dict[str, str] = {}
         self.truth: Truth | None = None
-        searches = [(name, "", space) for name, space in spaces.items()]  # engine, its authors if the variants are theirs, variants
+        searches = [(name, "", space) for name, space in spaces.items()]  # engine, authors who contributed the variants, variants
         for name, variants in (owned or {}).items():
             owners = dict.fromkeys(x.owner for x in variants)
             searches += [(name, owner, [x for x in variants if x.owner == owner]) for owner in owners]
@@ -233,8 +245,8 @@ class Recommender:
         self.truth = truth
         # [s] the longest step, in which the fastest link turns by TURNED
         self.longest = TURNED / max(float(np.abs(angles(truth.reference.v)).max()), 1e-9)
-        # With the first step that is tried, the reference's method would have an error of half the requirement: its errors are of
-        # the size of `halving` at `truth.steps` steps, and fall with steps^-ORDER.
+        # With the first step that is tried, the reference's method would have an error of half the requirement. Its error is about
+        # `halving` with `truth.steps` steps, and falls with steps^-ORDER.
         error_share = max(truth.halving[kind] / self.wanted[kind] for kind in self.wanted if kind in truth.halving)
         self.first = self.run.until / (truth.steps * (error_share / HALF.limit) ** (1 / ORDER))  # [s]
         threads = [threading.Thread(target=self._search_in_turn, daemon=True) for _ in range(LANES)]
@@ -346,14 +358,15 @@ class Recommender:
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
 
-    def _step_limit(self, way: Way, before: tuple[Way, Trial] | None) -> int:
+    def _step_limit(self, way: Way, before: Tried | None) -> int:
         """Return the largest number of steps of a variant: its work is at most SPARE times that of the engine's best setting.
 
-        At least 2 DENSE and at most MOST steps are allowed. `before` is the best setting so far and its trial run, or None.
+        At least 2 DENSE and at most MOST steps are allowed. `before` is the best setting so far, or None.
         """
         if before is None:
             return MOST
-        spared = SPARE * work(before[0].integrator, before[1]) / EVALUATIONS.get(way.integrator, 1)
+        best, trial = before
+        spared = SPARE * work(best.integrator, trial) / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
@@ -394,20 +407,21 @@ class Recommender:
         first_share = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
         return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
-    def _report_change(self, engine: _Engine, before: tuple[Way, Trial] | None) -> None:
+    def _report_change(self, engine: _Engine, before: Tried | None) -> None:
         """Report a refusal, a first nearest miss, or a cheaper setting than `before`, the best before this variant was searched."""
         after = engine.best()
         if after is None:
             near = nearest(engine.all_trials(), SHARE)
             if engine.refused:
-                self.report(f"{engine.title}: {engine.refused[0]}: {engine.refused[1]}")
+                status, reason = engine.refused
+                self.report(f"{engine.title}: {status}: {reason}")
             elif near is not None and len(engine.trials) == 1:
                 self.report(f"{engine.title}: not yet; nearest {self._errors(near)}")
-        elif before is None or work(after[0].integrator, after[1]) < work(before[0].integrator, before[1]):
+        elif before is None or after.work < before.work:
             how = "holds" if before is None else "better"
-            self.report(f"{engine.title}: {how}: {describe_setting(after[0], engine)}: {self._errors(after[1])}")
+            self.report(f"{engine.title}: {how}: {describe_setting(after.way, engine)}: {self._errors(after.trial)}")
             with self._report_lock:  # a preliminary answer: there are no times of this setting or of the fastest engine yet
-                self._better(replace(self._accepted_answer(engine, *after, None, None), message="not raced yet"))
+                self._better(replace(self._accepted_answer(engine, after, None, None), message="not raced yet"))
 
     def _errors(self, trial: Trial) -> str:
         return format_errors(trial.errors, self.wanted, ", ")
@@ -419,7 +433,7 @@ class Recommender:
         chosen: dict[Way, int | None] = {}  # setting -> number of steps
         by_engine = [choices(x) for x in self.engines.values()]
         for rank in range(CHOICES):  # first choices of all engines before second choices of any
-            chosen |= {way: trial.steps for ways in by_engine for way, trial in ways[rank : rank + 1]}
+            chosen |= {settings[rank].way: settings[rank].trial.steps for settings in by_engine if rank < len(settings)}
         if not chosen or self.budget.remaining(RACED) <= 0:
             return {}
         names = list(dict.fromkeys(x.engine for x in chosen))
@@ -427,9 +441,9 @@ class Recommender:
         motion = (self.run.linkage, self.run.mechanism.scenario, self.run.until, BEATS)
         deadline = time.monotonic() + self.budget.remaining(RACED)
         arguments = (*motion, [[*way, steps] for way, steps in chosen.items()], deadline)
-        limits = (max(1.0, x()) for x in (self.budget.remaining, self.budget.remaining_wall_time))
+        limit, longest = max(1.0, self.budget.remaining()), max(1.0, self.budget.remaining_wall_time())  # [s]
         try:
-            tables, lost = list_survivors(race_there, arguments, names, *limits)
+            tables, lost = list_survivors(race_there, arguments, names, limit, longest)
         except WorkerFailure as error:
             self.report(f"race: {error}")
             self.lost = {} if error.status is Status.TIMEOUT else dict.fromkeys(names, str(error))
@@ -444,20 +458,20 @@ class Recommender:
 
         `times` maps a timed setting to its run time in each round (rounds,) [s].
         """
-        chosen: dict[str, tuple[Way, Trial]] = {}  # title of an engine -> its setting
+        chosen: dict[str, Tried] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
             ways = engine.passing()
             if timed := {way: times[way] for way in ways if way in times}:
-                winner = pick_winner(timed)[0]
-                chosen[engine.title] = winner, ways[winner]
+                winner, *_ = pick_winner(timed)
+                chosen[engine.title] = Tried(winner, ways[winner])
             elif best := engine.best():
                 chosen[engine.title] = best
-        fastest = min((times[w] for w, _ in chosen.values() if w in times), key=time_of, default=None)
+        fastest = min((times[x.way] for x in chosen.values() if x.way in times), key=time_of, default=None)
         accepted = []
-        for title, (way, trial) in chosen.items():
+        for title, setting in chosen.items():
             engine = self.engines[title]
-            own = {w: x for w, x in times.items() if w.settings in engine.options}
-            answer = self._accepted_answer(engine, way, trial, times.get(way), fastest)
+            own = {way: x for way, x in times.items() if way.settings in engine.options}
+            answer = self._accepted_answer(engine, setting, times.get(setting.way), fastest)
             accepted.append(replace(answer, loops=by_loop(engine, own, fastest)))
         accepted.sort(key=lambda x: math.inf if x.ratio is None else x.ratio)  # settings that were not timed come last
         return accepted + [self._answer_without_setting(x) for x in self.engines.values() if x.title not in chosen]
@@ -481,11 +495,12 @@ class Recommender:
         counts = {"tried": len(engine.trials), "variants": engine.variants, "evaluations": len(engine.all_trials())}
         return counts | {"complete": complete, "owner": engine.owner}
 
-    def _accepted_answer(self, engine: _Engine, way: Way, trial: Trial, seconds: Array | None, fastest: Array | None) -> Answer:
-        """Return the answer for an engine with a setting (`way`) that meets the requirement in the run `trial`.
+    def _accepted_answer(self, engine: _Engine, setting: Tried, seconds: Array | None, fastest: Array | None) -> Answer:
+        """Return the answer for an engine with a setting that meets the requirement.
 
         `seconds` are the run times of this setting (rounds,), and `fastest` those of the fastest engine; None if not timed.
         """
+        way, trial = setting
         fields = self._counts(engine) | engine.size_of(way)
         message = ""
         if seconds is not None and fastest is not None:
@@ -497,7 +512,9 @@ class Recommender:
             engine.name,
             str(Status.OK),
             message,
-            *way[1:4],
+            way.settings,
+            way.integrator,
+            way.stabilization,
             steps=trial.steps,
             errors=known_errors(trial),
             options=engine.options.get(way.settings, {}),
@@ -514,8 +531,8 @@ class Recommender:
         if found.kind is not Kind.NOT_REACHED or near is None:
             return Answer(engine.name, status, found.words, **counts)
         untried = "" if counts["complete"] else "; some variants were not tried"
-        message = f"{found.words}; came to {self._errors(near[1])} with {describe_setting(near[0], engine)}{untried}"
-        return Answer(engine.name, status, message, steps=near[1].steps, errors=known_errors(near[1]), **counts)
+        message = f"{found.words}; came to {self._errors(near.trial)} with {describe_setting(near.way, engine)}{untried}"
+        return Answer(engine.name, status, message, steps=near.trial.steps, errors=known_errors(near.trial), **counts)
 
 
 def known_errors(trial: Trial) -> dict[str, float]:
@@ -523,18 +540,18 @@ def known_errors(trial: Trial) -> dict[str, float]:
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
-def choices(engine: _Engine) -> list[tuple[Way, Trial]]:
+def choices(engine: _Engine) -> list[Tried]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
     near, because their run time does not follow from the number of evaluations.
     """
-    ways = list(engine.passing().items())  # by increasing work
-    least = min((work(w.integrator, t) for w, t in ways), default=0.0)
-    near = [(w, t) for w, t in ways if work(w.integrator, t) <= NEAR * least or w.integrator in engine.adaptive][:CHOICES]
-    loops_covered = {engine.loop_of(w) for w, _ in near}
+    settings = [Tried(way, trial) for way, trial in engine.passing().items()]  # by increasing work
+    least = min((x.work for x in settings), default=0.0)
+    near = [x for x in settings if x.work <= NEAR * least or x.way.integrator in engine.adaptive][:CHOICES]
+    loops_covered = {engine.loop_of(x.way) for x in near}
     # reversed, so that the setting with the least work replaces the others of its loop
-    others = {engine.loop_of(w): (w, t) for w, t in reversed(ways) if engine.loop_of(w) not in loops_covered}
+    others = {engine.loop_of(x.way): x for x in reversed(settings) if engine.loop_of(x.way) not in loops_covered}
     return [*near[: CHOICES - len(others)], *others.values()]
 
 
@@ -560,10 +577,11 @@ def answer_of(engine: _Engine) -> Reach:
 
     trials = engine.all_trials()
     if engine.refused is not None:
-        if engine.refused[0] is not Status.SKIP:
-            return Reach(Kind.NOT_TRIED, engine.refused[1])
+        status, reason = engine.refused
+        if status is not Status.SKIP:
+            return Reach(Kind.NOT_TRIED, reason)
         # a refusal is judged like a single trial that was skipped
-        return reach([[Trial(math.nan, {}, 0, *engine.refused)]], [HALF])
+        return reach([[Trial(math.nan, {}, 0, status, reason)]], [HALF])
     if not trials:
         return not_tried("it had no turn")
     if engine.left and not engine.has_run:

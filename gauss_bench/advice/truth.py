@@ -35,7 +35,7 @@ COMPILED = 0.6  # share of the budget for compiled code, which may be compiled d
 MOST = 400_000  # largest number of steps of the coarser run of a pair
 SAMPLES = 3200  # largest number of samples of the reference
 AGREEMENT = 1e-6  # allowed relative difference of accelerations from those in numpy: rounding leaves 1e-9, a wrong term about 1
-ERROR_GROWTH = 16.0  # a quarter of 2^6, by which the error of an interpolation through every second sample is larger
+ERROR_GROWTH = 16.0  # an interpolation through every second sample is 2^6 times as far off; a quarter of that is relied on
 SHORTER, ATTEMPTS = 4.0, 3  # divisor of a duration without a reference, and number of durations that are tried
 
 
@@ -86,8 +86,8 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
     """Return q and v (k, n) at times (k,) [s] between equally spaced samples, by quintic Hermite polynomials of q.
 
     In an interval, in which s runs from 0 to 1, q(s) = p + u s + b s^2 / 2 + c3 s^3 + c4 s^4 + c5 s^5. p, u and b are q and its
-    derivatives by s at s = 0. P, U and B, q and its derivatives at s = 1 minus what p + u s + b s^2 / 2 has there, determine c3, c4
-    and c5.
+    derivatives by s at s = 0. P, U and B are q and its derivatives at s = 1, less those of the first three terms, and determine
+    c3, c4 and c5.
     """
     h = float(known.t[1] - known.t[0])
     k = np.clip(np.floor(times / h + 1e-9).astype(int), 0, len(known.t) - 2)  # interval of each time
@@ -102,8 +102,8 @@ def between(known: Reference | Trajectory, times: Array) -> tuple[Array, Array]:
 def truth(run: Run, wanted: Mapping[str, float], left: Callable[[], float], worker: Worker, told: Callable[[str], object]) -> Truth:
     """Return a reference whose error bars are within `wanted`, or as small as time and rounding allow.
 
-    The attempts are: one pair of short runs in numpy; compiled runs, for at most the share COMPILED of the budget; longer runs in
-    numpy.
+    One pair of short runs in numpy is tried first, then compiled runs, for at most the share COMPILED of the budget, and last
+    longer runs in numpy.
 
     Args:
         wanted: kind of error -> largest error bar [m], [rad], [N].

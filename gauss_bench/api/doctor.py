@@ -26,10 +26,10 @@ from gauss_bench.runs.offers import Offer, offers
 from gauss_bench.runs.worker import THREADS, WorkerFailure, keep
 from gauss_bench.trajectory import Status
 
-TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # linkage of the trial run, and its limit [s]: the slowest engine compiles C first
+TRIED, ENGINE_LIMIT = "crank_slider", 60.0  # linkage of the trial run, and the run's limit [s], in which an engine may compile C
 DURATION, STEP = 0.01, 1e-3  # [s] of the trial run
 EXTENDED = 63  # bits of a mantissa from which long double counts as extended precision
-OLDEST = (3, 11)
+OLDEST = (3, 11)  # version of Python
 NEEDED = ("gauss", "lagrange")  # own formulations that must work on every machine
 
 
@@ -150,9 +150,9 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
     """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, or "".
 
-    Engines that run in a worker are not asked here.
+    Plug-ins, which run in a worker only, are not asked.
     """
-    if offer.name not in SAFE:  # only the suite's adapters named in SAFE run in this process; others run in a worker
+    if offer.name not in SAFE:
         return ""
     skipped = (get(offer.name).skip(load(TRIED), choice) for choice in choices)
     return next((x for x in skipped if x and ABSENT.search(x)), "")

@@ -36,7 +36,7 @@ def driver_table(text: str) -> dict[str, Any]:
     A law without keys has the values TURN or RISE. The law "table" may name a file, whose rows are read.
 
     Raises:
-        ChoiceError: in the driver's text LAW:OPTIONS, the part OPTIONS is not of the form key=value,key=value.
+        ChoiceError: the text after "LAW:" is not of the form key=value,key=value.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
@@ -61,9 +61,9 @@ def _read_number(value: str) -> float | str:
 
 
 def _read_rows(path: Path) -> list[list[float]]:
-    """Return the numbers of each line of a text file that is not empty: the rows [t, value] of a motion law.
+    """Return the rows [t, value] of a motion law from a text file: the numbers of each line that has any.
 
-    Commas or blanks separate numbers, and # starts a comment. The loader checks later that each row has two.
+    Commas or blanks separate numbers, and # starts a comment. The loader checks later that each row has two numbers.
     """
     try:
         content = read_bytes(path, MAX_BYTES).decode("utf-8")
@@ -199,7 +199,7 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
         _hold_body(moved, own, name, value, start)
     duration = chosen["duration"] if driver is None else float(tables[0].get("time", 1.0))
     scenario: dict[str, Any] = {"duration": duration, "drivers": tables, "start": start}
-    for key in ("expect", "measure"):
+    for key in ("expect", "measure"):  # held parts change the counts that the file expects, and may remove what it measures
         moved.pop(key, None)
     defined, joints = moved.pop("forces", {}), moved.get("joints", {})
     if with_forces:  # a pin that became a weld does not turn, so its damping and friction exert nothing and are left out
@@ -261,7 +261,7 @@ def _hold_pin(moved: dict[str, Any], own: Mechanism, name: str, value: float | N
     """
     near, far = moved["joints"][name]["at"]  # both as "link.point"
     near_link, far_link = (x.partition(".")[0] for x in (near, far))
-    # the ground cannot be welded: the angle of the other link is held, which is minus the pin's if the ground is the far link
+    # the ground cannot be welded: the other link's angle is held, which is that of the pin, negative if the ground is the far link
     if near_link == "ground":
         return _hold_body(moved, own, far_link, value, start)
     if far_link == "ground":

@@ -38,7 +38,7 @@ BUDGET = LIMIT  # [s] default of the time for a search
 STEP = 1e-3  # [s] default of the step in a file
 TOLERANCE = 1e-8  # default of the tolerance in a program whose integrator chooses its steps
 OPEN, MOTION = 1e-6, 1e-4  # largest gap of loops [m] and error of motion [m, rad]; with a tuned step, errors are at most half
-SHORTEST, LONGEST = 5.0, 10.0  # [s] a step is tried over the scenario's duration, but over no less and no more than these
+SHORTEST, LONGEST = 5.0, 10.0  # [s] limits of the time over which a step is tried, which is otherwise the scenario's duration
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ UNITS = {  # units of the states of links and points, for the heads of columns
     **{"vx": "m/s", "vy": "m/s", "omega": "rad/s"},
     **{"ax": "m/s^2", "ay": "m/s^2", "alpha": "rad/s^2"},
 }
-LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: a solver follows it in fractions of a radian, some thousand in a second
+LONGEST_WAY = 2e4  # [rad, m] largest travel of a driver: solvers follow it in parts of a radian, some thousand parts in a second
 
 
 class DriverState(TypedDict):

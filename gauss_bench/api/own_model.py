@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,12 +91,16 @@ def refuse_what_acts(file: OwnFile, until: float, worker: Worker) -> None:
         )
 
 
+def _write_numbers(numbers: Iterable[float]) -> str:
+    """Return numbers as an attribute of MJCF has them, with blanks between."""
+    return " ".join(f"{x:g}" for x in numbers)
+
+
 def describe_closures(settings: dict[str, Any]) -> list[str]:
     """Return a sentence for each group of closures of an MJCF file that have the same solref and solimp."""
     groups: dict[tuple[str, str], list[str]] = {}
     for name, solref in settings["solref"].items():
-        words = tuple(" ".join(f"{x:g}" for x in numbers) for numbers in (solref, settings["solimp"][name]))
-        groups.setdefault((words[0], words[1]), []).append(name)
+        groups.setdefault((_write_numbers(solref), _write_numbers(settings["solimp"][name])), []).append(name)
     return [
         f"closures are springs: {', '.join(names)} with solref {solref} and solimp {solimp}"
         for (solref, solimp), names in groups.items()

@@ -18,7 +18,7 @@ from gauss_bench.untrusted import harmless
 LONG = 2.0  # [s] time after which `tell_if_long` prints its sentence
 HIDDEN = {"told": "never"}  # metadata of a field that dictionaries leave out
 UNLESS_EMPTY = {"told": "unless empty"}  # metadata of a field that dictionaries leave out if it is empty
-Told = Callable[[str], None]
+Told = Callable[[str], None]  # receives sentences of progress
 Data = TypeVar("Data")
 _later: list[threading.Timer] = []
 

@@ -7,6 +7,7 @@ MuJoCo and run again, and its errors must meet the requirement too.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -262,7 +263,7 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
 
 
 def is_set(value: Any, wanted: Any) -> bool:
-    """Return whether an option already has the wanted value.
+    """Tell whether an option already has the wanted value.
 
     `value` is a dictionary, name of a closure -> value, if each closure has its own value of the option.
     """
@@ -290,43 +291,42 @@ def find_setting(judge: Judge, before: Tried, allow_step: bool, told: Told) -> T
 
 
 def write_tuned(judge: Judge, best: Tried, path: Path) -> tuple[Tried, float]:
-    """Write the edited file, run it in its folder, and return its trial and its cost: processor time relative to the original file.
+    """Write the edited file and run it; return its trial, and its processor time divided by that of the original file.
 
     Raises:
         ExchangeError: an attribute does not take effect, something else changed, included files are not found from the
             result's folder, or the written file does not meet the requirement.
         OSError: the file cannot be written.
     """
-    source = judge.file.path
+    return atomically(path, partial(_write_part, judge, best, path))
+
+
+def _write_part(judge: Judge, best: Tried, path: Path, part: Path) -> tuple[Tried, float]:
+    """Write the edited file as `part`, which becomes `path` if this function returns; the results are those of `write_tuned`.
+
+    `part` is a temporary file in the folder of `path`, because MuJoCo looks there for included files.
+    """
+    source, changes = judge.file.path, best.changes
     content = read_bytes(source, MAX_BYTES)
-    option = {key: attribute_text(x) for key, x in best.changes.items() if key in IN_OPTION}
-    closures = {key: attribute_text(x) for key, x in best.changes.items() if key not in IN_OPTION}
-
-    def write(part: Path) -> tuple[Tried, float]:
-        """Write the changed settings into the file `part`, check that nothing else changed, run it, and measure its cost.
-
-        `part` is a temporary file in the folder of the result, because MuJoCo looks there for included files.
-        """
-        reason = ""
-        # first change the attributes of each closure; if closures stand in included files, only an attribute in <default> has
-        # effect
-        for by_default in (False, True):
-            part.write_bytes(write_settings(content, str(source), option, closures, by_default))
-            arguments: tuple[Any, ...] = (str(source), str(part), best.changes)
-            reason = answer_in_worker(judge.worker, compare_models, arguments, READING, str(path))["reason"]
-            if not reason:
-                break
-        if reason:
-            raise ExchangeError(f"{path}: not written: {reason}")
-        # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
-        written = judge.try_setting({key: x for key, x in best.changes.items() if key == "timestep"}, part)
-        if written.share > ACCEPTED_SHARE:
-            raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
-        arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
-        cost = float(answer_in_worker(judge.worker, race_there, arguments, RACING, str(path))["ratio"])
-        return Tried(best.changes, written.trial, written.share), cost
-
-    return atomically(path, write)
+    option = {key: attribute_text(x) for key, x in changes.items() if key in IN_OPTION}
+    closures = {key: attribute_text(x) for key, x in changes.items() if key not in IN_OPTION}
+    reason = ""
+    # attributes of each closure are changed first; if closures stand in included files, only attributes in <default> have effect
+    for by_default in (False, True):
+        part.write_bytes(write_settings(content, str(source), option, closures, by_default))
+        arguments: tuple[Any, ...] = (str(source), str(part), changes)
+        reason = answer_in_worker(judge.worker, compare_models, arguments, READING, str(path))["reason"]
+        if not reason:
+            break
+    if reason:
+        raise ExchangeError(f"{path}: not written: {reason}")
+    # the written file has all changes already; the timestep is passed again because `try_setting` derives the samples from it
+    written = judge.try_setting({key: x for key, x in changes.items() if key == "timestep"}, part)
+    if written.share > ACCEPTED_SHARE:
+        raise ExchangeError(f"{path}: not written: the file itself is off by {describe_errors(written)}")
+    arguments = (judge.run.mechanism, str(source), judge.file.settings["timestep"], str(part), written.trial.size)
+    cost = float(answer_in_worker(judge.worker, race_there, arguments, RACING, str(path))["ratio"])
+    return Tried(changes, written.trial, written.share), cost
 
 
 def race_there(mechanism: Mechanism, before: str, step_before: float, after: str, step_after: float) -> dict[str, float]:

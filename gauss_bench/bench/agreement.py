@@ -132,8 +132,8 @@ def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
     """Tell whether a run failed for a reason that is no fault of the engine.
 
-    The engine may refuse the linkage or its redundant rows, the time for all checks may be used up, and the solver may give up with
-    a variant, which only searches try; with one of the settings, among which users choose, it must not.
+    The engine may refuse the linkage or its redundant rows, and the time for all checks may be used up. The solver may give up with
+    a variant, which only searches try, but not with a setting, which users choose.
     """
     redundant = run.status is Status.RANK_LOST and mechanism.redundant > 0
     return run.status is Status.SKIP or redundant or (choice.settings in subject.offer.variants and run.status in GAVE_UP)
@@ -233,7 +233,7 @@ def forces(subject: Subject) -> Iterator[Check]:
 
 
 def effect(measured: Array, true: Array) -> str:
-    """Say what is wrong with a force, given its measured and its true effect on the accelerations (n,)."""
+    """Return in words what is wrong with a force, given its measured and its true effect on the accelerations (n,)."""
     factor = float(measured @ true / (true @ true))  # of least squares: measured = factor * true
     if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
         return "it has no effect"
@@ -283,8 +283,8 @@ def motions(subject: Subject) -> Iterator[Check]:
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
     """Check that a run with one setting, and its repetitions with shorter steps, agree with the motion that they should follow.
 
-    The springs that close the loops of a soft setting may vibrate so fast that its own accelerations must be integrated by short
-    steps: if the run differs, it is compared again, with STIFF steps per sample.
+    The springs that close the loops of a soft setting may vibrate fast. If such a run differs, it is compared again with a motion
+    that is integrated by STIFF steps per sample.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -330,10 +330,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
 
 
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
-    """Return a sentence if the loops of a run open by more than LOOSE times the linkage's size, else an empty text.
-
-    Loops that are closed by springs open less.
-    """
+    """Return a sentence if the loops of a run open further than springs allow, by LOOSE times the linkage's size, else ""."""
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 

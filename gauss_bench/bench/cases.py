@@ -52,9 +52,13 @@ def combinations(
 ) -> list[Combination]:
     """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
-    There is every setting with every integrator without stabilisation, and every stabilisation with the default setting and
-    integrator. `integrators` is a number n for the first n, or names, or None for all; `plain` restricts an engine to its
-    defaults, `asked` to a setting (None for all).
+    They are every setting with every integrator without stabilisation, and every stabilisation with the default setting and
+    integrator.
+
+    Args:
+        integrators: the number of integrators, of which the first are taken, or their names; None for all.
+        plain: whether the engine is run with its defaults only.
+        asked: the only setting; None for all.
 
     Raises:
         ChoiceError: the engine has no setting `asked`.

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
@@ -36,18 +38,29 @@ def differences(here: Path, there: Path) -> Differences:
     Raises:
         TableError: a folder holds no accuracy run, a table is damaged, or a table has a newer format than this version can read.
     """
+    own, other = read_figures(here), read_figures(there)
     # every case has at least one figure: its status
-    tables = [(frame("results", accuracy_rows(x)), frame("references", read_table("references", x))) for x in (here, there)]
-    figures = [figures_of(*x) for x in tables]
-    keys = [set(map(case_of, x.to_dict("records"))) for x in figures]
-    shared = keys[0] & keys[1]
-    metrics = set(figures[0]["metric"]) & set(figures[1]["metric"])  # a table of an earlier format may lack a metric
-    own, other = (x[[case_of(row) in shared and row["metric"] in metrics for row in x.to_dict("records")]] for x in figures)
-    only_here, only_there = (sum(engine != "reference" for _, _, engine, *_ in x - shared) for x in keys)
-    verdicts = compare(own, other)
+    own_cases, other_cases = (set(map(case_of, x.to_dict("records"))) for x in (own, other))
+    shared = own_cases & other_cases
+    metrics = set(own["metric"]) & set(other["metric"])  # a table of an earlier format may lack a metric
+
+    def select_shared(figures: pd.DataFrame) -> pd.DataFrame:
+        return figures[[case_of(row) in shared and row["metric"] in metrics for row in figures.to_dict("records")]]
+
+    verdicts = compare(select_shared(own), select_shared(other))
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
-    return Differences(len(verdicts), beyond, only_here, only_there)
+    return Differences(len(verdicts), beyond, count_cases(own_cases - shared), count_cases(other_cases - shared))
+
+
+def read_figures(folder: Path) -> pd.DataFrame:
+    """Return the figures of the accuracy cases and of the references that are stored in a folder; errors as in `differences`."""
+    return figures_of(frame("results", accuracy_rows(folder)), frame("references", read_table("references", folder)))
+
+
+def count_cases(keys: set[tuple[Any, ...]]) -> int:
+    """Return the number of cases among the keys of figures, without those of references."""
+    return sum(engine != "reference" for _, _, engine, *_ in keys)
 
 
 @dataclass(frozen=True)

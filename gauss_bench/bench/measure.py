@@ -85,10 +85,14 @@ def measure(
     """Run a case, judge the run, and return the case's row of results, its curves and its poses.
 
     The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
-    accelerations are derivatives of its positions. `store` is the folder of references, `alter` plants a fault in the mechanism
-    that the engine is given (the run is judged by the unaltered one), `limit` [s] stops an engine in a process of its own. Poses
-    are computed if `posed`; they need a reference and a run that reached its end. The engine is also asked for its accelerations at
-    states with known ones, if there are such states.
+    accelerations are derivatives of its positions. The engine is also asked for its accelerations at states with known ones, if
+    there are such states.
+
+    Args:
+        store: folder of references.
+        alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered one.
+        limit: time [s] after which an engine in a process of its own is stopped.
+        posed: whether poses are computed, which takes a reference and a run that reached its end.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}

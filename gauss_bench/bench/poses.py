@@ -99,10 +99,11 @@ def keep(results: Rows, poses: Rows) -> Rows:
         key = case_of(row)
         if key not in posed:
             continue
-        group = row["mechanism"], row["scenario"], row["engine"]
-        if (row["settings"], row["integrator"], row["stabilization"]) == combinations(offer(row["engine"]))[0]:
+        linkage, scenario, engine, settings, integrator, stabilization, *_ = key
+        if (settings, integrator, stabilization) == combinations(offer(engine))[0]:
             shown.add(key)
         if row["status"] == "ok":
+            group = linkage, scenario, engine
             best[group] = min(best.get(group, (np.inf, ())), (row["position_error"], key))
     shown |= {key for _, key in best.values()}
     return [row for row in poses if case_of(row) in shown]

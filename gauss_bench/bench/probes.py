@@ -28,7 +28,7 @@ from gauss_bench.terms import Array
 PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123  # number of states of a probe, and the seed of their random numbers
 REACH, SLOW, FAST = 0.4, 2.0, 6.0  # [m, rad] step between states; [m/s, rad/s] least and largest velocities along free directions
-FLOOR = 0.05  # share of the largest size among the states to which errors are relative at states near equilibrium
+FLOOR = 0.05  # share of the largest size among the states: near equilibrium, errors are relative to this share
 RESTING = 1e-9  # a constraint force below this share of the largest one is rounding: nothing holds its row
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
@@ -103,12 +103,14 @@ class Probe:
         extra, forces, velocities = [], [], []  # at each state: J a - gamma and f, (m,), and the three candidates of g, (3, m)
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             terms = evaluator.terms(float(t), q, v)
-            states = [tree.relative(q, v) for tree in trees]
-            # a0 of each tree, with second derivatives 0 of its coordinates
-            moved = [tree.absolute(*y, 0.0 * y[0])[2] for tree, y in zip(trees, states, strict=True)]
+            terms_of_velocity = [terms.gamma]
+            for tree in trees:
+                y, dy = tree.relative(q, v)
+                _, _, a0 = tree.absolute(y, dy, 0.0 * y)
+                terms_of_velocity.append(terms.gamma - terms.J @ a0)
             extra.append(terms.J @ given - terms.gamma)
             forces.append(np.linalg.lstsq(terms.J.T, terms.M @ given - terms.Q, rcond=None)[0])
-            velocities.append([terms.gamma, *(terms.gamma - terms.J @ a0 for a0 in moved)])
+            velocities.append(terms_of_velocity)
         return _least_share(np.array(extra), np.array(forces), np.array(velocities))
 
 
@@ -124,14 +126,18 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
     held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
     for row in np.flatnonzero(held):
-        fits = []  # for each candidate: (largest residual, c - 1); residuals are rounded, so that of equal ones the least c counts
+        fits = []  # (largest residual, c - 1) of each candidate
         for g in velocities[:, :, row].T:
             if np.abs(g).max() > FLOOR * largest:
                 columns = np.column_stack([g, forces[:, row]])
-                c_minus_1_and_r = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]
-                fits.append((round(float(np.abs(extra[:, row] - columns @ c_minus_1_and_r).max()), 12), float(c_minus_1_and_r[0])))
+                solution = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]  # c - 1 and r
+                residual = float(np.abs(extra[:, row] - columns @ solution).max())
+                fits.append(
+                    (round(residual, 12), float(solution[0]))
+                )  # of residuals that are equal but for rounding, the least c counts
         if fits:
-            shares.append(1.0 + min(fits)[1])
+            _, c_minus_1 = min(fits)
+            shares.append(1.0 + c_minus_1)
     return float(min(shares, default=1.0))
 
 
@@ -172,19 +178,20 @@ def moving_states(mechanism: Mechanism, motion: AbsoluteCoordinates) -> tuple[Ar
     for t in times:
         N = motion.null_space(q)  # (n, dof)
         q, _ = motion.evaluator.project(t, q + N @ random.normal(0.0, REACH, N.shape[1]), 0.0 * q)
-        q, _ = motion.evaluator.project(t, q, 0.0 * q)  # starts near, and removes the error that the first projection leaves
+        q, _ = motion.evaluator.project(t, q, 0.0 * q)  # removes the error that a projection from far away leaves
         N = motion.null_space(q)
         speeds = random.choice([-1.0, 1.0], N.shape[1]) * random.uniform(SLOW, FAST, N.shape[1])  # (dof,)
         states.append(motion.evaluator.project(t, q, N @ speeds))
-    return times, np.array([x[0] for x in states]), np.array([x[1] for x in states])
+    positions, velocities = zip(*states, strict=True)
+    return times, np.array(positions), np.array(velocities)
 
 
 @lru_cache(maxsize=8)
 def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     """Return the changes of a linkage by name, each as a map: path of a number -> factor by which it is multiplied.
 
-    The first change is none, the second one changes all numbers, then one for each kind all numbers of this kind (all masses), and
-    one for each number it alone.
+    The first change is none, the second one changes all numbers. Then follow a change of all numbers of one kind, such as masses,
+    for each kind, and a change of one number for each number.
     """
     document, _, _ = document_of(linkage)
     every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]

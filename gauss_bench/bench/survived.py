@@ -17,7 +17,7 @@ from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.worker import Worker, WorkerFailure
 
 ROOM = 256  # bytes for the name of the running engine
-# returns keys, named tuples with a field `engine`, and makers of blocks
+# function that returns for each entry its key, a named tuple with a field `engine`, and the function that makes its block
 Entries = Callable[..., Iterable[tuple[Any, Callable[[], Block]]]]
 
 
@@ -80,9 +80,11 @@ def list_survivors(
 ) -> tuple[Any, dict[str, WorkerFailure]]:
     """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 
-    `race` writes the name of the running engine, at most ROOM bytes, into the file `path`. `limit` is the largest time of one race
-    [s] without waits for a processor, `longest` the largest elapsed time. Return the result of the last race, and engine -> failure
-    for each engine that crashed or hung in an earlier one.
+    Return the result of the last race, and engine -> failure for each engine that crashed or hung in an earlier one.
+
+    Args:
+        race: function that writes the name of the running engine, at most ROOM bytes, into the file `path`.
+        limit: largest time [s] of one race without waits for a processor; `longest`: largest elapsed time [s].
 
     Raises:
         WorkerFailure: the race crashed while no engine was running, or raised an error.

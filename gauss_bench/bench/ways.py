@@ -23,8 +23,8 @@ from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.trajectory import Reference
 
-# numbers of equal parts of a run, at whose ends errors are taken (beats); the first number is used for which the reference has a
-# sample at the end of every part
+# numbers of equal parts of a run (beats), at whose ends errors are taken; a run has the first of these numbers for which the
+# reference has a sample at the end of every part
 BEATS = (50, 40, 30, 20, 10)
 ROUGH_ROUNDS = 8  # rounds of the estimate of a step's time, whose error must be small compared with the factor `search.NEAR`
 
@@ -85,8 +85,9 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
 
     If the integrator is `adaptive`, the size becomes the tolerance, and the step is the whole duration and thus limits nothing.
     """
-    names = way[1:4]  # settings, integrator, stabilisation
-    return Choice(*names, step=until, tolerance=way.size) if adaptive else Choice(*names, step=way.size)
+    if adaptive:
+        return Choice(way.settings, way.integrator, way.stabilization, step=until, tolerance=way.size)
+    return Choice(way.settings, way.integrator, way.stabilization, step=way.size)
 
 
 def has_samples(truth: Reference, until: float, beats: int) -> bool:

@@ -83,7 +83,7 @@ def alter(
     return replace(mechanism, links=links, forces=forces, joints=tuple(joints), gravity=turned)
 
 
-change = alter  # for functions whose argument `alter` has its name
+change = alter  # name of the function `alter` in functions with an argument `alter`
 
 
 @cache
@@ -101,7 +101,7 @@ def truth(which: tuple[str, str], until: float = 0.5) -> Reference:
 
 
 def shift(x: Trajectory, level: str, column: int, by: float) -> Trajectory:
-    """Return a trajectory with a number added to one column of its array "q", "v" or "a", which is `level`."""
+    """Return a trajectory with the number `by` added to one column of its array `level`: "q", "v" or "a"."""
     return replace(x, **{level: getattr(x, level) + by * np.eye(x.q.shape[1])[column]})
 
 
@@ -134,10 +134,9 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
 
 
 def check_model(which: tuple[str, str] = FOUR_BAR, alter: Mapping[str, Any] | None = None) -> str | None:
-    """Ask the gate about accelerations of the engine `gauss`, which models an altered linkage, at known states.
+    """Return the message with which the gate rejects accelerations of the engine `gauss` on an altered linkage, else None.
 
-    Return the gate's message if it rejects the error, or None. `alter` has the arguments of the function `alter`; None for the true
-    linkage.
+    `alter` has the arguments of the function `alter`; None stands for the true linkage.
     """
 
     def measure_error(modelled: Mechanism) -> Figures:
@@ -285,17 +284,17 @@ def check_judge() -> Findings:
     turned = sound.q.copy()
     angles(turned)[...] += 0.2
 
-    def verdict(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
+    def judge_motion(x: Trajectory, acceleration_error: float = 0.0) -> judging.Judgement:
         """Judge a motion, given the median relative error of the engine's accelerations at known states."""
         return judging.judge(judging.examine(evaluator, x, reference, acceleration_error))
 
-    accepted = verdict(sound)
+    accepted = judge_motion(sound)
     yield not accepted.valid, f"the judge objects to the certified motion: {accepted.sentence}"
     spoilt = {
-        judging.Subject.LOOPS: verdict(shift(sound, "q", SIZE, 0.05 * mechanism.size)),
-        judging.Subject.MOTION: verdict(replace(sound, q=turned)),
-        judging.Subject.ENERGY: verdict(replace(sound, v=1.1 * sound.v)),
-        judging.Subject.MODEL: verdict(sound, 0.05),
+        judging.Subject.LOOPS: judge_motion(shift(sound, "q", SIZE, 0.05 * mechanism.size)),
+        judging.Subject.MOTION: judge_motion(replace(sound, q=turned)),
+        judging.Subject.ENERGY: judge_motion(replace(sound, v=1.1 * sound.v)),
+        judging.Subject.MODEL: judge_motion(sound, 0.05),
         judging.Subject.COMPLETENESS: judging.completeness(replace(sound, t=sound.t + 1e-6), sound.t, mechanism.n),
         judging.Subject.NUMBERS: judging.completeness(replace(sound, v=sound.v * np.nan), sound.t, mechanism.n),
     }

@@ -155,11 +155,13 @@ def diagnose_runs(
     """Diagnose an engine from its runs with several steps or tolerances.
 
     Args:
+        run: function that runs the engine on the linkage with a setting and a sampling.
         reference: true motion of the linkage from 0 to `until`.
         choices: the requested setting, followed by the same setting with smaller steps or tolerances.
         until: end of the runs [s].
         adaptive: whether the integrator chooses its own steps, so that the settings differ by tolerance.
         projected: the first setting with projected steps, or None if the engine does not offer projection.
+        told: called with each sentence of progress.
 
     Raises:
         ChoiceError: a run up to the time `until` has fewer steps than a diagnosis needs.
@@ -167,7 +169,7 @@ def diagnose_runs(
     own = OwnMotion(mechanism)
     bursts, runs = observe(run, choices, until, told)
     ended = tuple(Ended(r.status, r.message) for r in runs)
-    # a motion that diverges before its first checkpoint
+    # a motion that diverges before its first checkpoint is observed over a shorter time
     while not bursts and ended[0].status is Status.NAN and until / SHORTER >= 2 * FEWEST * choices[0].step:
         until /= SHORTER
         bursts, _ = observe(run, choices, until, told)
@@ -229,21 +231,23 @@ class Case:
         self.jump_time = np.nan
 
     def verdict(self) -> Answer:
-        """Return the answer to the first question whose answer accounts for the error.
+        """Return the dominant cause of the error: the answer to the first question that finds one.
 
-        If the error mainly decreases with the step, a fault that reproduces the reported accelerations is not named as the cause,
-        but its explanations are listed.
+        A fault of the model that reproduces the reported accelerations is the cause only if most of the error remains at smaller
+        steps. If not, the fault is listed among the explanations of another cause.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
         for question in (self._find_turns, self._find_order, self._find_standstill, self._find_jump, self._find_velocities):
             if answer := question():
                 return answer
-        exact = self._reproduce()
-        if exact and (self._is_round_off() or not self._step_dominates()):
-            return exact
+        fault = self._reproduce()
+        if fault and (self._is_round_off() or not self._step_dominates()):
+            return fault
         answer = self._find_length() or self._find_other_times() or self._explain_by_steps()
-        return answer if answer.explanations or not exact else answer._replace(explanations=exact.explanations)
+        if fault and not answer.explanations:
+            return answer._replace(explanations=fault.explanations)
+        return answer
 
     def _acceleration_noise(self) -> float:
         """Return the relative error that correct accelerations may have: ten times the difference of two solvers."""
@@ -257,7 +261,7 @@ class Case:
     def _explain(self, y: Array) -> list[Explained]:
         """Return the possible faults that explain acceleration errors y (k, n) of the run with the smallest step, the best first.
 
-        These are all faults that fit to within the numerical noise, and at least NAMED faults.
+        All faults that fit to within the numerical noise are among them, and in any case the best NAMED faults.
         """
         finest = self.sound[-1]
         tried = every_explanation(self.own, finest.at, finest.before, self.start)
@@ -280,7 +284,7 @@ class Case:
         return Answer(alike[0].cause, f"{named}{more}: {size}, and {each} reproduces them to {self.noise:.0e}", explanations)
 
     def _explain_small_error(self) -> Answer:
-        """Explain a run whose positions are correct: a cause of wrong velocities or accelerations, or no dominant cause."""
+        """Return the cause of wrong velocities or accelerations in a run whose positions are correct, or no dominant cause."""
         if answer := self._find_velocities() or self._reproduce():
             return answer
         last = self.local[-1]
@@ -317,16 +321,20 @@ class Case:
         # the start and the first third of the checkpoints (at least three), before integration errors have grown
         reported = _join_states(self.first.start, self.first.at[slice(0, max(3, len(self.first.at) // split.PERIODS))])
         found = samples.order(self.own.mechanism, self.truth.at(reported.t), reported)
-        return Answer(Cause.ORDER, f"{found[0]}; in order, {found[1]:.1%} of the error is left") if found else None
+        if found is None:
+            return None
+        wrong_order, left = found
+        return Answer(Cause.ORDER, f"{wrong_order}; in order, {left:.1%} of the error is left")
 
     def _find_velocities(self) -> Answer | None:
         """Detect velocities that disagree with the change of positions from step to step."""
         finest = self.bursts[-1]
         implied = (finest.after.q - finest.before.q) / (finest.after.t - finest.before.t)[:, None]
         told = finest.at.v
-        square, true = float(np.sum((told - implied) ** 2)), float(np.sum(implied**2))
-        error, factor = float(np.sqrt(square / max(true, 1e-300))), float(np.sum(told * implied)) / max(true, 1e-300)
-        left = float(np.sqrt(float(np.sum((told - factor * implied) ** 2)) / max(square, 1e-300)))  # share, if scaled by `factor`
+        square, whole = float(np.sum((told - implied) ** 2)), max(float(np.sum(implied**2)), 1e-300)
+        error = float(np.sqrt(square / whole))
+        factor = float(np.sum(told * implied)) / whole  # the reported velocities are about `factor` times the implied ones
+        left = float(np.sqrt(float(np.sum((told - factor * implied) ** 2)) / max(square, 1e-300)))  # share of the error left by it
         # a wrong velocity counts only if it would displace links by more than SMALL until the last checkpoint
         if not (error > OFF_VELOCITIES and largest(told - implied) * finest.at.t[-1] > SMALL):
             return None
@@ -350,10 +358,10 @@ class Case:
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
     def _find_jump(self) -> Answer | None:
-        """Detect a jump of the state between two checkpoints.
+        """Detect a jump of the state between two checkpoints whose displacement velocities and accelerations do not explain.
 
-        A second run is sampled at every step where velocities and accelerations do not explain the displacement.
-        None without such a place, or if the integrator chooses its own steps.
+        A second run, sampled at every step between these checkpoints, shows the step with the jump. The steps of an integrator that
+        chooses them itself cannot be sampled, and the answer is None.
         """
         # from the start on, because the state may jump before the first checkpoint
         reported = _join_states(self.first.start, self.first.at)
@@ -408,7 +416,7 @@ class Case:
         start, mechanism = self.first.start, self.own.mechanism
         # an error of velocities counts by the displacement that it causes until the last checkpoint
         displaced = max(largest(start.q - mechanism.q0), largest((start.v - mechanism.v0) * self.first.at.t[-1]))
-        # the error of a wrong start may grow during the run, so that a twentieth of the largest error suffices at the start
+        # the error of a wrong start may grow during the run, so a twentieth of the largest error (MOST / 10) suffices at the start
         if displaced > MOST * self.error / 10 and displaced > SMALL:
             return Answer(Cause.START, f"the run begins at another state, which displaces links by {displaced:.1e} (m, rad)")
         return None
@@ -416,9 +424,9 @@ class Case:
     def _scales_with_step(self, time_map: samples.TimeMap, stretch: bool) -> bool:
         """Tell whether a map of time depends on the step like a fault of the sampling, not like an integration error.
 
-        A sampling fault delays the run with the smallest step by the same time as the first run, or by the same number of its own
-        steps; with `stretch`, its rate differs from 1 by more than half as much. The result is also True if there is no smaller
-        step to compare.
+        A fault of the sampling delays all runs by the same time, or by the same number of their own steps. With `stretch`, the rate
+        differs from 1 with the smallest step still by more than half as much as with the first. The result is also True if there is
+        no smaller step to compare.
         """
         finest = self.bursts[-1]
         if self.adaptive or finest.step == self.first.step:
@@ -501,7 +509,7 @@ class Case:
         last, closure = self.local[-1], self.closure
         if last is None:
             return Answer(Cause.UNKNOWN, "the loops are wide open at all checkpoints: no state can be compared")
-        # the reported accelerations are explained, unless their error is much smaller than that of those that the steps imply
+        # the implied accelerations are explained only if the reported ones are much better
         explanations = self._explain(last.reported if last.relative_reported > 0.3 * last.relative_implied else last.implied)
         if explanations and explanations[0].share >= EXPLAINS:
             best = explanations[0]
@@ -587,9 +595,9 @@ class Case:
     def _find_stale_data(self) -> Explained | None:
         """Detect that an engine uses constraint data (Jacobian, bias) of an earlier state than the integrator's present state.
 
-        The errors of the reported and then of the implied accelerations are fitted by age * effect of data that are one step old.
-        Implied accelerations of a first-order method contain the error of a correct Euler step, which is fitted too. The fit must
-        explain EXPLAINS of the squared error, and leave less than 1 / BETTER of what a fit without old data leaves.
+        The age of the data in steps is fitted, first to the errors of the reported accelerations and then to those of the implied
+        ones. The latter contain the error of a correct Euler step if the method has first order, and this error is fitted too. The
+        fit must explain EXPLAINS of the squared error, and leave less than 1 / BETTER of what a fit without old data leaves.
         """
         last, finest, root = self.local[-1], self.sound[-1], np.sqrt(self.own.evaluator.mass)
         if last is None or self.adaptive:

@@ -28,10 +28,10 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 
 SMALL = 1e-4  # relative change of a parameter by which its effect is measured
-REFINEMENTS = 8
+REFINEMENTS = 8  # largest number of Gauss-Newton steps
 LEAST_AMOUNT, MOST_AMOUNT = -0.95, 20.0  # limits of a relative change of a mass or inertia
 SCREENED = 0.5  # an exact explanation is considered only if its linear fit leaves at most this share of |y|^2
-NUMBERS = ("value", "k", "c", "rest")  # of forces
+NUMBERS = ("value", "k", "c", "rest")  # attributes of forces that may be wrong
 ONCE = 0.15  # largest |c - 1| of a fault without an amount; errors of the integrator disturb the fit
 EXACTLY = 0.015  # largest difference from amount -1 ("left out") and -2 ("has the wrong sign")
 GIVEN = 9.81  # [m/s^2] gravity of the explanations if the linkage has none
@@ -53,7 +53,7 @@ class Explanation:
         effect: (k, n) change of the accelerations by an amount of 1, or a function amount -> (k, n) if it is not proportional.
         template: sentence on the fault, with the placeholder {is}, {are} or {amount}, which `tell` replaces.
         once: whether the fault is either present or not, such as a missing joint, so that its fitted amount must be about 1.
-        exact: whether it must reproduce the error to within the noise, since one of so many would fit a part of it by chance.
+        exact: whether it must reproduce the error to within the noise: of very many faults, some fit a part of an error by chance.
     """
 
     cause: Cause
@@ -160,9 +160,9 @@ def _fit(x: Explanation, target: Array, root: Array, norm: float) -> Explained |
 
 
 def _refine(effect: Callable[[float], Array], target: Array, amount: float) -> tuple[float, Array]:
-    """Refine the relative error of a mass or inertia by Gauss-Newton steps from a guess; return it and the residual (k n,).
+    """Refine the amount of a wrong mass or inertia by Gauss-Newton steps from a guess; return it and the residual (k n,).
 
-    The limits LEAST_AMOUNT and MOST_AMOUNT keep the engine's value positive.
+    `effect` maps an amount to the weighted change (k n,) of the accelerations. LEAST_AMOUNT keeps the engine's mass positive.
     """
     residual = target - effect(amount)
     for _ in range(REFINEMENTS):

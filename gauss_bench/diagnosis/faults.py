@@ -29,6 +29,7 @@ RESET_AT = 0.23  # [s] time at which `reset` acts
 
 
 def same(item: Any, *_: Any) -> Any:
+    """Return the item unchanged; the default where a fault replaces nothing."""
     return item
 
 
@@ -145,7 +146,8 @@ def without(terms: Terms, rows: list[int]) -> Terms:
 def soft_loop(terms: Terms, model: FaultyModel, *_: object) -> Terms:
     """Replace the last pin by a spring and a damper between its two points."""
     rows = last_pin(model.mechanism)
-    Q = terms.Q - terms.J[rows].T @ (2e4 * terms.phi[rows] + 40.0 * terms.phi_dot[rows])  # N/m, N s/m
+    # stiffness [N/m] and damping [N s/m]
+    Q = terms.Q - terms.J[rows].T @ (2e4 * terms.phi[rows] + 40.0 * terms.phi_dot[rows])
     return replace(without(terms, rows), Q=Q)
 
 
@@ -240,9 +242,9 @@ def links_in_another_order(trajectory: Trajectory, mechanism: Mechanism) -> Traj
 
 
 def breadth_first_joints(trajectory: Trajectory, mechanism: Mechanism) -> Trajectory:
-    """Report a motion whose joint coordinates, listed by their depth in the tree, are read branch by branch (or reversed if equal).
+    """Report joint coordinates in the order of their depth in the tree, as if they were in the order of the branches.
 
-    Accelerations are computed from the wrong coordinates with joint accelerations of zero.
+    If both orders are equal, the coordinates are reported in reverse. Joint accelerations are taken as zero.
     """
     tree = spanning_tree(mechanism)
     depth = {-1: 0}

@@ -160,9 +160,9 @@ class TrueMotion:
         return self.motion.flow(x, remaining) if remaining.any() else x
 
     def bar(self, t: Array) -> Array:
-        """Return the error bar (k,) of the reference's positions [m, rad] at times t, that of the sample at t or the next one.
+        """Return the error bar (k,) [m, rad] of the reference's sample at or next after each time t (k,).
 
-        It is never below the floor that the rounding of parameters causes.
+        The bar is at least the floor that the rounding of parameters causes.
         """
         r = self.reference
         k = np.clip(np.searchsorted(r.t, t - 1e-9), 0, len(r.t) - 1)

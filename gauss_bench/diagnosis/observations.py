@@ -24,7 +24,7 @@ FEWEST = 4  # smallest number of steps of a run
 GRID = 1e-2  # [s] spacing of the references' samples; checkpoints on this grid need no flow between samples
 REFINED = (1e-11, 1e-12)  # tolerances of the finer runs if the integrator chooses its own steps
 
-Runner = Callable[[Choice, Sampling], Run]
+Runner = Callable[[Choice, Sampling], Run]  # runs one engine on one linkage
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ def checkpoints(step: float, until: float) -> Array:
     steps = int(np.floor(until / step * (1 + 1e-12)))
     if steps < FEWEST:
         raise ChoiceError(f"a diagnosis needs {FEWEST} steps, and {until:g} s have {steps} of {step:g} s: take a smaller step")
-    # smallest number of steps that is a multiple of the grid's spacing; 1 if it would leave less than a quarter of COUNT
-    # checkpoints
+    # `to_grid` is the smallest number of steps that is a multiple of GRID; 1 if none up to 100 is
     to_grid = next((m for m in range(1, 101) if abs(m * step / GRID - round(m * step / GRID)) < 1e-9), 1)
+    # the grid is not used where it would leave less than a quarter of COUNT checkpoints
     unit = to_grid if to_grid * COUNT <= 4 * steps and to_grid < steps else 1
     between = unit * max(1, int(np.ceil((steps - 1) / unit / COUNT)))  # steps from one checkpoint to the next
     return step * np.arange(between, steps, between)
@@ -106,9 +106,8 @@ def observe(
 ) -> tuple[tuple[Burst, ...], tuple[Run, ...]]:
     """Run the engine with each setting, up to the time `until` [s].
 
-    The first result has a burst for every run that reached a checkpoint, also before a failure; the second result has all runs. If
-    the first run reaches no checkpoint, no further runs are made. The step of the first setting determines the checkpoints of all
-    runs.
+    Return a burst for every run that reached a checkpoint, also before a failure, and all runs. If the first run reaches no
+    checkpoint, no further runs are made. The step of the first setting determines the checkpoints of all runs.
     """
     checkpoint_times, bursts, runs = checkpoints(choices[0].step, until), list[Burst](), list[Run]()
     for choice in choices:

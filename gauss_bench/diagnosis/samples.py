@@ -72,7 +72,7 @@ def time_map(truth: TrueMotion, reported: States, stretch: bool) -> TimeMap | No
         columns = [slope, slope * x.t[:, None]] if stretch else [slope]  # derivatives by shift and rate
         change = np.linalg.lstsq(np.array([c.ravel() for c in columns]).T, off.ravel(), rcond=None)[0]
         steps = np.clip(change, -pace, pace).tolist()  # farther away the linearisation does not hold
-        shift, rate = shift + steps[0], rate + sum(steps[1:])  # there is a second one with `stretch`
+        shift, rate = shift + steps[0], rate + sum(steps[1:])  # steps[1] exists only with `stretch`
     return best if best.left <= LEFT else None
 
 
@@ -92,8 +92,8 @@ def _first_rate(truth: TrueMotion, reported: States, pace: float) -> float:
 def order(mechanism: Mechanism, truth: States, reported: States) -> tuple[str, float] | None:
     """Find a permutation of the reported links or joint coordinates that fits the true motion much better than the reported order.
 
-    Return the wrong order in words and the share of the error that the permutation leaves; None if no permutation reduces it to
-    LEFT. `truth` and `reported` are states at the same times.
+    Return the wrong order in words and the share of the error that the permutation leaves; None if every permutation leaves more
+    than LEFT. `truth` and `reported` are states at the same times.
     """
     from scipy.optimize import linear_sum_assignment  # its import takes longer than most diagnoses
 
@@ -150,9 +150,8 @@ def suspicious_window(reported: States, a: Array) -> int | None:
 def jump(own: OwnMotion, dense: States) -> tuple[float, float, bool] | None:
     """Return time [s] and size [m, rad] of a jump of the state, and whether it leads back to the start; None if there is none.
 
-    `dense` has the start, and then samples at every step. The step with the largest displacement that the mean velocity does not
-    explain is a jump if this displacement is far above the median of all steps, and is large or far above what the velocities
-    allow.
+    `dense` has the start, and then samples at every step. Of the displacements in one step that the mean velocity does not explain,
+    the largest is a jump if it is far above the median, and also larger than SUSPICIOUS or far above what the velocities allow.
     """
     x = dense[1:]  # samples at every step; dense[0] may lie long before them
     h = np.diff(x.t)[:, None]

@@ -32,7 +32,7 @@ REGIME = 0.1  # [m, rad] larger errors no longer add up linearly, and their rati
 FEWEST = 5  # number of checkpoints that always count
 CONVERGES = 0.4  # order below which the runs do not converge
 STAYS = 0.75  # a gap is independent of the step if half the step leaves this share; an error of order 1 falls to a half
-HALF = 0.5  # difference of two orders that is significant
+HALF = 0.5  # least difference of two orders of convergence that is significant
 PERIODS = 3  # number of parts of a run; the first is "early", the last "late"
 FITS = 0.999  # share of the squared gaps that a displaced pin must explain
 SAME = 0.05  # relative difference of a pin's displacement between two runs
@@ -121,7 +121,7 @@ class Closure:
         return self.closure_late > GROWS * self.closure_early
 
     def falls_faster(self, order: float) -> bool:
-        """Tell whether the gap decreases with the step by an order that is higher by HALF than `order`, that of the motion's error.
+        """Tell whether the gap decreases with the step faster than the motion's error, by an order above `order` + HALF.
 
         Such a gap cannot cause the error.
         """
@@ -227,7 +227,7 @@ class Misplaced:
 def find_displaced_pin(own: OwnMotion, coarse: States, fine: States) -> Misplaced | None:
     """Return the one pin whose displacement accounts for all gaps of the joints in two runs with different steps, or None.
 
-    Both runs must show about the same displacement of it, because a wrong dimension does not depend on the step.
+    The displacement must be about the same in both runs, because a wrong dimension does not depend on the step.
     """
     first, second = (_explain(own, x) for x in (coarse, fine))
     if first is None or second is None or (first.joint, first.link) != (second.joint, second.link):

@@ -48,19 +48,23 @@ class Entry:
 def list_entries() -> list[Entry]:
     """Return the tables of a linkage file, each once and before the tables inside it."""
     entries: dict[type[schema.Table], Entry] = {}
-
-    def add(table: type[schema.Table], place: str, edition: int) -> None:
-        """Add a table, which the grammar has since an edition, at a path, and its inner tables."""
-        entry = entries.setdefault(table, Entry(table, [], edition))
-        if place not in entry.places:
-            entry.places.append(place)
-            for name, info in table.model_fields.items():
-                key = schema.key_of(table, name)
-                for inner, inner_table in inner_tables(info.annotation, join(place, key)):
-                    add(inner_table, inner, edition_of(entry, key))
-
-    add(schema.LinkageTable, "", 1)
+    _add_entry(entries, schema.LinkageTable, "", 1)
     return list(entries.values())
+
+
+def _add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
+    """Add to `entries` a table that stands at the path `place`, and all tables inside it.
+
+    A table that is there already gets the further path and keeps its edition.
+    """
+    entry = entries.setdefault(table, Entry(table, [], edition))
+    if place in entry.places:
+        return
+    entry.places.append(place)
+    for name, info in table.model_fields.items():
+        key = schema.key_of(table, name)
+        for inner_place, inner_table in inner_tables(info.annotation, join(place, key)):
+            _add_entry(entries, inner_table, inner_place, edition_of(entry, key))
 
 
 def join(place: str, key: str) -> str:

@@ -217,7 +217,7 @@ def pip_of(folder: Path) -> list[str]:
 
 
 def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = False) -> None:
-    """Run a program to its end. The program's output goes to the terminal, or line by line to `told` if there is no terminal.
+    """Run a program to its end, with its output on the terminal, or line by line to `told` if there is no terminal.
 
     Args:
         failure: beginning of the message if the program fails.

@@ -73,7 +73,7 @@ class OptionTable:
     def check_value(self, key: str, value: Any, shown: str) -> Any:
         """Return the value of the option `key`, with its numbers as floats if the default has floats.
 
-        Messages show it as `shown`.
+        `shown` is the text of the value in messages.
         """
         usual = next(iter(self.labels.values()))[key]
         match usual:

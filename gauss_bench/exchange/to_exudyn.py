@@ -23,16 +23,35 @@ STATEMENTS = {  # function of Exudyn -> variable of the script for its result (s
 def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     """Return a Python script that builds the mechanism in Exudyn by the recorded calls of the adapter, and simulates it.
 
+    `head` are lines of comment at the top of the script.
+
     Raises:
         RunFailure: Exudyn rejects the model, or the model differs from the linkage.
         ImportError: Exudyn is not installed.
     """
-    from gauss_bench.engines.exudyn.adapter import ExudynModel, simulation_settings
+    from gauss_bench.engines.exudyn.adapter import ExudynModel
+
+    built = ExudynModel(mechanism, choice)  # raises if the real model differs from the linkage
+    return write_program(
+        "exudyn.py.jinja",
+        mechanism,
+        choice,
+        [*head, f"Settings: {choice.settings}, {choice.integrator}. Joints are algebraic equations, solved by Exudyn."],
+        a0=built.acceleration(0.0, mechanism.q0, mechanism.v0).tolist() if mechanism.drivers else None,
+        follows=any(not isinstance(x, AngleDriver) for x in mechanism.drivers),
+        model=_record_model(mechanism, choice),
+    )
+
+
+def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
+    """Return the lines of the script that build the model and its settings: the adapter's calls, made with stand-ins for Exudyn."""
+    from gauss_bench.engines.exudyn.adapter import simulation_settings
     from gauss_bench.engines.exudyn.items import System, span
 
-    # The methods use `script` and `laws`, which are assigned below the class and before an object of it is created.
+    script, laws = Script(STATEMENTS), name_laws(mechanism)
+
     class Transcribed(System):
-        """The adapter's system; its calls of Exudyn are recorded as lines of `script`, with comments for links and joints."""
+        """The adapter's system; `script` records its calls of Exudyn, with a comment for each link and joint."""
 
         def _add_link(self, i: int) -> None:
             script.comment(f"link {self.mechanism.links[i].name}")
@@ -55,18 +74,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
             """Return a stand-in for the offset of a driven angle: derivative number `rate` of its law, less the value `start`."""
             return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
-    built = ExudynModel(mechanism, choice)  # raises if the real model differs from the linkage
-    script, laws = Script(STATEMENTS), name_laws(mechanism)
     exu = script.stand_in("exu")
     Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
     simulation_settings(exu, mechanism, choice)
-    return write_program(
-        "exudyn.py.jinja",
-        mechanism,
-        choice,
-        [*head, f"Settings: {choice.settings}, {choice.integrator}. Joints are algebraic equations, solved by Exudyn."],
-        a0=built.acceleration(0.0, mechanism.q0, mechanism.v0).tolist() if mechanism.drivers else None,
-        follows=any(not isinstance(x, AngleDriver) for x in mechanism.drivers),
-        model=script.lines,
-    )
+    return script.lines

@@ -179,14 +179,15 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
 def rank_about(mechanism: Mechanism, q: Array) -> int:
     """Return the rank of the Jacobian J of the joints at a generic position near q (n,), or at q if the joints are open there.
 
-    It is the largest of the ranks at q and at neighbouring positions, to which the linkage can move. If it cannot move although J
-    loses rank, as two bars stretched along one line, all links are turned slightly, which opens the joints: J would have the same
-    rank if the lengths were slightly different.
+    The largest of the ranks at q and at neighbouring positions, to which the linkage can move, is taken. Two bars that are
+    stretched along one line cannot move, although J loses rank. All links of such a linkage are turned slightly, which opens the
+    joints: J would have the same rank with slightly different lengths.
     """
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
     if place is None:
-        return _rank(freedom.at(q)[1])
+        _, here = freedom.at(q)
+        return _rank(here)
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
     for _ in range(3):
@@ -203,7 +204,8 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
     angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
-    return max(rank, _rank(freedom.at(turned)[1]))
+    _, neighbour = freedom.at(turned)
+    return max(rank, _rank(neighbour))
 
 
 def _rank(place: Place) -> int:

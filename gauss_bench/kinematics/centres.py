@@ -58,10 +58,11 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
         ValueError: the joints leave no motion free, or more than one.
     """
     freedom = _undriven(mechanism)
-    free = freedom.at(q)[1].free
-    if free.shape[1] != 1:
-        raise ValueError(f"{mechanism.name} has {free.shape[1]} free motions here; its instant centres depend on which it does")
-    return np.asarray(free[:, 0] / freedom.scale)
+    _, place = freedom.at(q)
+    count = place.free.shape[1]
+    if count != 1:
+        raise ValueError(f"{mechanism.name} has {count} free motions here; its instant centres depend on which it does")
+    return np.asarray(place.free[:, 0] / freedom.scale)
 
 
 @lru_cache(maxsize=1)  # a motion asks for the same linkage at every sample

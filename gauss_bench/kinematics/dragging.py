@@ -31,7 +31,7 @@ LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a l
 LARGEST_MISS = 0.25  # largest distance between prediction and projected position, as a share of the step
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
 HALVINGS = 12  # largest number of halvings of a step
-MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`; they lead as far as nine sizes of the linkage
+MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`: together at most nine sizes of the linkage
 NEAR = 1e-13  # a distance from the target that is smaller is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
@@ -167,7 +167,8 @@ class Drag:
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
         """Drag the point towards a target (2,) [m] in at most `most` steps."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
-        apart, is_stuck = self._apart(self.place, target), not self.place.free.shape[1]  # stuck if there is no free motion
+        apart = self._apart(self.place, target)
+        is_stuck = self.place.free.shape[1] == 0  # without free motions
         for _ in range(most):
             if apart <= NEAR * size or is_stuck:
                 break
@@ -222,33 +223,45 @@ class Drag:
     def _propose_steps(self, r: Array, bends: Array) -> Iterator[Array]:
         """Yield HALVINGS steps y (f,) that may bring the point nearer to its target, each half as long as the one before.
 
-        The first solves the equation at the top of this file, changed by `_stay_on_side` and shortened to LARGEST_STEP.
+        The first is the step of Levenberg-Marquardt, changed by `_stay_on_side` and shortened to LARGEST_STEP.
 
         Args:
             r: (2,) vector from the target to the point [m].
             bends: (f, f, n) second derivatives of the scaled coordinates with respect to y.
         """
-        P, limit = self._point_jacobian(self.place), LARGEST_STEP * self.freedom.size
-        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
-        states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
-        # second derivatives (f, f, 2) of the point by y: `velocity` is linear in the rates, here those of the coordinates
-        bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
-        if self.onto:
-            bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
-        gradient, H = P.T @ r, P.T @ P + bent @ r  # derivatives of |r|^2 / 2 by y
-        curvature, V = np.linalg.eigh(H)
-        largest = float(np.abs(curvature).max())
-        # mu raises a negative smallest curvature to its absolute value, one near zero to at least FLAT * largest
-        mu = max(0.0, FLAT * largest - 2.0 * float(curvature[0])) if curvature[0] < FLAT * largest else 0.0
-        y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
-        if curvature[0] < -FLAT * largest and np.abs(y).max() < RESTING * self.freedom.size:
-            y = limit * V[:, 0]  # the point is at the maximum of its distance: either direction leads nearer
+        P, bent = self._point_jacobian(self.place), self._point_bends(bends)
+        gradient, H = P.T @ r, P.T @ P + bent @ r  # first and second derivatives of |r|^2 / 2 by y
+        limit = LARGEST_STEP * self.freedom.size
+        y = self._descend(gradient, H, limit)
         if self.side:
             y = self._stay_on_side(y, P, bent, gradient, H)
         y = y * min(1.0, limit / max(float(np.abs(self.place.free @ y).max()), np.finfo(float).tiny))
         for _ in range(HALVINGS):
             yield y
             y = y / 2
+
+    def _point_bends(self, bends: Array) -> Array:
+        """Return the second derivatives (f, f, 2) of the point by y, from those of the scaled coordinates, `bends` (f, f, n)."""
+        N = self.place.free / self.freedom.scale[:, None]  # (n, f) free motions in absolute coordinates
+        states, rates = np.broadcast_to(self.q, bends.shape), bends / self.freedom.scale
+        # `velocity` multiplies the Jacobian of a point with any derivatives of the coordinates
+        bent = velocity(states, rates, self.point) - self._centripetal(N, self.point)
+        if self.onto:
+            bent = bent - velocity(states, rates, self.onto) + self._centripetal(N, self.onto)
+        return bent
+
+    def _descend(self, gradient: Array, H: Array, limit: float) -> Array:
+        """Return the solution y (f,) of the equation of Levenberg-Marquardt, (H + mu 1) y = -gradient.
+
+        At a maximum of the distance from the target, y has the length `limit` [m] in the direction of the most negative curvature.
+        """
+        curvature, V = np.linalg.eigh(H)
+        smallest, flat = float(curvature[0]), FLAT * float(np.abs(curvature).max())
+        # mu raises a negative smallest curvature to its absolute value, and one near zero to at least `flat`
+        mu = max(0.0, flat - 2.0 * smallest) if smallest < flat else 0.0
+        y: Array = -V @ ((V.T @ gradient) / (curvature + mu))
+        is_maximum = smallest < -flat and np.abs(y).max() < RESTING * self.freedom.size
+        return limit * V[:, 0] if is_maximum else y
 
     def _stay_on_side(self, y: Array, P: Array, bent: Array, gradient: Array, H: Array) -> Array:
         """Return the step y (2,) if det P keeps its sign s = `side` to first order, else a step that is changed to keep it.
@@ -286,7 +299,7 @@ class Drag:
             return None
         # give the new basis the orientation of the old one, so that the signs of det P can be compared
         place = replace(place, free=place.free * np.append(np.ones(N.shape[1] - 1), np.sign(np.linalg.det(turned))))
-        # `_stay_on_side` keeps |det P| >= MARGIN to first order; half of this margin may be used up by terms of higher order
+        # `_stay_on_side` keeps |det P| >= MARGIN to first order; terms of higher order may use up half of MARGIN
         return None if self.side and self.side * self._det(place) < MARGIN / 2 else place
 
     def _det(self, place: Place) -> float:

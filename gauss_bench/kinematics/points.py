@@ -53,9 +53,9 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
     basic: list[BasicPoint] = []
 
     def add(name: str, *ends: Point) -> None:
-        """Add a point, given by its places in one or more links, merged with points that have the same place in one of them.
+        """Add a point, given by its places in one or more links, or merge it with all points that share a place with it.
 
-        The name of the first of those is kept.
+        The merged point has the name of the first of these.
         """
         at = {end.link: place(end) for end in ends}
         same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]

@@ -182,8 +182,8 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
             return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
     # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
-        ends = min(0.0, *travels), max(0.0, *travels)
-        if stays_closed(driven, other, coupler, values[0] + ends[0], values[0] + ends[1]):
+        back, forth = min(0.0, *travels), max(0.0, *travels)
+        if stays_closed(driven, other, coupler, values[0] + back, values[0] + forth):
             return Drive("order", f"Driven by {part}, it takes the poses in another order than given.")
     return Drive("branch", f"Driven by {part}, it does not get from pose to pose: a dead point lies between them.")
 

@@ -230,8 +230,12 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
     for link, (parent, pair) in graph.tree.items():  # both arms end at the pair: the centre is that of the parent + near - far
         near, far = arm(parent, pair.element(parent)), arm(link, pair.element(link))
         at[link] = tuple(z + x - y for z, x, y in zip(at[parent], near, far, strict=True))
-    q, v, a = (
-        np.stack([x for i in range(links) for x in (at[i][level].real, at[i][level].imag, angle[:, i])], axis=-1)
-        for level, angle in enumerate(angles)
-    )
+    levels = []
+    for level, angle in enumerate(angles):  # positions, then velocities, then accelerations
+        columns: list[Array] = []
+        for i in range(links):
+            z = at[i][level]
+            columns += [z.real, z.imag, angle[:, i]]
+        levels.append(np.stack(columns, axis=-1))
+    q, v, a = levels
     return q, v, a

@@ -671,19 +671,21 @@ class Mechanism:
     couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        """Make the arrays read-only, and check the types of all parts, because code that selects by type would skip others.
+        """Make the arrays read-only, and check the types of all parts: code that selects parts by type would skip unknown ones.
 
         Raises:
             TypeError: a force, joint or other part is of an unknown type; the message names it.
         """
-        # every `load` of the same file returns the same object, so that nobody may change its arrays
+        # `load` returns the same object for the same file, so a caller that changed its arrays would change them for all others
         for name in ("gravity", "q0", "v0"):
             given = getattr(self, name)
             if isinstance(given, np.ndarray):  # a sweep gives lists of expressions instead
                 view = given.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
-        loads(f for f in self.forces if not factor_of(f))  # called only to raise if a force is of an unknown type
+        loads(
+            f for f in self.forces if not factor_of(f)
+        )  # the result is not needed: `loads` raises if a force is of an unknown type
         parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
         parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
         parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]

@@ -59,10 +59,10 @@ class Cost:
 
 
 def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
-    """Time at least two releases, the oldest first, and return two lists of costs.
+    """Time at least two releases, the oldest first; return their costs, and the changes of cost from one release to the next.
 
-    The first list has the cost of every release relative to the newest release. The second list has the cost of a release relative
-    to the release before it, for releases whose times differ by more than the noise.
+    The costs are relative to the newest release. The changes are costs relative to the release before, of releases whose times
+    differ from that one's by more than the noise. `told` receives a sentence when a race begins.
     """
     costs: list[Cost] = []
     changes: list[Cost] = []
@@ -81,10 +81,13 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
 
 
 def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[str, dict[str, Array]], dict[str, str]]:
-    """Time releases side by side on a linkage LINKAGE:SCENARIO, in PROCESSES processes each, which build their models anew.
+    """Time releases side by side in PROCESSES processes each, which build their models anew.
 
-    Return version -> measured times (`split`), and version -> reason why it could not be timed. `entrants` maps a version to the
-    name of its engine; the version NULL is the second timing of the newest release.
+    Return version -> its times as `split` returns them, and version -> the reason why it could not be timed.
+
+    Args:
+        linkage: "LINKAGE:SCENARIO".
+        entrants: version -> name of its engine; the version NULL is the second timing of the newest release.
     """
     mechanism = find_mechanism(*linkage_of(linkage))
     rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
@@ -156,9 +159,8 @@ def compare_times(version: str, other: str, measured: Mapping[str, Array], width
     if other not in measured:
         return cost
     ratio, low, high = ratio_of(measured[version], measured[other])
-    return replace(
-        cost, ratio=ratio, ratio_low=low, ratio_high=high, verdict="" if width is None else judge_ratio(low, high, width)
-    )
+    verdict = "" if width is None else judge_ratio(low, high, width)
+    return replace(cost, ratio=ratio, ratio_low=low, ratio_high=high, verdict=verdict)
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:

@@ -5,7 +5,8 @@ engine with one kind of loop over the steps; variables with the name of a row, s
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
@@ -45,36 +46,58 @@ def mark_own(run: Run, loop: str) -> str:
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
-def first_table(run: Run) -> Table | None:
-    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
-    modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
-    leaders = {name: cheapest_loops(run, name, FIRST) for name in ladders}
-    if not any(leaders.values()):
-        return None
-    over = {name: multiples({loop: x.seconds for loop, x in found.items()}) for name, found in leaders.items()}
-    tried = {name: group_by(rows, lambda r: loop_of(r["engine"], r["settings"])) for name, rows in ladders.items()}
+@dataclass(frozen=True)
+class Results:
+    """The results on one linkage, each by `loop`.
 
-    def cells(loop: str, name: str) -> list[Cell]:
-        """Return error, time and multiple of an engine on the linkage `name`, or why it has none."""
-        leader = leaders[name].get(loop)
+    Attributes:
+        tried: rows of the table `search_ladder`.
+        leaders: the cheapest setting within FIRST, of those that reach FIRST.
+        multiples: time of the leader divided by that of the fastest leader; without unknown times.
+    """
+
+    tried: Mapping[str, Sequence[Row]]
+    leaders: Mapping[str, Setting]
+    multiples: Mapping[str, float]
+
+    def cells(self, loop: str) -> list[Cell]:
+        """Return error, time and multiple, or why there are none."""
+        leader = self.leaders.get(loop)
         if leader is None:
-            why = explain_missing(tried[name].get(loop, []), FIRST)
+            why = explain_missing(self.tried.get(loop, []), FIRST)
             return [text_cell(why), Cell(NOTHING, why=why), Cell(NOTHING, why=why)]
-        multiple = over[name].get(loop, math.nan)
+        multiple = self.multiples.get(loop, math.nan)
         error, time = Cell(error_text(leader.position), leader.position), Cell(time_text(leader.seconds), leader.seconds)
         return [error, time, Cell(ratio_text(multiple), multiple)]
 
-    shown = [name for name in SHOWN if name in ladders] or list(ladders)[:2]
-    loops = {loop for name in ladders for loop in (*tried[name], *leaders[name])}
-    ranges = {loop: [x[loop] for x in over.values() if loop in x] for loop in loops}
+
+def collect_results(run: Run) -> dict[str, Results]:
+    """Return linkage -> results on it, without the engines that model none of the searched linkages."""
+    ladder = run.table("search_ladder")
+    modelled = {r["engine"] for r in ladder if r["status"] != "skip"}
+    results = {}
+    for name, rows in group_by((r for r in ladder if r["engine"] in modelled), "mechanism").items():
+        leaders = cheapest_loops(run, name, FIRST)
+        tried = group_by(rows, lambda r: loop_of(r["engine"], r["settings"]))
+        results[name] = Results(tried, leaders, multiples({loop: x.seconds for loop, x in leaders.items()}))
+    return results
+
+
+def first_table(run: Run) -> Table | None:
+    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
+    results = collect_results(run)
+    if not any(x.leaders for x in results.values()):
+        return None
+    shown = [name for name in SHOWN if name in results] or list(results)[:2]
+    loops = {loop for x in results.values() for loop in (*x.tried, *x.leaders)}
+    over = {loop: [x.multiples[loop] for x in results.values() if loop in x.multiples] for loop in loops}
     lines = []
     # the engine with the smallest middle multiple comes first, engines without a multiple last
-    for loop in sorted(ranges, key=lambda x: (median(ranges[x] or [math.inf]), x)):
-        holds = sum(loop in found for found in leaders.values())
-        multiple = Cell(range_text(ranges[loop])) if ranges[loop] else Cell(NOTHING, why="holds on none")
-        figures = [cell for name in shown for cell in cells(loop, name)]
-        lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(ladders)}"), multiple])
+    for loop in sorted(loops, key=lambda x: (median(over[x] or [math.inf]), x)):
+        holds = sum(loop in x.leaders for x in results.values())
+        multiple = Cell(range_text(over[loop])) if over[loop] else Cell(NOTHING, why="holds on none")
+        figures = [cell for name in shown for cell in results[name].cells(loop)]
+        lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(results)}"), multiple])
     heads = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
     head = ("engine", *heads, "holds on", "multiples")
     title = f"Within {limit_text(FIRST)} m of position {search_span(run)}"
@@ -82,7 +105,7 @@ def first_table(run: Run) -> Table | None:
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
-    """Return in a few words why an engine has no time within `position` [m] on a linkage.
+    """Return in a few words why an engine has no time within `position` [m] on a linkage, from its rows of `search_ladder`.
 
     Either no run met the accuracy, or none of those that met it was in a timed comparison.
     """

@@ -60,8 +60,10 @@ class Request:
 def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
     """Carry out a requested run: one of the suite's own formulations in this process, any other engine in a worker process.
 
-    `limit` [s] is the time, without waits for a processor, after which a worker is stopped; the worker is the one kept for the
-    engine unless given. With `again`, the process may keep the model that it builds for the next request.
+    Args:
+        limit: time [s] after which a worker is stopped; waits for a processor do not count.
+        worker: None takes the worker that is kept for the engine.
+        again: whether the process may keep the model that it builds for the next request.
     """
     if is_isolated(request.engine):
         return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
@@ -168,8 +170,8 @@ def _trajectory(x: object) -> Trajectory | None:
 def build_first(engine: str, settings: Iterable[str], told: Callable[[str], object]) -> None:
     """Build the compiled code that settings of an engine need, if it is missing; `told` is called with sentences of progress.
 
-    The code is built in a worker, which ends its compilers when its parent process dies. A failure is only told: the run that
-    needs the code fails with its own message.
+    The code is built in a worker, which ends its compilers when its parent process dies. A failure is told and not raised, because
+    the run that needs the code fails with its own message.
     """
     if "build_once" not in offer(engine).methods:
         return

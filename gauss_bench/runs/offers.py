@@ -27,8 +27,8 @@ LIMIT = 30.0  # [s] to import an engine and describe it; the slowest known libra
 NOT_INSTALLED = "not installed"
 ALIASES = {"euler": "semi_implicit_euler"}
 METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
-MOST_STEPS = 1e10  # of a run: they take an hour with the quickest compiled step
-MOST_SAMPLES = 5e6  # of a run: half a GiB of a four-bar's states, in each of their copies
+MOST_STEPS = 1e10  # largest number of steps of a run: an hour with the quickest compiled step
+MOST_SAMPLES = 5e6  # largest number of samples of a run: the states of a four-bar take half a GiB, and so does each copy
 
 
 class ChoiceError(BadInput, ValueError):
@@ -140,9 +140,9 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Say which Python code, besides the engine's library, runs while an engine's run is timed; NOT_TOLD if it does not say."""
+    """Return in words the Python code, besides its library, that runs while an engine is timed; NOT_TOLD if it does not say."""
     environment = environment_of(name)
-    # the condition: the engine's adapter is part of this package, so that no worker is needed to call it
+    # an adapter that is part of this package is called without a worker
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
         return in_python_there(name, mechanism, choice)
     if not has_method(name, "in_python"):
@@ -211,7 +211,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         unknown_yet = [name for name in wanted if name not in _known]
         others = [name for name in unknown_yet if name not in SAFE]
         _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
-        if len(others) == 1:  # it will probably run next, in the same worker
+        if len(others) == 1:  # an engine that is asked alone will probably run next, in the same worker
             _known[others[0]] = _ask(keep(others[0]), others[0])
         elif others:
             with Worker() as worker:
@@ -355,7 +355,7 @@ def check_positive(name: str, value: float, unit: str = " of seconds") -> None:
     """Check that a number is positive and finite.
 
     Raises:
-        ChoiceError: it is not; the message begins with the name of the number.
+        ChoiceError: the number is not; the message begins with its name.
     """
     if not (math.isfinite(value) and value > 0):
         raise ChoiceError(f"{name} must be a positive number{unit}, not {value:g}")
@@ -378,7 +378,7 @@ def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
     """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are about `spacing` apart [s].
 
     Raises:
-        ChoiceError: the run is too large; the message holds the number of steps or samples.
+        ChoiceError: the run is too large; the message states its number of steps or samples.
     """
     with np.errstate(all="ignore"):  # tiny steps give infinitely many
         steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))

@@ -77,7 +77,7 @@ def sampling_through(step: float, at: Sequence[float], spacing: float = SAMPLING
 
 
 def sampling_at(step: float, times: Sequence[float] | Array) -> Sampling:
-    """Return exactly these sample times, the first of which is the start; other times than multiples end shorter steps."""
+    """Return a sampling at exactly these times, the first of which is the start; steps to times between multiples are shorter."""
     return _sample(step, np.asarray(times, dtype=float), [])
 
 
@@ -103,7 +103,7 @@ def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     times = [*grid]
     for x in sorted(more):
         k = int(np.searchsorted(grid, x))
-        neighbours = [*grid[max(0, k - 1) : k + 1], times[-1]]  # on both sides in the grid, and the time added last
+        neighbours = [*grid[max(0, k - 1) : k + 1], times[-1]]  # the grid's times before and after x, and the time added last
         if all(abs(x - y) > near + 1e-14 * x for y in neighbours):
             times.append(x)
     distinct = np.unique(times)
@@ -112,7 +112,7 @@ def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     return Sampling(distinct, step, sum(count for count, _ in counts), shortened)
 
 
-Asked = Callable[[Model], object]  # a question for a model before it runs
+Asked = Callable[[Model], object]  # a question for a model before its run
 Build = Callable[[Mechanism, Choice], Model]
 
 
@@ -241,7 +241,7 @@ def perform(
 def _read(model: Model | None) -> object:
     """Return the samples that a model reached before its run was broken off, or None if it cannot return them."""
     try:
-        return model and model.read()
+        return None if model is None else model.read()
     except RunFailure as failure:
         return failure.reached
     except Exception:

@@ -26,7 +26,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 LONGEST = 60.0  # [s] processor time of a repetition; only the first part of a longer run is repeated
-LARGEST = 40  # degrees of freedom beyond which modes are not computed
+LARGEST = 40  # degrees of freedom beyond which modes are not computed, because they would take too long
 LOOKED_AT = 5  # states whose modes are computed; the median counts, because one state may be near a singular position
 VAGUE = 0.1  # a reference cannot decide if its error bar is above this share of the error that the judge allows
 RELATIVE = re.compile(r"rtol|reltol|relative_tolerance")  # names of options for the relative tolerance of an integrator
@@ -56,14 +56,14 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
 
 
 def reversal_times(mechanism: Mechanism) -> list[Array]:
-    """Return, for each force that is piecewise linear in time, the times (k,) [s] at which it turns between rising and falling."""
+    """Return for each force that is piecewise linear in time the times (k,) [s] at which a rise and a fall meet."""
     times = []
     for factor in (factor_of(x) for x in mechanism.varying):
         if factor is not None and factor.kinks:
-            slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the lines before and after each kink
+            slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the line before the first kink, and after each
             steep = np.flatnonzero(slopes)  # lines along which the force is not constant
             turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]  # lines whose slope has the other sign than the last steep one
-            times.append(np.array(factor.kinks)[turned - 1])
+            times.append(np.array(factor.kinks)[turned - 1])  # line k begins at kink k - 1
     return times
 
 
@@ -112,9 +112,9 @@ def has_sound_rates(mechanism: Mechanism, trajectory: Trajectory) -> bool:
 
 
 def is_same_run(one: Trajectory, other: Trajectory) -> bool:
-    """Tell whether a run and its repetition have the same q and v, bit for bit as far as both go, and the linkage moves.
+    """Tell whether a moving run and its repetition have the same q and v, bit for bit as far as both go.
 
-    Then the engine ignores the tolerance or the step; without motion, equal results do not show this.
+    If so, the engine ignores the tolerance or the step. The results of a linkage at rest are equal in any case.
     """
     k = min(len(one.t), len(other.t))
     moves = bool(np.any(one.v[:k]) or np.any(one.a[:k]))
@@ -229,8 +229,8 @@ def modes_along(mechanism: Mechanism, trajectory: Trajectory) -> list[NDArray[np
     """Return the eigenvalues (2 dof,) [1/s] of small motions about LOOKED_AT states; states at which this fails are left out.
 
     At a state q, v with null space N (n, dof) of the constraint rows, a small motion N x obeys x'' = N^T a_q N x + N^T a_v N x',
-    where a_q and a_v are the derivatives of the accelerations with respect to q and v. Beyond LARGEST degrees of freedom there are
-    none, because they would take too long.
+    where a_q and a_v are the derivatives of the accelerations with respect to q and v. The list is empty beyond LARGEST degrees of
+    freedom.
     """
     model, evaluator = get("gauss").build(mechanism, Choice("default", "rk4")), Evaluator(mechanism)
     modes = []

@@ -99,7 +99,7 @@ class Autosave:
             for path in folder().glob(f"{self.key}.*.json"):
                 if path == self.file or path.is_symlink():
                     continue
-                with suppress(OSError, ValueError, KeyError, TypeError):  # one that vanishes meanwhile hides no other
+                with suppress(OSError, ValueError, KeyError, TypeError):  # a damaged file, or one that vanishes, hides no other
                     if not path.is_file() or path.stat().st_size > LARGEST:
                         continue
                     content = json.loads(path.read_text(encoding="utf-8"))

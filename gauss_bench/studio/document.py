@@ -70,7 +70,7 @@ def write_document(text: str, document: Document) -> str:
 
 
 def _change(parsed: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: tuple[str, ...]) -> None:
-    """Change a table of tomlkit."""
+    """Change a table of tomlkit, to which the keys `path` lead, from the content `old` to the content `new`."""
     removed, added = [k for k in old if k not in new], [k for k in new if k not in old]
     if len(removed) == len(added) == 1:
         before, after = removed[0], added[0]

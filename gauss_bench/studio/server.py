@@ -1,7 +1,7 @@
 """The studio's server for this machine: it serves the page, the page's files, and one socket for each browser page that is open.
 
-Threads answer requests. Requests of one page are answered in their order, except long ones;
-changes by different pages are made one after the other.
+Threads answer requests. Requests of one page are answered in their order, except long ones. Changes by different pages are made one
+after the other.
 """
 
 import asyncio

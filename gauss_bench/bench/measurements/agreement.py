@@ -75,6 +75,7 @@ def _singular(mechanism: Mechanism) -> tuple[str, list[float]]:
         positions = singular_positions(mechanism)
     except ChangePoint:
         return CENTRES, []
+    # angles that differ by rounding count once
     return CENTRES, sorted({round(s.crank, 12): s.crank for s in positions if s.kind == "dead centre"}.values())
 
 

@@ -127,7 +127,7 @@ def quantities(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> I
         if is_here:
             yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
         yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, *start))
-        if is_here and name in part.bare:
+        if is_here and name in part.bare:  # `bare_calls` returns the library's call and an empty one
             yield BARE, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[0])
             yield EMPTY, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[1])
         if is_here and name in part.batch and choice.settings == next(iter(offered.settings)):

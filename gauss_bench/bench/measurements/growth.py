@@ -74,8 +74,12 @@ class ExactState:
         return float(np.abs(a - self.a).max() / np.abs(self.a).max())
 
 
-# the quantities of a contender that are timed, and the function that makes one timing block for each of them
-Contender = tuple[tuple[str, ...], Callable[[ExactState], list[Block]]]
+@dataclass(frozen=True)
+class Contender:
+    """A kernel or a library call that is timed: its timed quantities, and the function that makes one block for each of them."""
+
+    quantities: tuple[str, ...]
+    make_blocks: Callable[[ExactState], list[Block]]
 
 
 def exact_state(size: int) -> ExactState:
@@ -92,44 +96,49 @@ def list_calls() -> list[tuple[str, str]]:
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
-    """Return what is timed, by name: CONTENDERS, and the library calls (engine, name of the call) that plug-ins offer."""
-    return CONTENDERS | {f"{engine}, {call}": ((CALLED,), partial(make_offered_blocks, engine, call)) for engine, call in outside}
+    """Return name -> contender: CONTENDERS, and the library calls (engine, name of the call) that plug-ins offer."""
+    offered = {f"{engine}, {call}": partial(make_offered_blocks, engine, call) for engine, call in outside}
+    return CONTENDERS | {name: Contender((CALLED,), make_blocks) for name, make_blocks in offered.items()}
 
 
 def race_growth(size: int, rounds: int, number: int, outside: Sequence[Sequence[str]]) -> Tables:
     """Time all contenders in process `number` on a chain of `size` four-bars; return one row for each timed quantity.
 
-    If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` lists (engine, call) of
-    plug-ins and engines of other environments.
+    If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` is explained in `contenders`.
     """
     entered = contenders(outside)
     measured = gather_rounds(race_survivors(entries, (size, outside), rounds, [*entered]))
     start: Row = {"size": size, "process": number, "n": load(f"n_four_bar_{size}").n}
-    keys = [Key(quantity, engine) for engine, (quantities, _) in entered.items() for quantity in quantities]
+    keys = [Key(quantity, name) for name, contender in entered.items() for quantity in contender.quantities]
     return {"scaling_races": [row(start | {"engine": k.engine, "quantity": k.quantity}, measured.summary, k) for k in keys]}
 
 
 def entries(size: int, outside: Sequence[Sequence[str]]) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block.
+    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block."""
+    state = exact_state(size)
+    for name, contender in contenders(outside).items():
+        # cached, because all blocks of a contender are made at once: when the race makes the first of them
+        blocks = cache(partial(make_blocks, name, contender, size, state))
+        for k, quantity in enumerate(contender.quantities):
+            yield Key(quantity, name), partial(pick_block, blocks, k)
 
-    `outside` lists (engine, call) of plug-ins and engines of other environments.
+
+def make_blocks(name: str, contender: Contender, size: int, state: ExactState) -> list[Block]:
+    """Return the timing blocks of a contender, one for each of its quantities, on the chain of `size` four-bars at a state.
+
+    Raises:
+        RunFailure: the library is not timed at this size, or the contender cannot be built.
     """
-    state, entered = exact_state(size), contenders(outside)
+    library = name.partition(",")[0]  # the name may be "library, call"
+    most, reason = SIZE_LIMITS.get(library, (size, ""))
+    if size > most:
+        raise RunFailure(Status.SKIP, reason)
+    return contender.make_blocks(state)
 
-    @cache  # all blocks of a contender are made at once, when the first of them is needed
-    def make_blocks(contender: str) -> list[Block]:
-        library = contender.partition(",")[0]  # the name of a contender may be "library, call"
-        most, reason = SIZE_LIMITS.get(library, (size, ""))
-        if size > most:
-            raise RunFailure(Status.SKIP, reason)
-        return entered[contender][1](state)
 
-    def pick(contender: str, k: int) -> Block:
-        return make_blocks(contender)[k]
-
-    for contender, (quantities, _) in entered.items():
-        for k, quantity in enumerate(quantities):
-            yield Key(quantity, contender), partial(pick, contender, k)
+def pick_block(blocks: Callable[[], list[Block]], k: int) -> Block:
+    """Return block number k of a contender, of those that `blocks` makes at its first call."""
+    return blocks()[k]
 
 
 def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
@@ -173,15 +182,16 @@ def with_facts(made: TimedCall, state: ExactState) -> Block:
     return replace(made.block, facts=lambda: facts)
 
 
-CONTENDERS: dict[str, Contender] = {
-    f"{formulation}-native": ((LOOP, CALLED), partial(make_kernel_blocks, formulation)) for formulation in ("gauss", "lagrange")
-}
+CONTENDERS: dict[str, Contender] = {}  # name -> contender
+for formulation in ("gauss", "lagrange"):
+    CONTENDERS[f"{formulation}-native"] = Contender((LOOP, CALLED), partial(make_kernel_blocks, formulation))
 for library, calls, quantity in (
     ("pinocchio", pinocchio.CALLS, CALLED),
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    CONTENDERS |= {f"{library}, {way}": ((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
+    for call, prepare in calls.items():
+        CONTENDERS[f"{library}, {call}"] = Contender((quantity,), partial(make_library_blocks, prepare))
 
 
 def over_races(races: Rows) -> Rows:
@@ -189,7 +199,7 @@ def over_races(races: Rows) -> Rows:
     ended = [r for r in races if r["status"] == Status.OK]
     summary = []
     for rows in group_by(ended, "engine", "quantity", "size").values():
-        # the spread of a single process is that of its rounds, which its row has
+        # the row of a single process has the spread over its rounds
         found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
         first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
         built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}

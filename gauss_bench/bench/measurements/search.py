@@ -278,11 +278,11 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
     # one step of each variant is timed, at the finest size that meets a requirement: later entries of a dict replace earlier ones
-    finest = {way._replace(size=0.0): way for way in sorted(steps, key=lambda x: -x.size)}
+    finest = {without_size(way): way for way in sorted(steps, key=lambda x: -x.size)}
     step_times, lost = race_apart(run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     measured = gather_rounds(step_times, entry_of)
     seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
-    costs = {way: seconds[way._replace(size=0.0)] * (steps[way] or 1) for way in steps if way._replace(size=0.0) in seconds}
+    costs = {way: seconds[without_size(way)] * (steps[way] or 1) for way in steps if without_size(way) in seconds}
     chosen = dict.fromkeys(x for ways in groups for x in finalists({way: costs[way] for way in ways if way in costs}))
     timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, timed, lost | more_lost)}
@@ -335,7 +335,12 @@ def race_entries(
 
 def owner_of(way: Way, owners: Owners) -> str:
     """Return the authors of an engine who sent in this setting, or an empty text if it is one of the suite's."""
-    return owners.get(way._replace(size=0.0), "")
+    return owners.get(without_size(way), "")
+
+
+def without_size(way: Way) -> Way:
+    """Return the variant of a setting, as a `Way` of size 0."""
+    return way._replace(size=0.0)
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
@@ -499,7 +504,7 @@ def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     aim for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is met.
     """
     ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}
-    tied_own = pick_winner({way: measured.of(way) for way in ours})[1] if ours else []  # own winners that tie
+    _, tied_own = pick_winner({way: measured.of(way) for way in ours}) if ours else (None, [])  # own winners that tie
     own = min(ours, key=measured.time, default=None)  # the fastest winner of our own engines
     tied_with_own = [way for x in tied_own for way in ours[x]["ties"]]
     completed = []
@@ -521,5 +526,5 @@ def ratio_of(r: Row, own: Way, fastest: Sequence[Way], measured: Measured) -> Ro
     if way_of(r) == own:
         return {"ratio": 1.0, "ratio_low": 1.0, "ratio_high": 1.0}
     spreads = [ratio(measured.of(x), measured.of(y)) for x in r["ties"] for y in fastest]
-    value = ratio(measured.of(way_of(r)), measured.of(own))[0]
-    return {"ratio": value, "ratio_low": min(x[1] for x in spreads), "ratio_high": max(x[2] for x in spreads)}
+    value, _, _ = ratio(measured.of(way_of(r)), measured.of(own))
+    return {"ratio": value, "ratio_low": min(low for _, low, _ in spreads), "ratio_high": max(high for *_, high in spreads)}

@@ -144,7 +144,8 @@ class Graph:
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
-        return self.make("abs", self.split_sign(a)[0])
+        without_sign, _ = self.split_sign(a)
+        return self.make("abs", without_sign)
 
     def minimum(self, a: int, b: int) -> int:
         """Return the smaller of two values, b if one is NaN."""

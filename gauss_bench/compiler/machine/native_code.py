@@ -96,10 +96,12 @@ def host() -> tuple[str, str]:
 def best_lanes() -> int:
     """Return the number of doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
     # without llvmlite there is no native code in lanes, and numpy's does not depend on the result
-    features = host()[1].split(",") if available() else ["+avx512f"]
-    if "+avx512f" in features:
+    if not available():
         return 8
-    return 4 if "+avx2" in features else 2
+    _, features = host()
+    if "+avx512f" in features.split(","):
+        return 8
+    return 4 if "+avx2" in features.split(",") else 2
 
 
 def _key(text: str, level: int) -> str:

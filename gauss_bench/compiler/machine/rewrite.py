@@ -43,10 +43,11 @@ class _Rewriter:
         users: dict[int, list[int]] = {x: [] for x in needed}
         for x in needed:
             for k in old.operands[x]:
-                users[self._strip(k)[0]].append(x)
+                base, _ = self._strip(k)
+                users[base].append(x)
         # values that are merged into their users, and divisors that are used several times (see the class)
         self.parts = {x for x in needed if self._is_part(x, [old.operation[k] for k in users[x]])}
-        self.parts -= {self._strip(x)[0] for x in roots}  # roots must keep values of their own
+        self.parts -= {base for base, _ in map(self._strip, roots)}  # roots must keep values of their own
         divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
         self.shared = {x for x, count in divisors.items() if count > 1}
         for x in needed:
@@ -121,9 +122,11 @@ class _Rewriter:
         heap = [(ready[f], f) for f in factors]
         heapq.heapify(heap)
         while len(heap) > 2:
-            product = self.new.mul(heapq.heappop(heap)[1], heapq.heappop(heap)[1])
+            (_, first), (_, second) = heapq.heappop(heap), heapq.heappop(heap)
+            product = self.new.mul(first, second)
             heapq.heappush(heap, (ready[product], product))
-        return heap[0][1], heap[1][1]
+        (_, first), (_, second) = heap
+        return first, second
 
     def _sum(self, terms: list[Summand]) -> int:
         """Return the sum of terms, added two at a time, those that are ready earliest first."""

@@ -242,8 +242,8 @@ class Driver:
             inside = np.flatnonzero((times > a) & (times <= b))
             part = np.unique([a, *times[inside], b])
             # the number arguments of the one trajectory are row 0
-            states, *counts = self.integrate(state, numbers((a + b) / 2)[0], part, tolerances)
-            accepted, attempted = accepted + counts[0], attempted + counts[1]
+            states, taken, tried = self.integrate(state, numbers((a + b) / 2)[0], part, tolerances)
+            accepted, attempted = accepted + taken, attempted + tried
             samples[inside], state = states[1 : 1 + len(inside)], states[-1]
             if a == begin:
                 samples[0] = states[0]

@@ -283,8 +283,9 @@ class Programs:
 
     def margin(self, k: int, t: float, state: Array, p: Array) -> float:
         """Return the margin of program k at a state (2n,): the smallest ratio of a pivot to its threshold, below 1 if unusable."""
-        if self.plain:  # the second result of `margins` has the margin of the single state
-            return float(self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])[1][0])
+        if self.plain:
+            _, margins = self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])
+            return float(margins[0])
         routine = self._routine(k, "none", margin_routine)
         return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p, self.n)[-1])  # the last number is the margin
 
@@ -315,7 +316,9 @@ class Programs:
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
-        return self.codes[k].program.multipliers(t[:, None], q, v, p)[0], self.margins(k, t, q, v, p)[1] >= 1.0
+        multipliers, _ = self.codes[k].program.multipliers(t[:, None], q, v, p)
+        _, margins = self.margins(k, t, q, v, p)
+        return multipliers, margins >= 1.0
 
     def loaded(self) -> list[tuple[float, bool]]:
         """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""

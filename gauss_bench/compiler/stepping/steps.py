@@ -247,6 +247,10 @@ class Builder:
         """Return the vector x + y."""
         return [self.g.add(a, b) for a, b in zip(x, y, strict=True)]
 
+    def minus(self, x: list[int], y: list[int]) -> list[int]:
+        """Return the vector x - y."""
+        return [self.g.sub(a, b) for a, b in zip(x, y, strict=True)]
+
     def times(self, factor: int, x: list[int]) -> list[int]:
         """Return the vector factor * x."""
         return [self.g.mul(factor, a) for a in x]
@@ -603,7 +607,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
         """Return sines and cosines at x = q + moved, by a rotation of those at q + h/2 u, which is noted in `turned`."""
-        from_middle = [g.sub(d, half) for d, half in zip(moved, to_middle, strict=True)]
+        from_middle = b.minus(moved, to_middle)
         turned.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
 
@@ -684,10 +688,10 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         states = [at(c[i], A[i].tolist(), (A @ A)[i].tolist()) for i in range(s)]
         accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *states[i]) for i in range(s)]
         if newton is None:
-            changes = [[g.sub(x, y) for x, y in zip(a, old, strict=True)] for a, old in zip(accelerations, stages, strict=True)]
+            changes = [b.minus(a, old) for a, old in zip(accelerations, stages, strict=True)]
             stages = accelerations
             continue
-        errors = [[g.sub(a[k], x) for k, x in zip(free, row, strict=True)] for a, row in zip(accelerations, z, strict=True)]
+        errors = [b.minus([a[k] for k in free], row) for a, row in zip(accelerations, z, strict=True)]
         changes = newton(errors)
         z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
         stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *states[i], accelerations[i], z[i]) for i in range(s)]

@@ -126,24 +126,25 @@ class Tracker:
         """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
+            levels: (k, 3, K) values, first and second time derivatives of the inputs at the samples.
             stride: largest change of an input between successive samples, as a multiple of STRIDE.
-            rows: (k, R) receives q, v and a of every sample, NaN where the linkage is not closed.
-            status: (k,) receives how each sample was closed; it must be `Status.CLOSED` everywhere at first.
+            rows: (k, R) array that receives q, v and a of every sample, NaN where the linkage is not closed.
+            status: (k,) array of `Status.CLOSED`, in which other ways to close a sample are marked.
         """
         samples_closed = self._follow_parts(levels, stride, rows)
         return self._finish(levels, rows, status, samples_closed) if samples_closed < len(rows) else None
 
     def _walk(self, u: Array) -> Array:
-        """Return positions (m, n) at inputs u (m, K); NaN from the first failure on.
+        """Return positions (m, n) at inputs u (m, K), computed in a single lane; NaN from the first input on that it cannot close.
 
-        A single lane moves from the start to u[0] in steps of at most STRIDE, and then through all samples of u.
+        The lane moves from the start to u[0] in steps of at most STRIDE, and then through u, one step from each input to the next.
         """
         step = u[0] - self.u
         lead = max(1, ceil(float(np.abs(step * self.per_stride).max())))  # samples from the start to u[0]
         rows = np.empty((lead + len(u), self.program.width))
         levels = _at_rest(np.concatenate([self.u + _fractions(lead) * step, u]))
-        closed, _ = self.follow(self.q[None], self.least[None], levels, rows)  # closed[0]: number of rows before a failure
-        rows[closed[0] :] = np.nan
+        closed, _ = self.follow(self.q[None], self.least[None], levels, rows)
+        rows[closed[0] :] = np.nan  # closed[0] is the number of samples that the lane closed
         return rows[lead:, : self.n]
 
     def _follow_parts(self, levels: Array, stride: float, rows: Array) -> int:

@@ -211,7 +211,7 @@ class MinimalModel:
         return self.machines[key]
 
     def _openings(self, at: Links) -> dict[Key, float]:
-        """Return key (coordinate, and signs that tell the branch) -> smallest opening of the coordinate's dyads, at one state."""
+        """Return for each coordinate, at one state: its key on the branch of this state -> the smallest opening of its dyads."""
         smallest = {}
         for k, (way, scale) in enumerate(zip(self.ways, self.scales, strict=True)):
             openings = way.openings(at)

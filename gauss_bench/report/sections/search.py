@@ -165,10 +165,10 @@ def _print_ratio(run: Run, row: Row) -> str:
 
 
 def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` whose ratios are relative to the fastest of this suite's compiled engines on each linkage.
+    """Return rows of `search_winners` with ratios to the fastest of this suite's compiled engines on each linkage.
 
-    Rows of this suite's compiled engines have the entry `ours`. A stored ratio may be relative to one of them that is not the
-    fastest, but as fast within the spread; division by their smallest ratio gives the fastest the ratio 1.
+    Rows of these engines have the entry `ours`. The denominator of the stored ratios may be another of them, as fast within the
+    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1.
     """
     compiled = group_by((r for r in with_number(group, "ratio") if r.get("ours")), "mechanism")
     least = {linkage: min(r["ratio"] for r in rows) for linkage, rows in compiled.items()}
@@ -185,7 +185,9 @@ def list_faster(group: Sequence[Row]) -> list[Row]:
 
 
 def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield sentences in bold where this suite's compiled engines are slower, do not meet a requirement, or miss a target.
+    """Yield a sentence in bold for each way in which this suite's compiled engines lose.
+
+    They are slower than others, do not meet the requirement on a linkage, or miss the target for their lead.
 
     Args:
         group: rows that `over_the_cheaper` returns, at one requirement.
@@ -194,11 +196,11 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
         yield f"**Slower than {itemise(faster)}.** "
     for linkage, rows in sorted(group_by(group, "mechanism").items()):
         ours = [r for r in rows if r.get("ours")]
-        # no sentence if one of them meets it, or if none ran: skipped and untried engines have other kinds of answer
-        if any(r["status"] == OK for r in ours) or all(answer_of(run, r).kind is not Kind.NOT_REACHED for r in ours):
-            continue
-        others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
-        yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
+        meets = any(r["status"] == OK for r in ours)
+        ran_in_vain = any(answer_of(run, r).kind is Kind.NOT_REACHED for r in ours)  # others were skipped or not tried
+        if ran_in_vain and not meets:
+            others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
+            yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
     missed = [r for r in with_number(group, "target") if not r["met"]]
     if near := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
         yield f"**Our lead misses its target** over {itemise(near)}. "

@@ -296,7 +296,7 @@ class Drawing:
         """
         self.group("links")[name] = {"points": {}} | more
         self.poses[name] = at, theta
-        self.made.insert(0, f"links.{name}")  # before pins, because the first made part is the one of which callers ask
+        self.made.insert(0, f"links.{name}")  # before pins, because callers ask for the first part that was made
 
     def is_aligned(self, link: str) -> bool:
         """Tell whether a link's frame lies along its first bar, and only points are given in this frame.
@@ -317,7 +317,7 @@ class Drawing:
         given = self.link(link)
         places = {key: self.place(f"{link}.{key}") for key in given["points"]}
         a, b = (places[x] for x in given["bars"][0])
-        old = self.poses[link][1]
+        _, old = self.poses[link]
         self.poses[link] = a, old + math.remainder(phase(b - a) - old, 2 * math.pi)  # without a jump by whole turns
         given["points"] = {key: pair(self.local(link, x)) for key, x in places.items()}
 

@@ -100,6 +100,7 @@ def add_slide(d: Drawing, message: Message) -> None:
         name = "the ground" if guide == "ground" else guide
         raise Refused(f"pin {pin.id} is on {name} itself, and cannot slide along it", (f"pins.{pin.id}",))
     through = place(message["through"], "through") if "through" in message else None
+    _, guide_angle = d.poses[guide]
     # the direction [rad] in the world: as given, else from the place `through` to the pin, else along the guide's first bar
     if "angle_deg" in message:
         angle = math.radians(number(message, "angle_deg"))
@@ -109,7 +110,7 @@ def add_slide(d: Drawing, message: Message) -> None:
         a, b = (d.place(f"{guide}.{x}") for x in bars[0])
         angle = phase(b - a)
     else:
-        angle = d.poses[guide][1]
+        angle = guide_angle
     # the axis goes through a point of the guide: at `through`, else at the pin on the ground, else the first point of the guide
     if through is not None or guide == "ground":
         point = _guide_point(d, guide, pin.at if through is None else through)
@@ -120,7 +121,7 @@ def add_slide(d: Drawing, message: Message) -> None:
     block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
     at = d.attach(pin, block).members[-1]
-    degrees = round_digits(math.degrees(math.remainder(angle - d.poses[guide][1], 2 * math.pi)), DIGITS)
+    degrees = round_digits(math.degrees(math.remainder(angle - guide_angle, 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:
         joint["offset"] = round_digits(offset, DIGITS)

@@ -55,17 +55,20 @@ def set_key(d: Drawing, message: Message) -> None:
 
 
 def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
-    """Return a copy of a value of a parsed file, in which `change` has replaced every text and every key of a table.
+    """Return a copy of a parsed file, or of a value in it, with `change(text, key)` in place of every text and every key.
 
-    Free texts, the values of the keys in TEXTS, stay.
+    The values of the keys in TEXTS name nothing and stay.
 
     Args:
-        change: function (text, key) -> new text, where `key` is the key of the table or value in which the text was found.
-        key: key of x in its table; empty for the file itself and for an entry of a group, whose key is only its name.
+        change: function that returns the new text. Its second argument is the key whose value is the text, or contains it; for a
+            key of a table it is the key of that table.
+        key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
-        has_entries = key in GROUPS  # x is a table of named entries, such as `links`
-        return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
+        copy = {}
+        for name, entry in x.items():
+            copy[change(name, key)] = rewrite(entry, change, "" if key in GROUPS else name)
+        return copy
     if isinstance(x, list):
         return [rewrite(y, change, key) for y in x]
     return change(x, key) if isinstance(x, str) and key not in TEXTS else x
@@ -109,7 +112,7 @@ def _rename_in(document: Document, group: str, old: str, new: str) -> None:
     keys = (group, *NAMING_KEYS.get(group, ()))
 
     def change(x: str, key: str) -> str:
-        """Return x, with the old name in it replaced by the new name; x is the value of `key`, or a key inside the table `key`."""
+        """Return the new text for x, the value of `key` or a key in the table `key`: see `rewrite`."""
         if key in keys and x == old:
             return new
         # a reference to a point, "LINK.POINT", begins with the name of its link
@@ -183,23 +186,27 @@ def _delete_pin(d: Drawing, name: str) -> None:
         if link == "ground":
             d.written_points("ground").pop(point, None)
         elif link in d.group("links"):
-            given = d.link(link)
-            if len(given["points"]) <= 2:
+            if len(d.link(link)["points"]) > 2:
+                _delete_point(d, link, point)
+            else:
                 del d.group("links")[link], d.poses[link]
-                continue
-            given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
-            kept: list[list[str]] = []  # bars that do not end at the point
-            neighbours: list[str] = []  # other ends of bars that do
-            for bar in sequence(given, "bars"):
-                if point in bar:
-                    neighbours += [x for x in bar if x != point]
-                else:
-                    kept.append(bar)
-            # in a polygon of bars, a new bar joins the neighbours of the deleted point
-            if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
-                kept.append(neighbours)
-            if "bars" in given:
-                given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
+
+
+def _delete_point(d: Drawing, link: str, point: str) -> None:
+    """Delete a point of a link and the bars that end there; in a polygon of bars, a new bar joins the neighbours of the point."""
+    given = d.link(link)
+    given["points"] = {k: pair(x) for k, x in d.points(link).items() if k != point}
+    kept: list[list[str]] = []  # bars that do not end at the point
+    neighbours: list[str] = []  # other ends of bars that do
+    for bar in sequence(given, "bars"):
+        if point in bar:
+            neighbours += [x for x in bar if x != point]
+        else:
+            kept.append(bar)
+    if len({*neighbours}) == len(neighbours) == 2 and not any({*neighbours} == {*bar} for bar in kept):
+        kept.append(neighbours)
+    if "bars" in given:
+        given["bars"] = kept or [[*given["points"]][:2]]  # at least one bar: between the first two points
 
 
 def prune(d: Drawing) -> None:
@@ -264,7 +271,7 @@ def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     """Add a cylinder between two points, and give the file the second edition of the format; the first has no cylinders.
 
-    It is refused if the file has a damper that would act differently in the second edition.
+    The cylinder is refused if the file has a damper that would act differently in the second edition.
     """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")

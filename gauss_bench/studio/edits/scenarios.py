@@ -44,7 +44,8 @@ def drive(d: Drawing, message: Message) -> None:
         else:
             size = d.reading.mechanism.size if d.reading.mechanism else 1.0
             usual = {"law": "sine", "travel": round_digits(STROKE * size), "time": 1.0}
-        drivers.append(coordinate | (({"law": usual["law"]} | law) if law else usual))
+        chosen = {"law": usual["law"]} | law if law else usual
+        drivers.append(coordinate | chosen)
     if not drivers:
         scenarios.pop(DRIVEN, None)
         return
@@ -164,7 +165,7 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Set start values that were those of the old drawing (but for whole turns, which stay) to the new ones; leave the user's."""
+    """Set the start values that were equal to the old drawing, but for whole turns, which stay, to the new drawing; keep others."""
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
