@@ -207,8 +207,7 @@ class Stretch(NamedTuple):
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
     """Yield stretches, which are runs of equal steps, from the first to the last of the sample times `times` (k,) [s].
 
-    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s], which
-    end a stretch.
+    No step is longer than `step` [s]. A step and a stretch end at each sample time and at each time [s] in `kinks`.
     """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))  # [s] a kink this near to a sample counts as being at the sample

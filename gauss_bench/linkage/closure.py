@@ -25,7 +25,7 @@ from gauss_bench.trajectory import Trajectory
 RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
 LARGE = 100  # rows and columns from which sparse normal equations are solved
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # part of a gradient that joints leave free: a coordinate that cannot move has only rounding there
+MOVES = 1e-6  # a coordinate can move if more than this of its gradient is no combination of joint rows; otherwise that is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
 NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
@@ -167,8 +167,8 @@ def check_springs(mechanism: Mechanism) -> Iterator[str]:
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
     """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|, infinite if it diverged.
 
-    residual(q) returns F (m,) and J (m, n). It ends if a step is shorter than `enough` [m, rad], or than the
-    rounding of large coordinates.
+    residual(q) returns F (m,) and J (m, n). The iteration ends if a step is shorter than `enough` [m, rad], or than the rounding of
+    large coordinates.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
@@ -328,14 +328,22 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
             break
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
-    J = np.vstack([joints.residual(reached)[1], held.of(reached)[1]])
+    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.of(reached)[1]]), path)
+    return reached
+
+
+def _check_determined(mechanism: Mechanism, q: Array, J: Array, path: str) -> None:
+    """Check that rows J (m, n) of joints and held coordinates determine the position q (n,); `path` of keys is for the message.
+
+    Raises:
+        AssemblyError: the rank of J is less than n; the message names coordinates that are free.
+    """
     rank = _rank(J)
     if rank < mechanism.n:
-        free = ", ".join(free_coordinates(mechanism, reached, J))
+        free = ", ".join(free_coordinates(mechanism, q, J))
         where = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
         text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
         raise AssemblyError(path, f"{text}; hold it{where}")
-    return reached
 
 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:

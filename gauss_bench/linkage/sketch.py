@@ -1,6 +1,6 @@
 """First guess of a position: links are placed one after the other from the points and angles that the file gives.
 
-A link is placed by two known points, or by one known point and an angle, which the file gives or a slide on a link already placed.
+A link is placed by two known points, or by one known point and an angle, from the file or from a slide on a link already placed.
 The pins of a placed link are then known on the neighbouring links.
 """
 
