@@ -303,7 +303,7 @@ class Links(Given):
     def vector(self, link: int, value: Vec | Array) -> Direction:
         """Convert a vector that is fixed in a link from the link's axes to world axes; return it with the link's frame.
 
-        It consists of nodes, or a load has made an array of nodes and numbers from those of its force.
+        `value` is a `Vec` of nodes, or an array of nodes and numbers that a load has made from those of its force.
         """
         local = value if isinstance(value, Vec) else Vec(*map(self.graph.node, value))
         return Direction(self.frame(link), self.rotate(link, local))

@@ -101,6 +101,7 @@ def in_space(x: Array) -> list[float]:
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:
+    """Let gravity act on a body."""
     marker = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 
