@@ -5,7 +5,8 @@ engine with one kind of loop over the steps; variables with the name of a row, s
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from statistics import median
 
 from gauss_bench.reach import Requirement, reach, trial_of
@@ -45,36 +46,57 @@ def mark_own(run: Run, loop: str) -> str:
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
-def first_table(run: Run) -> Table | None:
-    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
-    modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
-    ladders = group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism")
-    leaders = {name: cheapest_loops(run, name, FIRST) for name in ladders}
-    if not any(leaders.values()):
-        return None
-    over = {name: multiples({loop: x.seconds for loop, x in found.items()}) for name, found in leaders.items()}
-    tried = {name: group_by(rows, lambda r: loop_of(r["engine"], r["settings"])) for name, rows in ladders.items()}
+@dataclass(frozen=True)
+class OnLinkage:
+    """What the search found on one linkage, each by the name that `loop_of` returns.
 
-    def cells(loop: str, name: str) -> list[Cell]:
-        """Return error, time and multiple of an engine on the linkage `name`, or why it has none."""
-        leader = leaders[name].get(loop)
-        if leader is None:
-            why = explain_missing(tried[name].get(loop, []), FIRST)
+    Attributes:
+        tried: the rows of all trials.
+        cheapest: the setting that reaches the accuracy FIRST in the shortest time.
+        multiples: this time, divided by the shortest of all engines.
+    """
+
+    tried: Mapping[str, Sequence[Row]]
+    cheapest: Mapping[str, Setting]
+    multiples: Mapping[str, float]
+
+    def cells(self, loop: str) -> list[Cell]:
+        """Return the cells with error, time and multiple of an engine, or with the reason why it has none."""
+        setting = self.cheapest.get(loop)
+        if setting is None:
+            why = explain_missing(self.tried.get(loop, []), FIRST)
             return [text_cell(why), Cell(NOTHING, why=why), Cell(NOTHING, why=why)]
-        multiple = over[name].get(loop, math.nan)
-        error, time = Cell(error_text(leader.position), leader.position), Cell(time_text(leader.seconds), leader.seconds)
+        multiple = self.multiples.get(loop, math.nan)
+        error, time = Cell(error_text(setting.position), setting.position), Cell(time_text(setting.seconds), setting.seconds)
         return [error, time, Cell(ratio_text(multiple), multiple)]
 
-    shown = [name for name in SHOWN if name in ladders] or list(ladders)[:2]
-    loops = {loop for name in ladders for loop in (*tried[name], *leaders[name])}
-    ranges = {loop: [x[loop] for x in over.values() if loop in x] for loop in loops}
+
+def read_linkages(run: Run) -> dict[str, OnLinkage]:
+    """Return name of a linkage -> what the search found on it; engines that were skipped everywhere are left out."""
+    modelled = {r["engine"] for r in run.table("search_ladder") if r["status"] != "skip"}
+    found = {}
+    for name, rows in group_by((r for r in run.table("search_ladder") if r["engine"] in modelled), "mechanism").items():
+        cheapest_here = cheapest_loops(run, name, FIRST)
+        over = multiples({loop: x.seconds for loop, x in cheapest_here.items()})
+        found[name] = OnLinkage(group_by(rows, lambda r: loop_of(r["engine"], r["settings"])), cheapest_here, over)
+    return found
+
+
+def first_table(run: Run) -> Table | None:
+    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
+    linkages = read_linkages(run)
+    if not any(x.cheapest for x in linkages.values()):
+        return None
+    shown = [name for name in SHOWN if name in linkages] or list(linkages)[:2]
+    loops = {loop for x in linkages.values() for loop in (*x.tried, *x.cheapest)}
+    ranges = {loop: [x.multiples[loop] for x in linkages.values() if loop in x.multiples] for loop in loops}
     lines = []
     # the engine with the smallest middle multiple comes first, engines without a multiple last
     for loop in sorted(ranges, key=lambda x: (median(ranges[x] or [math.inf]), x)):
-        holds = sum(loop in found for found in leaders.values())
+        holds = sum(loop in x.cheapest for x in linkages.values())
         multiple = Cell(range_text(ranges[loop])) if ranges[loop] else Cell(NOTHING, why="holds on none")
-        figures = [cell for name in shown for cell in cells(loop, name)]
-        lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(ladders)}"), multiple])
+        figures = [cell for name in shown for cell in linkages[name].cells(loop)]
+        lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(linkages)}"), multiple])
     heads = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
     head = ("engine", *heads, "holds on", "multiples")
     title = f"Within {limit_text(FIRST)} m of position {search_span(run)}"

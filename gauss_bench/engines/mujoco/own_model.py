@@ -125,6 +125,7 @@ class OwnModelRun:
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
+        """Compile the model of a file with the options in `changes` (name in MJCF -> value), and set its start."""
         import mujoco
 
         self.mujoco: Any = mujoco
