@@ -46,7 +46,7 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
 
 
 def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """Take a step of the explicit Runge-Kutta method with these coefficients."""
+    """Return the state after a step of h [s] by the explicit Runge-Kutta method with the coefficients `tableau`."""
     nodes, rows, weights = tableau
     n, y = len(q), np.concatenate([q, v])
     rates = np.empty((len(weights), 2 * n))  # v and a of each stage

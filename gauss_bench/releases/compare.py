@@ -128,7 +128,8 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
-        if (key in old and key in new) or key[0] == DEFAULT:
+        quantity, *_ = key
+        if (key in old and key in new) or quantity == DEFAULT:
             lacking = Figure(*key, status="skip", message="not there")  # stands for an option that a release does not have
             changes.append(compare_figures(old.get(key, lacking), new.get(key, lacking)))
     return [x for x in changes if x]

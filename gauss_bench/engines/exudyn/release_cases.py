@@ -46,7 +46,8 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     for state in zip(q, v, strict=True):
         container = exu.SystemContainer()
         mbs = container.AddSystem()
-        kept = (build_pair if closure == PLANAR else build_in_space)(mbs, items, *state, closure)
+        build = build_pair if closure == PLANAR else build_in_space
+        kept = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
         mbs.Assemble()
         solver = exu.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(mbs, settings)

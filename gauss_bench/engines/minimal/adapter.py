@@ -349,6 +349,7 @@ class MinimalModel:
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
+            """Return the angles (k, links) [rad], without whole turns, at values x (k,) of the coordinate."""
             states = np.zeros((len(x), 2 * equation.program.n))  # poses do not depend on the other entries
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles
