@@ -35,7 +35,7 @@ from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
 STRIDE = 0.02  # largest change of a dimension between two closures, relative to the linkage's size
-NEWTON = 12  # largest number of iterations of a closure, of which three or four are needed
+NEWTON = 12  # largest number of iterations of a closure, which usually needs three or four
 WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys with numbers that can be inputs of a kernel
 BAD = (BuildError, ValidationError)  # errors of a table whose numbers are not valid

@@ -266,7 +266,7 @@ class MinimalModel:
     def run(self) -> None:
         """Integrate the parts of the run one after another, and store each result as a `Segment`.
 
-        `failure` is why it ends early.
+        If the run ends early, `failure` becomes the reason.
         """
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
