@@ -13,7 +13,7 @@ PART = ".part"  # ending of incomplete files; only a killed process leaves one b
 def atomically(path: Path, write: Callable[[Path], T]) -> T:
     """Call `write` with a temporary path in the folder of `path`, rename that file to `path`, and return the result of `write`.
 
-    If it fails, the file is removed.
+    If `write` fails, the temporary file is removed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{PART}")

@@ -364,7 +364,7 @@ def energy_scale(evaluator: Evaluator, trajectory: Trajectory) -> float:
 def without_loss(t: Array, energy_error: Array, spacing: float) -> Array:
     """Return `energy_error` (k,) [J] without its drops between samples that are more than `spacing` [s] apart.
 
-    There a damper may dissipate energy that no sample shows.
+    Between such samples a damper may dissipate energy that no sample shows.
     """
     change = np.diff(energy_error)
     is_hidden = (np.diff(t) > spacing) & (change < 0)

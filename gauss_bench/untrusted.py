@@ -52,6 +52,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def read_start(path: Path, most: int) -> bytes:
+    """Return the first `most` bytes of a file, or all if it is shorter."""
     with path.open("rb") as file:
         return file.read(most)
 

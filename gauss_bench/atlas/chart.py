@@ -27,7 +27,7 @@ TEMPLATES = Environment(loader=PackageLoader("gauss_bench.atlas", "."), autoesca
 
 
 def part(axis: Axis, value: float | None) -> float:
-    """Return the position of a value on its axis as a fraction of its length: 1 for the last, hardest value, 0 for None."""
+    """Return the place of a value on its axis as a fraction of the axis's length: 1 for the last, hardest value, 0 for None."""
     return 0.0 if value is None else (axis.values.index(value) + 1) / len(axis.values)
 
 

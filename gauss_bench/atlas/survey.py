@@ -52,6 +52,7 @@ class Way:
 
     @property
     def name(self) -> str:
+        """The name in tables and sentences, such as "mujoco tuned + projection"."""
         words = [self.engine, self.settings if self.settings != "default" else ""]
         return " ".join(filter(None, [*words, "+ projection" if self.stabilization == "projection" else ""]))
 

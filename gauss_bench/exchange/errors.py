@@ -8,7 +8,7 @@ class ExchangeError(BadInput, ValueError):
 
 
 class FileReader:
-    """The base of all that reads a model file, whose path for messages is `file`."""
+    """The base class of readers of model files; `file` is the path of the file, for messages."""
 
     file: str
 

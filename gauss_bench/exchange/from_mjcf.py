@@ -75,13 +75,13 @@ class Reader(FileReader):
         m = self.model
         self._check_document()
         joints = tuple(self._joint(k) for k in range(m.njnt))
-        for known in FIELDS["refused"]:  # refuse an element if a field is not 0 that no linkage can have
+        for known in FIELDS["refused"]:  # fields that no linkage can have: refuse an element in which one is not 0
             for field in known["fields"]:  # one number, or one row of numbers, for each element of the kind
                 for k, numbers in enumerate(getattr(m, field)[: len(self.names[known["kind"]])]):
                     if np.any(numbers):
                         tag = "joint" if known["kind"] == "jnt" else known["kind"]
                         raise self.refuse(self.describe(known["kind"], k, tag), known["reason"])
-        for known in FIELDS["left_out"]:  # report the elements with a field that is not 0 and that the import leaves out
+        for known in FIELDS["left_out"]:  # fields that the import leaves out: report the elements in which one is not 0
             for index in np.flatnonzero(getattr(m, known["field"])):
                 self.dropped.append(f"{known['reason']} {self.name(known['kind'], int(index))}")
         closures, welds = self._equalities()

@@ -1,5 +1,6 @@
 """Read XML that may be hostile: limit its size, and refuse document types, entities, other files and plug-ins."""
 
+from collections.abc import Iterator
 from functools import partial
 from math import prod
 from pathlib import Path
@@ -109,15 +110,25 @@ def refuse_bulk(root: Element, path: Path) -> None:
                 raise ExchangeError(f"{path}: <size>: {reason}")
     numbers = 0.0
     for node in root.iter():
-        # <size nuser_body="3"> allocates three numbers for every body: the count of all elements bounds the count of bodies
-        per_element = [[key] for key in node.attrib if node.tag == "size" and key.startswith(("nuser", "nkey"))]
-        # `keys`: the names of the attributes whose values are multiplied
-        for keys in (*map(str.split, COUNTS), *per_element):
-            if any(key in node.attrib for key in keys):
-                numbers += prod(_largest(node.get(key, "")) for key in keys) * (elements if keys in per_element else 1.0)
+        for keys, count in _list_arrays(node, elements):
+            numbers += count
             if numbers > NUMBERS:
                 given = " ".join(f'{key}="{node.get(key)}"' for key in dict.fromkeys(keys))
                 raise ExchangeError(f"{path}: {describe(node)}: {given} makes more than {NUMBERS} numbers")
+
+
+def _list_arrays(node: Element, elements: float) -> Iterator[tuple[list[str], float]]:
+    """Yield, for each array whose size a node gives, the names of the attributes that give it and the count of its numbers.
+
+    `elements` is the number of elements in the document.
+    """
+    for keys in map(str.split, COUNTS):
+        if any(key in node.attrib for key in keys):
+            yield keys, prod(_largest(node.get(key, "")) for key in keys)
+    for key, value in node.items():
+        if node.tag == "size" and key.startswith(("nuser", "nkey")):
+            # <size nuser_body="3"> allocates three numbers for every body: the count of all elements bounds the count of bodies
+            yield [key], _largest(value) * elements
 
 
 def _count_elements(root: Element, path: Path) -> float:

@@ -52,11 +52,10 @@ def gauss(terms: Terms) -> Solution:
     def least_constraint(load: Array, rhs: Array) -> Array:
         """Return the accelerations a (n,) that satisfy J a = rhs and minimise |L^T (a - M^-1 load)|.
 
-        J^T[:, order] = Y R, the columns of N are a basis of the null space of J, M = L L^T. Y y satisfies the constraints, N h
-        makes the norm least.
+        They are Y y + N h: the first term satisfies the constraints, the second makes the norm least.
         """
-        a: Array = Y @ least_squares(R.T, rhs[order])
-        if N.shape[1]:
+        a: Array = Y @ least_squares(R.T, rhs[order])  # J^T[:, order] = Y R
+        if N.shape[1]:  # the columns of N are a basis of the null space of J
             a = a + N @ least_squares(L.T @ N, dtrtrs(L, load, lower=True)[0] - L.T @ a)
         return a
 

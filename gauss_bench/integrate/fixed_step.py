@@ -46,7 +46,7 @@ def dop853_fixed(acceleration: Acceleration, t: float, q: Array, v: Array, h: fl
 
 
 def explicit_step(tableau: Tableau, acceleration: Acceleration, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
-    """Take a step of the explicit Runge-Kutta method with these coefficients."""
+    """Return the state after a step of h [s] by the explicit Runge-Kutta method with the coefficients `tableau`."""
     nodes, rows, weights = tableau
     n, y = len(q), np.concatenate([q, v])
     rates = np.empty((len(weights), 2 * n))  # v and a of each stage
@@ -207,8 +207,7 @@ class Stretch(NamedTuple):
 def stretches(times: Array, step: float, kinks: Sequence[float] = ()) -> Iterator[Stretch]:
     """Yield stretches, which are runs of equal steps, from the first to the last of the sample times `times` (k,) [s].
 
-    No step is longer than `step` [s], and a step ends at each sample time and at each time of a kink [s], which
-    end a stretch.
+    No step is longer than `step` [s]. A step and a stretch end at each sample time and at each time [s] in `kinks`.
     """
     for row, (begin, end) in enumerate(pairwise(times), start=1):
         near = ROUNDING * max(abs(end), abs(begin))  # [s] a kink this near to a sample counts as being at the sample

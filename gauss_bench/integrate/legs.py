@@ -64,14 +64,15 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
             if 0 < nearest < n:
                 divided.setdefault(nearest, [])
         elif t0 < kink < t0 + n * h:
-            divided.setdefault(nearest - (kink < at), []).append(kink)
+            inside = nearest - 1 if kink < at else nearest  # the step that contains the kink
+            divided.setdefault(inside, []).append(kink)
     return sorted(divided.items())
 
 
 def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: int) -> Iterator[Leg]:
     """Yield the steps with the indices `begin` to `end` - 1, which are not divided and have the size h, as at most three legs.
 
-    These end at the first stored sample, at the last one, and at `end`.
+    The legs end at the first stored sample, at the last one, and at `end`.
     """
     first = min(-(-begin // every) * every, end)  # rounded up to a sample
     last = max(first, end // every * every)  # rounded down to a sample

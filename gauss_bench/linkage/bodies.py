@@ -26,7 +26,7 @@ Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
 BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # names of the points of a barrel or rod
-SAME = 1e-6  # relative: largest mismatch of the distances between two pairs of points that a weld makes coincide
+SAME = 1e-6  # relative: largest difference of a weld's two distances, between its points on one link and on the other
 
 
 def write_out(document: dict[str, Any]) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
     poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
     while waiting:
-        # welds form a forest, so that some weld leads to a link whose pose is known already
+        # welds form a forest, so that some weld attaches its link to one whose pose is known already
         unknown = {weld["link"] for weld in waiting.values()}
         key = next(key for key, weld in waiting.items() if weld["to"] not in unknown)
         weld = waiting.pop(key)
@@ -124,8 +124,10 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
 
 def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
     """Return one link for each body, in the order in which the file first names a link of the body."""
-    roots = dict.fromkeys(poses[name].root for name in links)
-    return tuple(_body(links[root], {name: x for name, x in poses.items() if x.root == root}, links) for root in roots)
+    members: dict[str, dict[str, Pose]] = {}  # root -> the links of its body
+    for name in links:
+        members.setdefault(poses[name].root, {})[name] = poses[name]
+    return tuple(_body(links[root], group, links) for root, group in members.items())
 
 
 def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:

@@ -96,7 +96,7 @@ class Resolver:
     """The links, points and joints of one document by name: the `Names` from which forces and constraints are read.
 
     Attributes:
-        links: rigid bodies: links that are welded to each other are one body.
+        links: the rigid bodies; links that are welded to each other are one body.
         parts: for each link of the file, its body and its pose in this body; empty if nothing is welded.
         index: link of the file, or "ground" -> index of its body.
         poses: link of the file -> its frame in the frame of its body.
@@ -237,7 +237,7 @@ class Resolver:
     def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
         """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
 
-        Without drivers, crank and `measure`, `assemble` replaces the angle of the first link by the first coordinate that can move.
+        Without drivers, crank or `measure`, `assemble` replaces the angle of the first link by the first coordinate that can move.
         """
         match drivers:
             case (model.SlideDriver() as first, *_):
@@ -281,7 +281,7 @@ def build_mechanism(
     """Return the mechanism of one scenario, with all numbers in one type; it is not assembled yet: q0 and v0 are empty.
 
     Links that are welded to each other become one body, and `Mechanism.apart` has every link as a body of its own (None without
-    welds); with `unwelded`, this mechanism itself has.
+    welds). With `unwelded`, every link is a body of its own in the returned mechanism itself.
 
     Raises:
         BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
@@ -293,7 +293,8 @@ def build_mechanism(
     forces = [names.build_force(name, expanded["forces"][name]) for name in chosen.get("forces", [])]
     observe = expanded.get("observe", {})
     crank = expanded.get("crank")
-    drivers = tuple(names.drive(x, build_law(x, number, names.turn(x["link"]) if "link" in x else 0)) for x in drivers_of(chosen))
+    turns = [names.turn(x["link"]) if "link" in x else 0 for x in drivers_of(chosen)]  # angles of the driven links in their bodies
+    drivers = tuple(names.drive(x, build_law(x, number, turn)) for x, turn in zip(drivers_of(chosen), turns, strict=True))
     return model.Mechanism(
         name=document["name"],
         title=document.get("title", ""),

@@ -6,6 +6,7 @@ to their values in small steps, so that the assembly mode is kept. Speeds follow
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from gauss_bench.trajectory import Trajectory
 
 LARGE = 100  # rows and columns from which sparse normal equations are solved
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # part of a gradient that joints leave free: a coordinate that cannot move has only rounding there
+MOVES = 1e-6  # a coordinate can move if more than this of its gradient is no combination of joint rows; otherwise that is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
 NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
@@ -166,8 +167,8 @@ def check_springs(mechanism: Mechanism) -> Iterator[str]:
 def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: float = STILL) -> tuple[Array, float]:
     """Solve F = 0 by Gauss-Newton with minimum-norm steps of at most LONGEST; return q (n,) and max |F|, infinite if it diverged.
 
-    residual(q) returns F (m,) and J (m, n). It ends if a step is shorter than `enough` [m, rad], or than the
-    rounding of large coordinates.
+    residual(q) returns F (m,) and J (m, n). The iteration ends if a step is shorter than `enough` [m, rad], or than the rounding of
+    large coordinates.
     """
 
     def is_infinite(_: Array, F: Array, J: Array) -> bool:
@@ -278,6 +279,43 @@ def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Numbe
     return {body: (angle, speeds.get(body, number("0"))) for body, angle in angles.items()}
 
 
+@dataclass
+class _Search:
+    """The search for a position in which the joints are closed and the held coordinates have their prescribed values.
+
+    Attributes:
+        evaluations: number of residuals computed so far, in all attempts together.
+    """
+
+    joints: Constraints
+    held: Held
+    evaluations: int = 0
+
+    def follow(self, q: Array, stays_closed: bool) -> tuple[Array, float]:
+        """Move the held coordinates in small steps to their targets (homotopy); return the last position and its residual.
+
+        With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
+        """
+        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
+        target = self.held.target
+        gap, error = self.held.of(q)[0] - target, np.inf
+        steps = 1 + min(MOST_STEPS, int(self.held.distance(q) / STEP))
+        for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
+            if part and error > CLOSED and self.evaluations > PATIENCE:
+                continue  # the last intermediate position failed, after many evaluations: try the target itself at once
+            q, error = gauss_newton(q, partial(self._residual, target + part * gap), enough=NEARLY if part else STILL)
+            if stays_closed and error > CLOSED:
+                break
+        return q, error
+
+    def _residual(self, goal: Array, q: Array) -> tuple[Array, Array]:
+        """Return the residual of joints and held coordinates, which must equal `goal` (k,), at q (n,), and its Jacobian."""
+        self.evaluations += 1
+        F, J = self.joints.residual(q)
+        values, rows = self.held.of(q)
+        return np.concatenate([F, values - goal]), np.vstack([J, rows])
+
+
 def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) -> Array:
     """Move a position q (n,) with closed joints until the held coordinates have their prescribed values; return that position.
 
@@ -288,33 +326,7 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
     path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
-    evaluations = 0  # of all attempts together
-
-    def follow(state: Array, stays_closed: bool) -> tuple[Array, float]:
-        """Move the held coordinates in small steps to their targets (homotopy); return the last state and its residual.
-
-        With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
-        """
-        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
-        gap, error = held.of(state)[0] - held.target, np.inf
-        steps = 1 + min(MOST_STEPS, int(held.distance(state) / STEP))
-        for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
-            if part and error > CLOSED and evaluations > PATIENCE:
-                continue  # the last intermediate position failed, after many evaluations: try the target itself at once
-            goal = held.target + part * gap
-
-            def residual(x: Array, goal: Array = goal) -> tuple[Array, Array]:
-                nonlocal evaluations
-                evaluations += 1
-                F, J = joints.residual(x)
-                values, rows = held.of(x)
-                return np.concatenate([F, values - goal]), np.vstack([J, rows])
-
-            state, error = gauss_newton(state, residual, enough=NEARLY if part else STILL)
-            if stays_closed and error > CLOSED:
-                break
-        return state, error
-
+    search = _Search(joints, held)
     # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
     # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
     near = turn_links(mechanism, held, q)
@@ -322,19 +334,27 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     if held.distance(q) > MOST_STEPS * STEP:
         attempts = [(near, True), (near, False)]
     for start, stays_closed in attempts:
-        reached, error = follow(start, stays_closed)
+        reached, error = search.follow(start, stays_closed)
         if error <= CLOSED:
             break
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
-    J = np.vstack([joints.residual(reached)[1], held.of(reached)[1]])
+    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.of(reached)[1]]), path)
+    return reached
+
+
+def _check_determined(mechanism: Mechanism, q: Array, J: Array, path: str) -> None:
+    """Check that rows J (m, n) of joints and held coordinates determine the position q (n,); `path` of keys is for the message.
+
+    Raises:
+        AssemblyError: the rank of J is less than n; the message names coordinates that are free.
+    """
     rank = _rank(J)
     if rank < mechanism.n:
-        free = ", ".join(free_coordinates(mechanism, reached, J))
+        free = ", ".join(free_coordinates(mechanism, q, J))
         where = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
         text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
         raise AssemblyError(path, f"{text}; hold it{where}")
-    return reached
 
 
 def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:

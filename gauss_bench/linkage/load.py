@@ -92,9 +92,8 @@ def generate(name: str) -> dict[str, Any] | None:
     member = FAMILY_MEMBER.fullmatch(name)
     if member is None or int(member[2]) > LARGEST:
         return None
-    document: dict[str, Any] = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")(
-        int(member[2])
-    )  # imported only here: few runs need it
+    make_document = resolve_name(f"gauss_bench.linkage.generate:{member[1]}")  # imported only here: few runs need it
+    document: dict[str, Any] = make_document(int(member[2]))
     return document
 
 

@@ -38,7 +38,7 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")]
 
 
 class Table(BaseModel):
-    """A table of the file; the class arguments, `other` and `second` as "key key", `units` as "key: unit; key: unit", list keys.
+    """A table of the file; class arguments list keys: `other` and `second` as "key key", `units` as "key: unit; key: unit".
 
     Attributes:
         other: keys that do not affect a motion, such as a title; all other keys enter `physics_digest`.

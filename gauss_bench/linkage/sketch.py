@@ -1,6 +1,6 @@
 """First guess of a position: links are placed one after the other from the points and angles that the file gives.
 
-A link is placed by two known points, or by one known point and an angle, which the file gives or a slide on a link already placed.
+A link is placed by two known points, or by one known point and an angle, from the file or from a slide on a link already placed.
 The pins of a placed link are then known on the neighbouring links.
 """
 
@@ -97,8 +97,8 @@ class _Placing:
     def _angle(self, i: int, first: str, known: dict[str, Array]) -> float | None:
         """Return the angle [rad] of body i from the file, else a second known point, else a slide; None if unknown.
 
-        `known` has the world positions (2,) [m] of points, `first` among them. Whole turns bring the angle near that by a slide on
-        a placed body.
+        `known` has the world positions (2,) [m] of points, `first` among them. Whole turns are added to the
+        angle, so that it is near the one that a slide on a placed body gives.
         """
         points = self.mechanism.links[i].points
         partner_angle, angle = self._angle_by_partner(i), self.given.get(i)

@@ -31,8 +31,8 @@ LEVELS = 3  # numbers that a motion law has at a time: value, first and second t
 class Given(Placement):
     """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
-    They have the placement's type of number; they may be numbers of the file, parameters that stay symbols in a compiled program,
-    or inputs of a program.
+    These values have the placement's type of number: numbers of the file, parameters that stay symbols in a compiled program, or
+    inputs of a program.
     """
 
     def held(self, joint: str, index: int, value: Any) -> Real:
@@ -148,7 +148,7 @@ class Symbols(Given):
     def generate(self, *groups: Sequence[Symbol | Number]) -> Callable[[float | Array, Array, Array], list[Array]]:
         """Generate a function of t (...), q and v (..., n) that returns each group of k symbols as an array (..., k).
 
-        It evaluates the motion laws at t itself.
+        The function itself evaluates the motion laws at t.
         """
         inputs = [("q", self.n), ("v", self.n), ("g", LEVELS * len(self.laws))]
         function = GeneratedFunction(self.program, inputs, [[self.program.symbol(x) for x in group] for group in groups])

@@ -454,7 +454,7 @@ class RotationalSpringDamper:
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "RotationalSpringDamper":
         """Return the spring and damper of a table, with the rest angle between the bodies that carry the links.
 
-        The file gives that between the links, from which their constant angles `turn` in the bodies are subtracted.
+        The file gives the rest angle between the links; the difference of their constant angles in the bodies is subtracted.
         """
         a, b = (names.link(x) for x in table["links"])
         turn = names.turn(table["links"][1]) - names.turn(table["links"][0])
@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair; every `Force` depends on q, v and t only.
+    """Dry friction in every pair of a joint, proportional to the load of the pair: no `Force`, which depends on q, v, t only.
 
     Attributes:
         mu: coefficient of friction.

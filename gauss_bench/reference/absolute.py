@@ -1,7 +1,7 @@
 """Reference accelerations in absolute coordinates, for linkages that one crank angle cannot describe.
 
 In weighted coordinates b = M^(1/2) a, one singular value decomposition, without singular values of rounding size, gives both the
-part of b that satisfies the constraints and the free part (index 1: the other singular values; 2: the null space):
+part of b that satisfies the constraints and the free part (index 1: the remaining singular values; index 2: the null space):
 
     K = J M^(-1/2) = U S V^T,    b = V1 S1^-1 U1^T gamma + V2 V2^T M^(-1/2) Q
 

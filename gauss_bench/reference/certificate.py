@@ -136,7 +136,7 @@ def as_reference(certificate: Certificate, t_end: float) -> Reference:
 
 
 def rounding(values: Array) -> Array:
-    """Return (k,) half a unit in the last place of the largest value up to each sample."""
+    """Return half a unit in the last place (k,) of the largest of the values (k, n) up to each sample."""
     return np.asarray(np.spacing(np.maximum.accumulate(np.abs(values).max(axis=-1))) / 2)
 
 

@@ -131,7 +131,8 @@ def _refuse_unknown(mechanism: Mechanism) -> None:
 def sample_times(duration: float) -> list[str]:
     """Return sample times as decimal texts: multiples of a spacing, and the end of the motion as the last.
 
-    The spacing is a multiple of 0.01 s that gives at most MAX_SAMPLES times, or divided by ten until there are MIN_SAMPLES.
+    The spacing is the smallest multiple of SPACING with at most MAX_SAMPLES times; for a short motion, SPACING is divided by ten
+    until there are MIN_SAMPLES.
     """
     end = Decimal(repr(float(duration)))
     spacing = SPACING
@@ -150,7 +151,7 @@ def split(values: NDArray[Any]) -> tuple[Array, Array]:
 
 
 def distance(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """Return (k,) the largest difference of two arrays at each of k common times, computed with twice the digits of a double."""
+    """Return the largest difference of two arrays at each of their k common times (k,), computed with twice a double's digits."""
     k = min(len(one), len(other))
     (high, low), (other_high, other_low) = split(one[:k]), split(other[:k])
     return np.asarray(np.abs((high - other_high) + (low - other_low)).max(axis=-1, initial=0.0))
@@ -175,7 +176,7 @@ def relative(motion: Motion, level: str, bars: Array) -> Array:
 
 
 def state_errors(truth: Motion, bars: dict[str, Array]) -> Array:
-    """Return (k,) the relative error bar of positions or that of velocities, whichever is larger."""
+    """Return the relative error bars (k,) of a motion: that of positions or that of velocities, whichever is larger."""
     return np.asarray(np.maximum(*(relative(truth, level, bars[level]) for level in ("q", "v"))))
 
 

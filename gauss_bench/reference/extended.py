@@ -268,8 +268,8 @@ def _nodes(linkage: Linkage, method: Tableau, t: Any, h: Any, state: Step) -> Ar
     n = len(state.q)
     drift, times = state.q + np.outer(method.c * h, state.v), t + method.c * h
     A, AA = h * method.A, h * h * method.AA
-    x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)
-    x[:, :n] = method.forecast(h / state.h) @ state.a  # (s, n + m)
+    x = np.zeros((STAGES, n + linkage.evaluator.constraints.m), dtype=LONG)  # [a, lambda] (s, n + m) at the nodes
+    x[:, :n] = method.forecast(h / state.h) @ state.a
     size, solved = np.inf, None  # relative size of the last correction of accelerations, and the inverse in use
     for k in range(ITERATIONS):
         q, v = drift + AA @ x[:, :n], state.v + A @ x[:, :n]

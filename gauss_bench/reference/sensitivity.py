@@ -19,8 +19,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
 
-ROUNDING = 1e-16
-DELTA = 1e-9
+ROUNDING = 1e-16  # relative change of a number that is rounded to a double
+DELTA = 1e-9  # relative change of the numbers of a neighbouring linkage
 DRAWS = 6  # number of neighbouring linkages
 SEED = 20161231
 DYNAMIC = ("mass", "inertia", "kg_per_m", "value", "k", "c", "rest")  # keys of numbers that do not change the geometry
@@ -29,7 +29,7 @@ STARTS = ("start", "driver", "drivers")  # tables of a scenario with parameters
 
 
 def floors(document: dict[str, Any], mechanism: Mechanism, times: Sequence[str]) -> dict[str, Array]:
-    """Return "q", "v" or "a" -> (k,) the floor at k times: the largest change up to each time, multiplied by ROUNDING / DELTA.
+    """Return "q", "v" or "a" -> the floor (k,) at k times: the largest change up to each time, multiplied by ROUNDING / DELTA.
 
     The floor is NaN at times that none of the DRAWS changed motions reaches.
     """

@@ -98,6 +98,7 @@ def linkage_of(text: str) -> tuple[str, str]:
 
 @cache
 def find_mechanism(linkage: str, scenario: str) -> Mechanism:
+    """Return the mechanism of a linkage in a scenario, "" for the first; it is loaded only once."""
     return load(linkage, scenario or None)
 
 

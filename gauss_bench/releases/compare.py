@@ -18,7 +18,7 @@ from gauss_bench.terms import Array
 MARGIN = 50.0
 FLOOR = 1e-12  # relative: another order of summation changes some units of the last place, times the condition number
 STEADY, SCATTERED = 1e-6, 1e-3  # relative: an answer with rounding below STEADY is steady, above SCATTERED it is arbitrary
-FLOOR_OF_COUNTS = 0.02  # relative, for numbers of steps: by rounding an integrator may reject one step more
+FLOOR_OF_COUNTS = 0.02  # relative, for numbers of steps: because of rounding, an integrator may reject one step more
 SMALL = 0.05  # the difference in a row is divided by the row's size, but at least by this share of the largest row's size
 STEPS, DEFAULT, CLOSURE = "steps over 1 s", "default", "closure"
 OK = "ok"
@@ -104,8 +104,8 @@ def relative_difference(a: Array, b: Array) -> float:
 def compare_figures(before: Figure, after: Figure) -> Change | None:
     """Return the comparison of a result of two releases; None if both failed, or if both have the same text.
 
-    It is changed if only one has it, or by another text or more than rounding; if one release scatters under tiny changes of the
-    start and the other is steady, the smaller scatter counts as rounding.
+    A change is real if only one release has a result, if texts differ, or if a difference is larger than rounding explains, as
+    described at the top of this file.
     """
     if before.status != OK and after.status != OK:
         return None
@@ -128,7 +128,8 @@ def compare_releases(before: Iterable[Figure], after: Iterable[Figure]) -> list[
     old, new = ({x.key: x for x in figures} for figures in (before, after))
     changes = []
     for key in dict.fromkeys((*old, *new)):
-        if (key in old and key in new) or key[0] == DEFAULT:
+        quantity, *_ = key
+        if (key in old and key in new) or quantity == DEFAULT:
             lacking = Figure(*key, status="skip", message="not there")  # stands for an option that a release does not have
             changes.append(compare_figures(old.get(key, lacking), new.get(key, lacking)))
     return [x for x in changes if x]

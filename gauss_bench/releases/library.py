@@ -10,7 +10,7 @@ from gauss_bench.engines import FOREIGN
 from gauss_bench.untrusted import BadInput, parse_toml
 
 FILE = "releases.toml"
-NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # a release that is no candidate
+NUMBER = re.compile(r"\d+(\.\d+)*(\.post\d+)?")  # the number of a release, not that of a release candidate
 
 
 class ReleaseFault(BadInput, ValueError):

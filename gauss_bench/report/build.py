@@ -31,7 +31,7 @@ class NoRun(BadInput, ValueError):
 
 
 def read_run(folder: Path) -> Run:
-    """Read the run in a folder; its attribute `beside` is the run in the subfolder `field`, if there is one.
+    """Return the run in a folder; its attribute `beside` is the run in the subfolder `field`, if there is one.
 
     Raises:
         NoRun: the folder has no run.
@@ -43,7 +43,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_one(folder: Path) -> Run:
-    """Read the run in a folder without that in its subfolder; raises the same errors as `read_run`."""
+    """Return the run in a folder, without that in its subfolder `field`; errors are those of `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")

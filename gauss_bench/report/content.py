@@ -58,7 +58,7 @@ class Table:
     numeric: Collection[int] = ()
     folded: bool = False
     note: str = ""
-    kind = "table"
+    kind = "table"  # by this name the templates choose how to print a block
 
 
 @dataclass(frozen=True)

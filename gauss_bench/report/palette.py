@@ -15,7 +15,7 @@ DARK: dict[str, str] = _DATA["dark"]  # name of a CSS variable -> its dark colou
 ENGINES: dict[str, str] = _DATA["engines"]  # engine -> colour
 OTHERS: list[str] = _DATA["others"]  # colours of engines that are not in ENGINES
 HUES: dict[str, list[str]] = _DATA["hues"]  # engine -> light, dark
-SHAPES: list[str] = _DATA["shapes"]
+SHAPES: list[str] = _DATA["shapes"]  # markers of engines, in turn
 INK, MUTED, GRID, PAPER, CONTROL = (COLOURS[x] for x in ("ink", "muted", "grid", "paper", "control"))
 BODY, BODY_EDGE, CRANK, CRANK_EDGE, TRACE = (COLOURS[x] for x in ("body", "body-edge", "crank", "crank-edge", "trace"))
 CURVES = (BODY_EDGE, CRANK_EDGE, TRACE, *(ENGINES[x] for x in _DATA["curves"]))  # colours of the lines of a panel, in turn
@@ -50,7 +50,7 @@ def declare(colours: Mapping[str, str]) -> str:
 
 def hues(dark: bool) -> str:
     """Return the hues of all engines as declarations of CSS variables."""
-    return declare({f"hue-{i}": pair[dark] for i, pair in enumerate(HUES.values())})
+    return declare({f"hue-{i}": pair[1 if dark else 0] for i, pair in enumerate(HUES.values())})
 
 
 def inline(svg: str, prefix: str) -> str:

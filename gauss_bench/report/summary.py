@@ -20,7 +20,7 @@ from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
 DEFEAT = "slower"  # word of sentences without bold text in which the suite's own engines lose
-SHORT, LONGEST = 40, 800  # characters: a first sentence that says too little alone, and the longest summary of a finding
+SHORT, LONGEST = 40, 800  # [characters] a shorter first sentence says too little alone; longest summary of a finding
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:

@@ -20,7 +20,7 @@ def error_text(x: float) -> str:
 
 def ratio_text(x: float) -> str:
     """Format a ratio with three digits."""
-    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))
+    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))  # one more for each limit that x is below: 1 for 12.3
     return f"{x:.{decimals}f}" if is_known(x) else NOTHING
 
 

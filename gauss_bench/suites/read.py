@@ -58,7 +58,7 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _change(suite: Suite, change: Callable[[str, Any], Any]) -> Suite:
-    """Return the suite with every part replaced by change(name of its section, part); parts for which that is None are left out."""
+    """Return the suite with every part x of a section `name` replaced by change(name, x), or left out if that is None."""
     changed = {name: [change(name, part) for part in getattr(suite, name)] for name in SECTIONS}
     return suite.model_copy(update={name: tuple(x for x in parts if x is not None) for name, parts in changed.items()})
 
@@ -70,7 +70,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
         if not isinstance(part, OnLinkages):
             return part
         paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
-        return part.model_copy(update={"linkages": {str(paths.get(x, x)): s for x, s in part.linkages.items()}})
+        return part.model_copy(update={"linkages": {str(paths.get(x, x)): scenario for x, scenario in part.linkages.items()}})
 
     return _change(suite, locate)
 

@@ -13,7 +13,7 @@ close in this way is read and assembled on its own; if that fails too, the sampl
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Any
 
@@ -35,7 +35,7 @@ from gauss_bench.sweep.paths import Document, change, number_at
 from gauss_bench.terms import Array
 
 STRIDE = 0.02  # largest change of a dimension between two closures, relative to the linkage's size
-NEWTON = 12  # largest number of iterations of a closure, of which three or four are needed
+NEWTON = 12  # largest number of iterations of a closure, which usually needs three or four
 WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys with numbers that can be inputs of a kernel
 BAD = (BuildError, ValidationError)  # errors of a table whose numbers are not valid
@@ -131,8 +131,8 @@ class Family:
     def open_numbers(self) -> tuple[str, ...]:
         """The names of the kernel's inputs: all numbers of the mechanism that depend on at least one of the varied numbers.
 
-        These numbers are found by trials, each of which changes one varied number: by 1 % or 30 %, or from zero to 0.01 or 0.3. Two
-        are needed, as one changed value may be invalid, or leave a dependent number equal by chance.
+        These numbers are found by two trials of each varied number: a change by 1 % and by 30 %, or from zero to 0.01 and to 0.3.
+        A single changed value could be invalid, or leave a dependent number equal by chance.
         """
         changed = set[str]()
         for head, places in self.heads.items():
@@ -258,21 +258,7 @@ class Family:
             changed = with_parameters(mechanism, now)
             target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
             held = list_held(changed, self.document["scenarios"][self.scenario]).coordinates
-            pairs = [*held_by_joints(changed), *zip(held, target.T, strict=True)]  # (coordinate, value that it must have)
-
-            def residual(q: Array) -> tuple[Array, Array]:
-                """Return each coordinate of `pairs` minus the value that it must have (k, m), and the derivatives (k, m, n)."""
-                at = Placed(q)
-                states = [state(coordinate, at) for coordinate, _ in pairs]
-                residuals = [x.value - value for x, (_, value) in zip(states, pairs, strict=True)]
-                phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
-                J = np.zeros((*phi.shape, mechanism.n))
-                for row, x in enumerate(states):
-                    for column, entry in columns_of_gradient(x.entries).items():
-                        J[:, row, column] = entry
-                return phi, J
-
-            return residual
+            return partial(_residual, [*held_by_joints(changed), *zip(held, target.T, strict=True)])
 
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
@@ -291,6 +277,22 @@ class Family:
 def held_by_joints(mechanism: Mechanism) -> list[tuple[Coordinate, Any]]:
     """Return the coordinates that joints and couplings keep constant, each with its constant value."""
     return [pair for joint in (*mechanism.joints, *mechanism.couplings) for pair in joint.held]
+
+
+def _residual(held: Sequence[tuple[Coordinate, Any]], q: Array) -> tuple[Array, Array]:
+    """Return, at k states q (k, n), the m held coordinates minus their values (k, m), and the Jacobian (k, m, n).
+
+    `held` has each coordinate with the value that it must have, a number or an array (k,).
+    """
+    at = Placed(q)
+    states = [state(coordinate, at) for coordinate, _ in held]
+    residuals = [x.value - value for x, (_, value) in zip(states, held, strict=True)]
+    phi = np.stack(np.broadcast_arrays(*residuals), axis=-1)
+    J = np.zeros((*phi.shape, q.shape[-1]))
+    for row, x in enumerate(states):
+        for column, entry in columns_of_gradient(x.entries).items():
+            J[:, row, column] = entry
+    return phi, J
 
 
 def _is_still(_: Array, size: Array) -> bool:

@@ -1,7 +1,7 @@
 """Repeat some samples of a sweep at half the step or a tighter tolerance.
 
-This shows the error of the step. Open loops and errors of the energy do not show it: a motion may be wrong although its loops stay
-closed and its energy is right.
+The change of the samples' figures shows the error of the step. Open loops and errors of the energy do not show it: a motion may be
+wrong although its loops stay closed and its energy is right.
 """
 
 from dataclasses import replace

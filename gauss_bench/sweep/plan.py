@@ -62,9 +62,9 @@ class Plan:
     """A sweep's samples.
 
     Attributes:
-        values: (N, d) values of these numbers in each of the N samples.
+        values: (N, d) values of the d varied numbers in the N samples.
         base: number n of points in each sequence of Saltelli's design, whose samples are A, then B, then A with each column of B; 0
-            for plans that are no Sobol plans.
+            for other plans.
     """
 
     dimensions: tuple[Dimension, ...]

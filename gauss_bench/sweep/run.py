@@ -31,7 +31,7 @@ from gauss_bench.sweep.summary import EngineSummary, summary
 from gauss_bench.terms import Array
 
 FORM = "sweep/1"  # format of the folder
-BATCH, SINGLES = 512, 8  # number of samples of a task, of engines that run a batch in one call, and of all others
+BATCH, SINGLES = 512, 8  # largest number of samples in a task: of engines that run a batch in one call, and of all others
 BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] default of the time of one sample in a worker

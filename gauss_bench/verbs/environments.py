@@ -48,7 +48,7 @@ class Environments:
 
 
 def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Environments]:
-    """List engines in environments of their own (`action` "list"), or install (`yes`: without asking) or remove the engine `name`.
+    """List engines in environments of their own, or install or remove the engine `name`; with `yes`, install it without asking.
 
     Raises:
         BadInput: the arguments do not fit together, or the engine cannot be installed or removed.

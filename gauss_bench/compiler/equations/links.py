@@ -28,7 +28,7 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.equations import Given, Motion
 from gauss_bench.mechanism.frames import Direction, End, Frame, unit
-from gauss_bench.mechanism.model import GROUND, Force, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
+from gauss_bench.mechanism.model import GROUND, Force, Link, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
 from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
@@ -74,36 +74,55 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
 
     `numbers` maps names such as "links.crank.mass" (see `parameter_values`) to new values.
     """
-    if not numbers:
-        return mechanism
-    # zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones
-    zeros, named = 0.0 * next(iter(numbers.values())), named_numbers(mechanism)
+    return _Replacement(mechanism, numbers).mechanism() if numbers else mechanism
 
-    def find(name: str, old: Any) -> Any:
+
+class _Replacement:
+    """Replaces numbers of a mechanism by the new values in `numbers`.
+
+    Attributes:
+        zeros: 0 or zeros (k,), by which a number that is not replaced gets the shape of the new ones.
+        ground: name -> new position of the points of the ground.
+        links: the links with new numbers.
+    """
+
+    def __init__(self, mechanism: Mechanism, numbers: Mapping[str, Any]):
+        self.old, self.numbers, self.named = mechanism, numbers, named_numbers(mechanism)
+        self.zeros = 0.0 * next(iter(numbers.values()))
+        self.ground = self._points("ground", mechanism.ground_points)
+        self.links = tuple(self._link(x) for x in mechanism.links)
+
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism with the new numbers."""
+        parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
+        changed = {part: self._change(getattr(self.old, part)) for part in parts}
+        gravity = self._find("gravity", self.old.gravity)
+        return replace(self.old, links=self.links, ground_points=self.ground, gravity=gravity, **changed)
+
+    def _find(self, name: str, old: Any) -> Any:
         """Return the number, or the vector (2, ...), called `name`; where `numbers` has no new value, it is the value `old`."""
         if np.ndim(old) == 0:
-            return numbers.get(name, old + zeros)
-        return np.stack([find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
+            return self.numbers.get(name, old + self.zeros)
+        return np.stack([self._find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
 
-    def find_points(owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
+    def _points(self, owner: str, points: Mapping[str, Array]) -> dict[str, Array]:
         """Return name -> new position for the points of a link or of the ground."""
-        return {name: find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
+        return {name: self._find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
 
-    ground, links = find_points("ground", mechanism.ground_points), []
-    for link in mechanism.links:
-        masses = {key: find(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")}
-        links.append(replace(link, points=find_points(link.name, link.points), **masses))
+    def _link(self, link: Link) -> Link:
+        masses = {key: self._find(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")}
+        return replace(link, points=self._points(link.name, link.points), **masses)
 
-    def change(x: Any) -> Any:
-        """Return a copy of a component of the mechanism, such as a joint, force or point, with its numbers in `numbers` replaced.
+    def _change(self, x: Any) -> Any:
+        """Return a copy of a component of the mechanism, such as a joint, force or point, with its new numbers.
 
         Motion laws and factors of forces have no named numbers, and are returned as they are.
         """
         if isinstance(x, tuple):
-            return tuple(map(change, x))
+            return tuple(map(self._change, x))
         if isinstance(x, Point):
             # named points are given from the origin of the link's frame, `local` from the link's centre of mass
-            points, centre = (ground, 0.0) if x.link == GROUND else (links[x.link].points, links[x.link].com)
+            points, centre = (self.ground, 0.0) if x.link == GROUND else (self.links[x.link].points, self.links[x.link].com)
             name = x.name.partition(".")[2]
             return replace(x, local=points[name] - centre) if name in points else x
         if not is_dataclass(x) or isinstance(x, (type, MotionLaw, Factor)):
@@ -111,13 +130,9 @@ def with_parameters(mechanism: Mechanism, numbers: Mapping[str, Any]) -> Mechani
         changes = {}
         for field in fields(x):
             old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
-            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in named), None)
-            changes[field.name] = find(key, old) if key else change(old)
+            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in self.named), None)
+            changes[field.name] = self._find(key, old) if key else self._change(old)
         return replace(x, **changes)
-
-    parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
-    changed = {part: change(getattr(mechanism, part)) for part in parts}
-    return replace(mechanism, links=tuple(links), ground_points=ground, gravity=find("gravity", mechanism.gravity), **changed)
 
 
 class Parameters:
@@ -305,7 +320,7 @@ class Links(Given):
     def vector(self, link: int, value: Vec | Array) -> Direction:
         """Convert a vector that is fixed in a link from the link's axes to world axes; return it with the link's frame.
 
-        It consists of nodes, or a load has made an array of nodes and numbers from those of its force.
+        `value` is a `Vec` of nodes, or an array of nodes and numbers that a load has made from those of its force.
         """
         local = value if isinstance(value, Vec) else Vec(*map(self.graph.node, value))
         return Direction(self.frame(link), self.rotate(link, local))

@@ -236,7 +236,7 @@ class ExpressionGraph:
         own, base = factor_out(x)
         factor *= own
         size = abs(factor)
-        product = base  # stays so if the size of the factor is 1
+        product = base  # the product, but for the sign, if the size of the factor is 1
         if abs(size - 1.0) > SAME:
             number = self.constant(size)
             key = ("MUL", number.index, base.index)

@@ -62,7 +62,7 @@ class ByHand:
 class ByHandModel(CompiledSteps):
     """The model of a linkage in one coordinate, the angle of the line between the crank's two pins.
 
-    It is the angle of the crank's frame plus `loop.lines[0]`.
+    This angle is that of the crank's frame plus `loop.lines[0]`.
     """
 
     note = "one coordinate, derived by hand, in C"

@@ -1,6 +1,7 @@
 """Integration with steps of fixed size: CasADi gives the accelerations in closed form, as generated C or in its virtual machine.
 
-The virtual machine takes the steps if a variant asks for it, or if there is no C compiler. The note of a run names which one did.
+The virtual machine takes the steps if a variant asks for it, or if there is no C compiler. The note of a run tells which of the
+two did.
 """
 
 from collections.abc import Mapping

@@ -53,8 +53,8 @@ def functions(mechanism: Mechanism, parameters: Sequence[str] = ()) -> Functions
 
     Raises:
         ImportError: the extra 'casadi' is not installed.
-        ValueError: the linkage does not have a parameter, or a parameter is named twice. Or the linkage has dry friction, or
-            redundant rows, whose multipliers are not unique.
+        ValueError: the linkage has no such parameter, a parameter is named twice, or the linkage has dry friction, or redundant
+            rows, with which the multipliers are not unique.
     """
     import casadi as ca
 

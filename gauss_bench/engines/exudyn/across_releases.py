@@ -20,6 +20,7 @@ def solver_errors(exu: Any, *others: type[Exception]) -> tuple[type[Exception], 
 
 
 def silence(exu: Any) -> None:
+    """Let Exudyn print nothing to the console."""
     if hasattr(getattr(exu, "config", None), "printToConsole"):
         exu.config.printToConsole = False
     else:
@@ -35,10 +36,12 @@ def write_log(exu: Any, name: str) -> None:
 
 
 def version(exu: Any) -> str:
+    """Return the version of Exudyn."""
     return str(exu.config.Version() if hasattr(getattr(exu, "config", None), "Version") else exu.__version__)
 
 
 def write_nothing(settings: Any) -> None:
+    """Let a simulation with these settings write no file of its solution."""
     if hasattr(settings, "solution"):
         settings.solution.file.write = False
     else:  # before 1.12

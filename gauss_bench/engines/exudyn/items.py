@@ -183,6 +183,7 @@ class System:
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
         def full(of_both_links: Any) -> Array:
+            """Return an array (n,) with the given entries of the two links (one link for a driver on the ground), and zeros."""
             state = np.zeros(self.mechanism.n)
             state[columns] = np.array(of_both_links)
             return state

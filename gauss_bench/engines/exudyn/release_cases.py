@@ -46,7 +46,8 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     for state in zip(q, v, strict=True):
         container = exu.SystemContainer()
         mbs = container.AddSystem()
-        kept = (build_pair if closure == PLANAR else build_in_space)(mbs, items, *state, closure)
+        build = build_pair if closure == PLANAR else build_in_space
+        kept = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
         mbs.Assemble()
         solver = exu.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(mbs, settings)
@@ -101,6 +102,7 @@ def in_space(x: Array) -> list[float]:
 
 
 def weigh(mbs: Any, items: Any, body: Any) -> None:
+    """Let gravity act on a body."""
     marker = mbs.AddMarker(items.MarkerBodyMass(bodyNumber=body))
     mbs.AddLoad(items.LoadMassProportional(markerNumber=marker, loadVector=[0.0, GRAVITY, 0.0]))
 

@@ -276,7 +276,7 @@ class MinimalModel:
     def run(self) -> None:
         """Integrate the parts of the run one after another, and store each result as a `Segment`.
 
-        `failure` is why it ends early.
+        If the run ends early, `failure` becomes the reason.
         """
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
@@ -359,6 +359,7 @@ class MinimalModel:
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
+            """Return the angles (k, links) [rad], without whole turns, at values x (k,) of the coordinate."""
             states = np.zeros((len(x), 2 * equation.program.n))  # poses do not depend on the other entries
             states[:, 0] = x
             return LinkMotion.at(equation, states).raw_angles

@@ -181,6 +181,7 @@ def _constant(graph: ExpressionGraph, x: float, y: float) -> Vec:
 
 
 def _product(a: Vec, b: Vec) -> Vec:
+    """Return the product of two vectors as complex numbers."""
     return rotate_vec(b, a)
 
 

@@ -28,6 +28,7 @@ class Machine:
     """
 
     def __init__(self, equation: Equation, integrator: str):
+        """Compile the code that takes steps; `many` tells whether `Loaded` asks for code for several trajectories at once."""
         self.equation, self.n, self.is_adaptive = equation, equation.program.n, integrator == "dop853"
         code = Code(equation.program, "none")  # "none": without stabilisation of constraints
         if self.is_adaptive:

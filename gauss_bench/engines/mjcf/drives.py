@@ -87,7 +87,8 @@ def compile_model(
     share = float(options["armature_of_a_driven_hinge_over_inertia"])
     drives = find_drives(model, draft, share) if driven else []
     if drives:
-        set_armatures(mujoco, model, drives)  # so large an inertia keeps a constant speed, so that no motor needs to act
+        # a coordinate with so large an inertia keeps its speed, so that a constant speed needs no force
+        set_armatures(mujoco, model, drives)
     configure(mujoco, model, options, choice.step)
     model.opt.timestep = choice.step
     model.opt.integrator = find_integrator(mujoco, choice.integrator or "rk4")

@@ -97,10 +97,10 @@ class MujocoModel(TreeModel):
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:
-            for model in (self.model, self.still):
-                set_armatures(mujoco, model, self.drives)
+            for driven in (self.model, self.still):
+                set_armatures(mujoco, driven, self.drives)
                 # set_armatures lets MuJoCo compute the inverse weights again, which `configure` had scaled
-                configure(mujoco, model, self.options, choice.step)
+                configure(mujoco, driven, self.options, choice.step)
 
     @property
     def sets_forces(self) -> bool:

@@ -126,6 +126,7 @@ class OwnModelRun:
     """
 
     def __init__(self, path: Path, seen: Seen, key: int, changes: Mapping[str, Any], choice: Choice):
+        """Compile the model of a file with the options in `changes` (name in MJCF -> value), and set its start."""
         import mujoco
 
         self.mujoco: Any = mujoco
@@ -142,6 +143,7 @@ class OwnModelRun:
         self.y0, self.dy0 = np.array(self.data.qpos), np.array(self.data.qvel)
 
     def forward(self, y: Array, dy: Array) -> Any:
+        """Evaluate the model `still` at joint coordinates y and rates dy (nv,), and return MuJoCo's data with accelerations."""
         self.still_data.qpos[:], self.still_data.qvel[:] = y, dy
         self.mujoco.mj_forward(self.still, self.still_data)
         return self.still_data
@@ -241,7 +243,7 @@ def name_row(mujoco: Any, model: Any, data: Any, kind: int, number: int) -> str:
     """
 
     def call(tag: str, k: int) -> str:
-        """Return an element of MJCF by its name, or by its number if it has none."""
+        """Return words for an element of MJCF: its tag with its name, or with its number if it has none."""
         name = getattr(model, tag)(k).name
         return f'<{tag} name="{name}">' if name else f"<{tag}> number {k + 1}"
 

@@ -86,6 +86,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     disable(mujoco, model, ["mjDSBL_WARMSTART"])  # a result must not depend on the state that was evaluated before
 
     def solve(y: Array, dy: Array) -> Array:
+        """Return the accelerations (bars,) of the joint coordinates at y, dy (bars,)."""
         data.qpos[:], data.qvel[:] = y, dy
         mujoco.mj_forward(model, data)
         return np.array(data.qacc)
@@ -98,8 +99,8 @@ def document(closure: Closure, solver: str) -> str:
     bars = closure.bars
     pose = reference_pose(bars)
     bodies = "".join(write_bar(k, bars, pose) for k, bar in enumerate(bars) if bar.parent < 0)
-    exact = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15" {closure.options}'
-    head = f'<compiler angle="radian"/><option {exact}/>'
+    options = f'gravity="0 {GRAVITY} 0" integrator="Euler" solver="{solver}" iterations="300" tolerance="1e-15" {closure.options}'
+    head = f'<compiler angle="radian"/><option {options}/>'
     rest = f"<tendon>{closure.tendons}</tendon>" if closure.tendons else ""
     return f"<mujoco>{head}<worldbody>{bodies}</worldbody>{rest}<equality>{closure.equality}</equality></mujoco>"
 

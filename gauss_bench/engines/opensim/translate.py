@@ -148,13 +148,14 @@ class Built:
             case OtherLoad(_, Law() as law):
                 k, c, rest, bias, distance = law.k, law.c, law.rest, law.bias, law.coordinate
                 assert isinstance(distance, Distance)  # `skip` refuses laws along other coordinates
-                a, b = self._place(distance.a), self._place(distance.b)
+                (body_a, point_a), (body_b, point_b) = self._place(distance.a), self._place(distance.b)
                 if c or bias:
                     # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
                     text = f"{float(k)!r}*(d-({float(rest)!r}))+{float(c)!r}*ddot-({float(bias)!r})"
-                    self._add_force(opensim.ExpressionBasedPointToPointForce(a[0].getName(), a[1], b[0].getName(), b[1], text))
+                    names = body_a.getName(), body_b.getName()
+                    self._add_force(opensim.ExpressionBasedPointToPointForce(names[0], point_a, names[1], point_b, text))
                 else:
-                    self._add_force(opensim.PointToPointSpring(*a, *b, float(k), float(rest)))
+                    self._add_force(opensim.PointToPointSpring(body_a, point_a, body_b, point_b, float(k), float(rest)))
 
     def _add_force(self, element: Any) -> Any:
         """Add a force element to the model under a name of its own, and return it."""

@@ -47,6 +47,7 @@ def prefix() -> Path | None:
 
 
 def compiler() -> str | None:
+    """Return the path of the first of COMPILERS that is installed; None if none is."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
@@ -111,6 +112,11 @@ def build_loop() -> None:
 
 
 def _compile() -> bytes:
+    """Compile `loop.cpp`, and return the content of the library.
+
+    Raises:
+        RunFailure: a tool is missing, or the compiler fails or takes too long.
+    """
     program, root = find_tools()
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"

@@ -61,7 +61,7 @@ class CompiledDynamics(ConstrainedDynamics):
     """
 
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
-        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and compare both accelerations."""
+        """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and verify its accelerations."""
         super().__init__(body, forces, options, gains)
         self.n, self.library = forces.tree.n, _library()
         self.tableau = _tableau()  # imports scipy, which must not happen in a timed run
@@ -90,11 +90,15 @@ class CompiledDynamics(ConstrainedDynamics):
             self.library.destroy(linkage)
 
     def _add_load(self, body: Multibody, load: Law | PointForce) -> None:
+        """Add a force to the linkage in C++, as a spring with damper and bias or as a constant force at a point."""
+
         def place(point: Point) -> tuple[int, Array]:
+            """Return Pinocchio's index of the joint that carries a point, and the point (2,) [m] in this joint's frame."""
             joint, placement = body.place(point)
             return int(joint), _numbers(placement.translation[:2])
 
         def direction(link: int, x: Array) -> tuple[int, Array]:
+            """Return Pinocchio's index of the joint that carries a link, and a vector (2,) of the link in this joint's frame."""
             joint, placement = body.carriers[link]
             return int(joint), _numbers(placement.rotation[:2, :2] @ x)
 

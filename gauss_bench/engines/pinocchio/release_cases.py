@@ -81,8 +81,8 @@ def by_constraint(
     ends = (joints[1], shift(pin, 2.0)), (joints[2], shift(pin, 1.5))
     if contact == "CONTACT_6D":  # the two halves of the rod, which lie in one place
         ends = (joints[1], shift(pin, 1.0)), (joints[3], shift(pin, -1.0))
-    kind, world = getattr(pin.ContactType, contact), getattr(pin.ReferenceFrame, frame)
-    row = pin.RigidConstraintModel(kind, model, *ends[0], *ends[1], world)
+    kind, axes = getattr(pin.ContactType, contact), getattr(pin.ReferenceFrame, frame)
+    row = pin.RigidConstraintModel(kind, model, *ends[0], *ends[1], axes)
     rows, data = pin.StdVec_RigidConstraintModel(), model.createData()
     rows.append(row)
     row_data = pin.StdVec_RigidConstraintData()

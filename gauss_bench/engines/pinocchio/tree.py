@@ -99,6 +99,7 @@ class Multibody:
         return rows
 
     def mass(self, y: Array) -> Array:
+        """Return the mass matrix (n, n) of the open tree at y (n,)."""
         return np.array(self.pin.crba(self.model, self.model.createData(), y))  # both triangles are filled
 
     def describe(self, y: Array, dy: Array) -> OpenModel:

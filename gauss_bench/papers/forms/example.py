@@ -107,8 +107,8 @@ def crank_with_entry(form: dict[str, Any]) -> float:
 def start_off(form: list[float]) -> float:
     """Return the error of the initial position q (7,) and of the statement that the linkage starts at rest.
 
-    It is the largest of: residual of eq. (21) at q, difference of q from the start of the linkage file, velocities of that start;
-    divided by DIMENSION.
+    The error is the largest residual of eq. (21) at q, difference of q from the start of the linkage file, or velocity of that
+    start, divided by DIMENSION.
     """
     own, start = linkage(), np.array(form)
     residual = np.abs(crank_slider.residual(start)).max()
@@ -116,7 +116,7 @@ def start_off(form: list[float]) -> float:
 
 
 def figures_off(form: list[int]) -> float:
-    """Return how many figures form = [first, last] has too many or too few as those of the crank's centre, which are 2 to 5."""
+    """Return how many figures are wrong or missing in the range form = [first, last]; figures 2 to 5 show the crank's centre."""
     first, last = form
     return float(len({2, 3, 4, 5} ^ set(range(first, last + 1))))
 

@@ -140,7 +140,7 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
 
 
 def contradicting_rows(form: Form, x: Trial) -> float:
-    """Return the least-squares residual of redundant rows J a = g that contradict each other, for a by eq. (8).
+    """Return the least-squares residual of redundant rows J a = g that contradict each other, for the accelerations of eq. (8).
 
     Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
     """

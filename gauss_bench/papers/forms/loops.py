@@ -80,12 +80,15 @@ def list_driven() -> tuple[DrivenLinkage, ...]:
         for t in TIMES:
             q, v, a = (x[0] for x in MinimalCoordinate(mechanism).state_at(t))
             equations = LoopEquations(replace(mechanism, q0=q))
-            rates = [  # first and second derivative of each variable
-                (v[3 * x + 2], a[3 * x + 2]) if isinstance(x, int) else (float(coordinates.rate(slides[x].motion, q, v)), np.nan)
-                for x in equations.variables
-            ]
-            rate, second = np.array(rates).T
-            found.append(DrivenLinkage(equations, equations.start(), rate, second))
+            rate, second = [], []
+            for variable in equations.variables:
+                if isinstance(variable, int):  # the angle of a link
+                    rate.append(v[3 * variable + 2])
+                    second.append(a[3 * variable + 2])
+                else:  # the displacement of a slide
+                    rate.append(float(coordinates.rate(slides[variable].motion, q, v)))
+                    second.append(np.nan)
+            found.append(DrivenLinkage(equations, equations.start(), np.array(rate), np.array(second)))
     return tuple(found)
 
 

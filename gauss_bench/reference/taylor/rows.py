@@ -65,6 +65,7 @@ class LoopRows:
 
     @property
     def m(self) -> int:
+        """The number of rows."""
         return len(self.names)
 
     def laws(self, t: Any) -> list[Law]:
@@ -138,6 +139,7 @@ class LoopRows:
 
 
 def loop_rows(coordinates: LoopCoordinates) -> LoopRows:
+    """Return the constraint rows of a mechanism, in the order of `LoopRows`."""
     mechanism = coordinates.mechanism
     edges = []
     for edge in mechanism.knife_edges:

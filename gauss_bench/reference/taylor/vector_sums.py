@@ -168,6 +168,7 @@ class LoopCoordinates:
             x[k : k + 2] = z[link].real, z[link].imag
 
         def world(p: Point) -> complex:
+            """Return the place [m] of a point in the world as a complex number."""
             local = complex(*(float(c) for c in p.local))
             return local if p.link == GROUND else complex(z[p.link] + np.exp(1j * theta[p.link]) * local)
 

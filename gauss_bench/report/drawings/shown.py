@@ -68,7 +68,7 @@ def _page(caption: Caption, history: History, moving: str, t: Array) -> str:
     """Return an HTML page with the moving linkage, its curves, and a line that marks the current time in them.
 
     Args:
-        t: times of its states (k,) [s].
+        t: times of the states of the moving linkage (k,) [s].
     """
     duration = float(t[-1] - t[0])
     return (

@@ -25,4 +25,6 @@ def _print_fact(name: str, value: object) -> object:
     """Return a fact as it is printed: a truth value becomes yes or no, and the run's duration in seconds becomes minutes."""
     if name == "wall_time" and isinstance(value, (int, float)):
         return f"{value / 60:.1f} min"
-    return ("no", "yes")[value] if isinstance(value, bool) else value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return value

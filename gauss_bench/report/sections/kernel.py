@@ -33,7 +33,7 @@ def section(run: Run) -> Section | None:
         # MuJoCo with its settings as shipped is left out: of each engine the best settings are shown
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
         "kernel_rhs": [r for r in run.table("kernel_rhs") if _call(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
-        # of each linkage and formulation the largest difference
+        # the largest difference for each linkage and formulation
         "kernel_agreement": [max(rows, key=lambda r: number(r, "error")) for rows in agreement.values()],
     }
     parts = [table_section(name, run.table(name), shown.get(name, run.table(name))) for name in WORDS]

@@ -223,8 +223,8 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
 def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the data of the web form in which a reader chooses a linkage and a requirement, and the programs that it offers.
 
-    The programs are name of a file, which a page loads only on demand -> the programs of a linkage, by `programs` or else calls of
-    this package.
+    The second result maps the name of a file, which a page loads only on demand, to the programs of a linkage: those that
+    `programs` returns, or else calls of this package.
     """
     choices = {name: answers(run, name) for name in names}
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}

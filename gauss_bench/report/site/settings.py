@@ -237,7 +237,7 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
-    """Return (linkage, kind of error, accuracy, engine) -> its time in a race over the fastest."""
+    """Return (linkage, kind of error, accuracy, engine) -> the engine's time in a race divided by that of the fastest engine."""
     over: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
