@@ -179,7 +179,8 @@ def perform(name: str, options: argparse.Namespace) -> int:
     """Call the function of the verb `name`, print its answer and return the exit code; `verbs.toml` explains the keys of a verb."""
     verb, given = VERBS[name], vars(options)
     endings = verb.get("files", {})
-    to_stdout = {x: given[x] for x in endings if str(given[x]) == verb.get("printed")}
+    instead_of_json = verb.get("instead_of_json", "").lstrip("-")  # the one option whose path may stand for stdout
+    to_stdout = {x: given[x] for x in endings if x == instead_of_json and str(given[x]) == verb.get("printed")}
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
@@ -195,7 +196,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
             print(json.dumps(plain(answer.data)))
         return 0 if answer.succeeded else 1
     text = render(name, answer.data) if answer.text is None else answer.text
-    is_replaced = "instead_of_json" in verb and files.get(verb["instead_of_json"].lstrip("-"))
+    is_replaced = files.get(instead_of_json)
     if text and not is_replaced:
         print(harmless(text))
     return 0 if answer.succeeded else 1

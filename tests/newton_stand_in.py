@@ -187,8 +187,6 @@ warp = SimpleNamespace(
     capture_launch=launch,
 )
 newton = SimpleNamespace(
-    ModelBuilder=Builder,
-    Axis=SimpleNamespace(X="X", Y="Y", Z="Z"),
-    solvers=SimpleNamespace(SolverKamino=Kamino),
+    ModelBuilder=Builder, Axis=SimpleNamespace(X="X", Y="Y", Z="Z"), solvers=SimpleNamespace(SolverKamino=Kamino)
 )
 Kamino.Config = lambda dynamics_solver: SimpleNamespace(constraints=SimpleNamespace(alpha=0.01))  # type: ignore[attr-defined]

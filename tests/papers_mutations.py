@@ -1,6 +1,7 @@
-"""Wrong forms for every line of the audit that is right as printed, which the line's own measure must detect.
+"""Wrong forms for every line of the audit, which the line's own measure must detect.
 
-Of the other lines the printed form is such a form. A wrong form is of the kind of the line's form, a function or data.
+Of a line that is not right as printed, the printed form is one, and a wrong correction another. A wrong form is of the kind of the
+line's form, a function or data.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import numpy as np
 
 from gauss_bench.papers import crank_slider
 from gauss_bench.papers.crank_slider import L1, L2
+from gauss_bench.papers.forms import example as ex
 from gauss_bench.papers.forms import least_squares as me
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import loops as lo
@@ -42,6 +44,20 @@ def blocks(block: int, index: tuple[int, int]) -> Callable[..., Any]:
     return other
 
 
+def reflexive(A: Any, rng: Any) -> Any:
+    """Return an inverse X of A with X A X = X, which need not be the one of Moore and Penrose."""
+    X = me.some_inverse(A, rng)
+    return X @ A @ X
+
+
+def without_mass(p: Any) -> Any:
+    return pinv(p.J) @ p.g + N(p) @ (p.Q - p.f)
+
+
+def upside_down(*points: complex) -> Any:
+    return po.quotient(*(complex(x.imag, x.real) for x in points))
+
+
 FREE: Wrong = {"ordinary inverse": me.free_motion}
 MUTATIONS: dict[str, Wrong] = {
     "Gauss's function": {"sign of Q": lambda p, a: me.gauss_function(replace(p, Q=-p.Q), a)},
@@ -54,7 +70,7 @@ MUTATIONS: dict[str, Wrong] = {
     "meets the constraints": FREE,
     "where M = mu I": FREE,
     "where nothing is free": FREE,
-    "where the constraints do not act": {"M left out": lambda p: pinv(p.J) @ p.g + N(p) @ (p.Q - p.f)},
+    "where the constraints do not act": {"M left out": without_mass},
     "where M keeps the range of J^T": FREE,
     "mass matrix": {"inertia about the end": lambda: crank_slider.mass() * [1, 1, 4, 1, 1, 4, 1]},
     "velocity forces": {"something": 1.0},
@@ -78,4 +94,35 @@ MUTATIONS: dict[str, Wrong] = {
     "loops of the shaper": {"sense of the crank": lambda x: (po.sides(x)[0] - 2 * (x.A - x.O2), po.sides(x)[1])},
     "lengths of lever and rod": {"exchanged": lambda x: po.lengths(replace(x, lever=x.rod, rod=x.lever))},
     "insensitive to the start of the search": {"half the size": lambda: abs(po.shapers()[0].C - po.shapers()[0].O1) / 2},
+}
+
+CORRECTIONS: Wrong = {
+    **dict.fromkeys(["rows that disagree", "inverse in the minimum"], reflexive),
+    **dict.fromkeys(["exponent of M in A", "exponent of M in b"], 0.0),
+    **dict.fromkeys(["motion from A and b", "unit of length"], lambda p: me.acceleration(p, exponents=(0.5, -0.5))),
+    "condition of the minimum": lambda A, b, h: (A @ A @ h, A @ b),
+    "sign before the last term": lambda p, w: me.expand(p, w) + 2 * N(p) @ pinv(me.matrix(p)) @ me.matrix(p) @ w,
+    "inverse of a projector": [1, -1, 0],
+    "order of the factors reversed": lambda p: power(p.M, -0.5) @ N(p),
+    "with an ordinary inverse": me.euclidean,
+    **dict.fromkeys(["with Moore-Penrose inverses", "unit of length in (16)"], without_mass),
+    **dict.fromkeys(["difference from the truth", "RP2 rate unit, what is missing"], 0.5),
+    "entry (6, 6) of the Jacobian": {"of": "cos", "angle": 2},
+    "row 3 of g": ["q"],
+    "row 5 of g": ["q"],
+    "row 6 of g": ["q"],
+    "figures of the crank's centre": [3, 6],
+    "inertias of crank and rod": {"bars": [1.0, 0.0]},
+    "gravity": {"gravity": 9.8},
+    "integrator, step and time span": lambda motion: float(motion.run(ex.SHOWN, rtol=1e-3).theta[-1]),
+    "RP2 rate unit, column 1": ["phi"],
+    "RP2 rate unit in a shaper": ["phi"],
+    "as many unknowns as equations": [2, 1],
+    "accelerations": ["J"],
+    "one 1 in each row": [["U"]],
+    **dict.fromkeys(["loops one above the other", "incidence matrix"], True),
+    "motion laws": lambda: lo.textbook() | {"sine": lambda u: u + np.sin(2 * np.pi * u) / (2 * np.pi)},
+    "which coordinate of C is known": ["B", "real"],
+    "which points are in line": ["A", "B", "C"],
+    **dict.fromkeys(["line as a quotient", "line as a quotient in a search"], upside_down),
 }

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.__main__ import run
 from gauss_bench.cli import main
 from gauss_bench.engines import all_names
 from gauss_bench.linkage.load import built_in
@@ -31,6 +32,18 @@ def test_help_loads_nothing_that_takes_long() -> None:
     loaded = {line.rsplit("|", 1)[-1].strip().partition(".")[0] for line in done.stderr.splitlines()}
     assert "gauss_bench" in loaded
     assert not loaded & {"numpy", "scipy", "pandas", "pyarrow", "matplotlib", "llvmlite", "casadi", "mujoco", "exudyn", "pinocchio"}
+
+
+class Interrupted:
+    """A module whose import ends by an interruption."""
+
+    def __getattr__(self, name: str) -> Any:
+        raise KeyboardInterrupt
+
+
+def test_an_interruption_while_modules_are_imported_ends_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gauss_bench.cli", Interrupted())
+    assert run() == 130
 
 
 def test_list_names_every_linkage_and_engine(capsys: pytest.CaptureFixture[str]) -> None:

@@ -557,6 +557,21 @@ def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path,
     assert len(searches) == 4  # words are no numbers
 
 
+@pytest.mark.parametrize(("errors", "taken"), [((1e-10, 1e-12), 1), ((1e-10, 2e-10), 0)])
+def test_the_more_accurate_of_two_eliminations_is_taken_and_remembered(
+    errors: tuple[float, float], taken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made, left, search = [], iter((*errors, errors[taken])), elimination.cheapest
+    found_by_chance = [elimination.Search(noise=3.0)]
+    monkeypatch.setattr(elimination, "cheapest", lambda *asked: elimination.attempt(search(*asked).work, found_by_chance)[0])
+    monkeypatch.setattr(elimination, "error_of", lambda program, _: (made.append(program), next(left))[1])
+    first, again = (generate(mechanism("four_bar"), remembered=True) for _ in range(2))
+    assert first is made[taken]
+    assert len(made) == 3  # what was remembered is not eliminated twice
+    assert again.acceleration.instructions == first.acceleration.instructions
+
+
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no POSIX permissions")
 @pytest.mark.parametrize("fault", ["open to others", "of another user", "a link"])
 def test_a_folder_that_others_may_enter_is_refused(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

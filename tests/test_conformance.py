@@ -10,7 +10,7 @@ import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
 from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, find_loose, is_excusable
 from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
-from gauss_bench.bench.probes import PROBE, Probe, _share, changes, probe
+from gauss_bench.bench.probes import PROBE, Probe, _share, changes, numbers, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import SAFE, all_names
@@ -152,9 +152,7 @@ def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
     assert replace(on, v=0.0 * on.v).share_of_gamma(0.0 * on.a) == 1.0  # without any velocity term none is missed
 
 
-def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch: pytest.MonkeyPatch) -> None:
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
@@ -270,6 +268,11 @@ def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
     assert _compare(true, true + error, true + 0.7 * error, words)[1].startswith("positions are off by")
     assert _compare(true, true + error, true + error, words[:0])[1] == ""
     assert _compare(true, true, true, words)[1] == ""
+
+
+def test_flags_and_zeros_are_no_numbers_that_can_be_changed() -> None:
+    document = {"links": {"rod": {"mass": 2, "com": [0.0, 0.3], "solid": True}}, "scenarios": {"loaded": {}}}
+    assert [*numbers(document, "loaded")] == [("links", "rod", "mass"), ("links", "rod", "com", 1)]
 
 
 @pytest.mark.slow

@@ -78,11 +78,7 @@ VARIATIONS = [  # none of them is one of the catalogue's
     (of("Jacobian alone", Cause.STALE, terms=jacobian_of_the_step_before), CRANK_SLIDER, {}),
     (of("stale under Euler", Cause.STALE, terms=faults.stale), FOUR_BAR, {"integrator": "semi_implicit_euler"}),
     (of("half a millisecond", Cause.SHIFT, times=partial(shifted, 5e-4)), FOUR_BAR, {}),
-    (
-        of("second rate, projected", Cause.SECOND_RATE, terms=faults.without_second_rate),
-        DRIVEN,
-        {"stabilization": "projection"},
-    ),
+    (of("second rate, projected", Cause.SECOND_RATE, terms=faults.without_second_rate), DRIVEN, {"stabilization": "projection"}),
     (of("inertia in a larger linkage", Cause.INERTIA, linkage=partial(alter, of="coupler", inertia=1.01)), SIX_BAR, {}),
     (of("gravity in a larger linkage", Cause.GRAVITY, linkage=partial(alter, gravity=-1.0)), SIX_BAR, {}),
 ]

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from gauss_bench.api.files import FileRefused, is_of_kind, writable
+from gauss_bench.api.files import FileRefused, describe_files, is_of_kind, writable
 from gauss_bench.cli import main
 
 ROOT = Path(__file__).parents[1]
 FOUR_BAR = ROOT / "mechanisms" / "four_bar.toml"
 FULL = Path("/dev/full")
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 
 
 def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
@@ -22,11 +23,10 @@ def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProc
 
 
 @pytest.mark.long("kinematics")
+@needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["show", "four_bar"], ["kinematics", "four_bar", "--json"], ["--help"]], ids=lambda x: x[0])
 def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> None:
-    if not FULL.exists():
-        pytest.skip("this system has no /dev/full")
     with FULL.open("w") as full:
         ended = run_apart(arguments, stdout=full)
     assert ended.returncode == 74
@@ -38,11 +38,10 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
     assert "Traceback" not in closed.stderr
 
 
+@needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "code"), [(["show", "nosuch"], 2), (["--nosuch"], 2), (["list"], 0)], ids=str)
 def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
-    if not FULL.exists():
-        pytest.skip("this system has no /dev/full")
     with FULL.open("w") as full:
         assert run_apart(arguments, stdout=subprocess.DEVNULL, stderr=full).returncode == code
 
@@ -131,6 +130,20 @@ def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_l
         assert source.read_bytes() == LINKAGE
         assert file.is_symlink() if target else file.read_bytes() == LINKAGE
         file.unlink()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder into which not even root may write")
+@pytest.mark.parametrize("call", CALLS, ids=lambda x: f"{x[0]} {x[-1]}")
+def test_a_folder_that_takes_no_file_is_refused_before_the_work(call: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([call[0], str(FOUR_BAR), *call[1:-1], f"/proc/{call[-1]}"]) == 2
+    assert f"/proc/{call[-1]}: nothing may be written into the folder /proc" in capsys.readouterr().err
+
+
+def test_one_file_under_two_paths_is_named_twice(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    asked = {"plot": tmp_path / "x.svg", "animate": tmp_path / "folder" / ".." / "x.svg"}
+    with pytest.raises(FileRefused, match="is named twice"):
+        describe_files(asked, dict.fromkeys(asked, (".svg",)), replace=False)
 
 
 def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:

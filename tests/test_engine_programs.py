@@ -16,7 +16,7 @@ from gauss_bench.api.program_error import ProgramFailed, read_rows, run_python
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.engines.programs import coordinates, plan, rates
-from gauss_bench.engines.transcript import python
+from gauss_bench.engines.transcript import Script, python
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.programs import run_there
@@ -99,6 +99,25 @@ def test_what_no_program_holds_is_refused_with_the_reason() -> None:
             write(engine, load(name), settings)
 
 
+def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls() -> None:
+    script = Script({"Add": "item_", "System": "system", "Go": ""})
+    library = script.stand_in("library")
+    system = library.System()
+    first = system.Add(library.Body(mass=0.1, name='a"b'))
+    second = system.Add(library.Body(place=np.array([1.0, -0.0])))
+    system.options[0].solver = library.Kind.FAST
+    system.Go(1.0 / first.rate, [second * 2 + first, 3])
+    assert script.lines == [
+        "system = library.System()",
+        "item_1 = system.Add(library.Body(mass=0.1, name='a\"b'))",
+        "item_2 = system.Add(library.Body(place=np.array([1.0, -0.0])))",
+        "system.options[0].solver = library.Kind.FAST",
+        "system.Go(1.0 / item_1.rate, [item_2 * 2 + item_1, 3])",
+    ]
+    with pytest.raises(TypeError, match="function"):
+        system.Add(lambda: 0)
+
+
 def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:
     assert plan(1.0, 0.25) == (4, 1)
     assert plan(1.0, 0.3) == (4, 1)
@@ -131,7 +150,7 @@ def test_a_program_sees_no_package_but_those_of_its_interpreter(tmp_path: Path, 
     assert "No module named 'neighbour'" in run_there("import neighbour\n", 60.0)["failed"]
 
 
-ENDS = {"raise ValueError('no such joint')": "no such joint", "exit(3)": "code 3", "import time; time.sleep(60)": "longer than 5 s"}
+ENDS = {"raise ValueError('no such joint')": "no such joint", "exit(3)": "code 3", "import time; time.sleep(60)": "longer than 4 s"}
 
 
 @pytest.mark.parametrize(("program", "words"), ENDS.items())

@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import zipfile
 from pathlib import Path
 
@@ -124,7 +125,10 @@ def test_an_installation_that_fails_leaves_nothing_and_says_why(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_an_interrupted_installation_ends_pip_and_leaves_nothing(engines: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
+def test_an_interrupted_installation_ends_pip_and_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
+    end: signal.Signals, code: int, engines: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as index:  # which accepts connections and never answers
         monkeypatch.setenv("PIP_INDEX_URL", f"http://127.0.0.1:{index.getsockname()[1]}/simple")
         monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
@@ -136,9 +140,14 @@ def test_an_interrupted_installation_ends_pip_and_leaves_nothing(engines: Path, 
             with connection:
                 assert connection.recv(1 << 16)
                 assert left() != []
-                process.send_signal(signal.SIGINT)
-                assert process.wait(30) == 130
-                assert connection.recv(1) == b""  # pip has ended
+                process.send_signal(end)
+                assert process.wait(30) == code
+                if end is signal.SIGINT:
+                    assert connection.recv(1) == b""  # pip has ended
+    if end is signal.SIGKILL:
+        assert left() != []
+        time.sleep(1.0)  # until pip, whose connection is closed, has ended
+        assert main(["engines"]) == 0
     assert (engines.read_text(), left()) == (OWN, [])
 
 

@@ -72,6 +72,14 @@ def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> N
     assert adaptive.steps < found.steps / 4
 
 
+@pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])
+def test_errors_fall_by_the_order_of_the_method(integrator: str, order: int) -> None:
+    exact = certified(load("four_bar", "torque"), 0.2)
+    runs = [ran(ENGINE, load("four_bar", "torque"), exact.t, integrator=integrator, step=h) for h in (1e-3, 5e-4)]
+    coarse, fine = (np.abs(found.q - exact.q).max() for found in runs)
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.1)
+
+
 @pytest.mark.long("rockers-rk4", "rockers-dop853_fixed")
 @pytest.mark.slow("rockers-dop853")
 @pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])

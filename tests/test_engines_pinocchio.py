@@ -29,7 +29,7 @@ from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Array, baumgarte
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import USERS_CACHE, everything, exhaustive, needs, redundant
-from tests.engine_runs import LINKAGES, acceleration_errors, linkage, moved, relative_error
+from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, linkage, moved, relative_error
 from tests.engine_runs import ran as ran_in
 
 pinocchio = needs("pinocchio")
@@ -90,11 +90,14 @@ def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
 
 
 @pytest.mark.parametrize("settings", VARIANTS.settings)
-def test_redundant_rows_that_part_end_the_run(settings: str) -> None:
+def test_redundant_rows_that_part_end_the_run_and_projection_keeps_them_together(settings: str) -> None:
     """The three cranks of a parallelogram drift until they lock each other: no answer is better than that one."""
+    mechanism, times = made("parallelogram"), np.linspace(0.0, 2.0, 5)
     with pytest.raises(RunFailure, match="redundant") as failure:
-        ran(made("parallelogram"), np.linspace(0.0, 2.0, 5), settings=settings)
+        ran(mechanism, times, settings=settings)
     assert failure.value.status is Status.NOT_CONVERGED
+    together = ran(mechanism, times[:2], settings=settings, stabilization="projection")
+    assert np.abs(together.q - by_gauss(mechanism, times[:2]).q).max() < 1e-8  # RK4 at 1 ms
 
 
 @pytest.mark.parametrize("name", exhaustive(LINKAGES, "crank_slider"))
@@ -162,6 +165,15 @@ def test_runs_of_the_compiled_loop_are_those_of_calls_from_python(integrator: st
     assert np.abs(np.array([python.q, python.v, python.a]) - np.array([own_loop.q, own_loop.v, own_loop.a])).max() < 1e-8
     assert python.steps == own_loop.steps
     assert 0.9 * python.evaluations < own_loop.evaluations <= python.evaluations  # scipy evaluates the ends of refused steps too
+
+
+@pytest.mark.usefixtures("built")
+def test_a_failure_of_the_compiled_loop_names_the_samples_between_which_it_lies() -> None:
+    """At this tolerance the redundant rows of the parallelogram drift apart, but not at once."""
+    choice = Choice("one_iteration,loop=compiled", "dop853", tolerance=1e-3)
+    model = ENGINE.build(load("parallelogram"), choice)
+    with pytest.raises(RunFailure, match=r"^between t = 0\.5 s and t = 1 s: proximal"):
+        moved(model, [0.0, 0.25, 0.5, 1.0, 2.0])
 
 
 def test_what_the_loop_does_not_run_is_refused_by_name() -> None:

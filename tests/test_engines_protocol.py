@@ -18,16 +18,7 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.measure import measure
 from gauss_bench.bench.ways import Run, Way, evaluate_run, one_step
-from gauss_bench.engines.base import (
-    OPTIONAL,
-    REQUIRED,
-    Engine,
-    EngineDefaults,
-    ModelDefaults,
-    ask,
-    has_own,
-    list_lacking,
-)
+from gauss_bench.engines.base import OPTIONAL, REQUIRED, Engine, EngineDefaults, ModelDefaults, ask, has_own, list_lacking
 from gauss_bench.engines.bullet.adapter import Bullet
 from gauss_bench.judge import leading
 from gauss_bench.linkage.load import load

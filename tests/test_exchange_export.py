@@ -25,15 +25,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.transcript import python
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
-from gauss_bench.exchange.text import (
-    C_WORDS,
-    c_comment,
-    c_string,
-    identifiers,
-    python_comment,
-    toml_string,
-    xml_comment,
-)
+from gauss_bench.exchange.text import C_WORDS, c_comment, c_string, identifiers, python_comment, toml_string, xml_comment
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring, tostring
@@ -9,6 +10,7 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import pytest
 
+import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.exchange.imports import Imported, import_file
 from gauss_bench.exchange.own_model import own_linkage
@@ -16,32 +18,7 @@ from gauss_bench.exchange.unused import list_names
 from tests.conftest import DATA, needs
 
 mujoco = needs("mujoco")
-URDF, UPRIGHT = ((DATA / name).read_text(encoding="utf-8") for name in ("four_bar.urdf", "four_bar_xz.xml"))
-LEG = """<mujoco model="leg">
-  <compiler angle="degree" autolimits="true"/>
-  <option timestep="0.002" integrator="implicitfast" iterations="50"><flag multiccd="enable"/></option>
-  <visual><global fovy="60"/></visual>
-  <custom><numeric name="gait" data="1"/></custom>
-  <default>
-    <geom type="capsule" size="0.006" density="1200"/>
-    <joint type="hinge" axis="0 1 0" damping="0.002"/>
-    <default class="sprung"><joint stiffness="0.5" springref="20" damping="0.1"/></default>
-    <default class="free"><joint damping="0"/></default>
-  </default>
-  <asset><material name="steel"/></asset>
-  <worldbody>
-    <light name="sun" pos="0 -1 2"/><camera name="side" pos="0 -1 0"/>
-    <geom name="floor" type="plane" size="2 2 .1" pos="0 0 -0.5"/>
-    <body name="crank" pos="0 0 0.3"><joint name="crank_j" range="-90 90"/><geom name="bar" fromto="0 0 0  0.05 0 0"/>
-      <body name="coupler" pos="0.05 0 0"><joint name="b_j" class="free"/><geom fromto="0 0 0  0.18 0 0.06"/></body></body>
-    <body name="rocker" pos="0.2 0 0.25"><joint name="rocker_j" class="sprung"/><geom fromto="0 0 0  0.03 0 0.11"/></body>
-  </worldbody>
-  <contact><exclude body1="crank" body2="rocker"/></contact>
-  <equality><connect name="C" body1="coupler" body2="rocker" anchor="0.18 0 0.06"/></equality>
-  <actuator><motor name="m" joint="crank_j" ctrlrange="-5 5" forcerange="-0.2 0.2"/></actuator>
-  <sensor><jointpos name="angle" joint="crank_j"/><jointvel joint="crank_j"/></sensor>
-  <keyframe><key name="home" ctrl="0.3"/><key name="other"/></keyframe>
-</mujoco>"""
+URDF, UPRIGHT, LEG = ((DATA / x).read_text(encoding="utf-8") for x in ("four_bar.urdf", "four_bar_xz.xml", "imports/leg.xml"))
 NAMED = [
     "<geom> floor, bar",
     "the range of joint crank_j",
@@ -75,10 +52,12 @@ def edited(text: str, changes: dict[str, str], tmp_path: Path) -> Imported:
 @pytest.mark.slow
 @pytest.mark.long("urdf", "upright")
 @pytest.mark.parametrize(
-    ("text", "said"), [(LEG, NAMED), (URDF, ["Nothing is closed: "]), (UPRIGHT, ["C was opening"])], ids=["mjcf", "urdf", "upright"]
+    ("text", "kind", "dof", "said"),
+    [(LEG, "MJCF", 1, NAMED), (URDF, "URDF", 3, ["Nothing is closed: "]), (UPRIGHT, "MJCF", 1, ["C was opening"])],
+    ids=["mjcf", "urdf", "upright"],
 )
 def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(
-    text: str, said: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str, kind: str, dof: int, said: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = tmp_path / "leg.xml", tmp_path / "leg.toml"
     file.write_text(text, encoding="utf-8")
@@ -91,7 +70,10 @@ def test_what_an_import_says_stands_on_stderr_in_json_and_in_the_file(
         assert any(words in x for x in printed.err.splitlines()), words
     assert all(f"not imported: {x}" in printed.err for x in answer["left_out"])
     assert "This file is yours" in head[0]
+    assert [answer[x] for x in ("kind", "name", "links", "dof")] == [kind, "leg", 3, dof]
     assert main(["simulate", str(out), "--at", "0.01"]) == 0
+    assert main(["import", str(file), "--out", str(out)]) == 2
+    assert asdict(gauss_bench.import_model(file, out, replace=True)) == answer | {"left_out": tuple(answer["left_out"])}
 
 
 def test_an_open_urdf_says_so_and_its_example_closes_the_loop(tmp_path: Path) -> None:
@@ -157,6 +139,8 @@ def test_damping_of_a_default_class_is_a_pure_damping_and_stiffness_with_springr
     assert set(forces) == {"damping_crank_j", "spring_rocker_j", "m"}
     spring = {"type": "rotational_spring_damper", "links": ["ground", "rocker"], "k": 0.5, "c": 0.1}
     assert forces["spring_rocker_j"] == spring | {"rest": pytest.approx(-np.radians(20.0))}
+    undamped = forces_of(LEG, {'springref="20" damping="0.1"': 'springref="20" damping="0"'}, tmp_path)
+    assert undamped["spring_rocker_j"] == forces["spring_rocker_j"] | {"c": 0.0}
 
 
 def test_damping_of_slides_and_of_a_urdf_is_a_pure_damping(tmp_path: Path) -> None:

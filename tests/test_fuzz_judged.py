@@ -5,19 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from tests.engine_runs import document
 from tests.fuzz.judged import KINDS, over_judged
 from tests.fuzz.limits import Motion, shares
 from tests.fuzz.mechanics import Mechanics
 
-PENDULUM = {
-    "format": "planar-linkage/1",
-    "name": "level",
-    "links": {"bob": {"points": {"A": [0.0, 0.0]}, "com": [0.5, 0.0], "mass": 2.0, "inertia": 0.1}},
-    "ground": {"points": {"O": [0.0, 0.0]}},
-    "joints": {"pin": {"type": "revolute", "at": ["ground.O", "bob.A"]}},
-    "assembly": {"angles": {"bob": 0.0}},
-    "scenarios": {"run": {"duration": 1.0, "start": {"angles": {"bob": 0.0}}}},
-}
+PENDULUM = document("small/level")
 T = np.linspace(0.0, 1.0, 101)
 FALL = 2.0 * 9.81 * 0.5 / (0.1 + 2.0 * 0.25)  # [rad/s^2] of the level pendulum
 NONE = np.zeros((101, 1))

@@ -11,8 +11,11 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
+from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.metrics import driving_forces
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Trajectory
 
 
 def cross(a: Array, b: Array) -> float:
@@ -48,6 +51,17 @@ def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
     assert np.abs(slider.along) == pytest.approx([1.0, 0.0], abs=1e-12)
     A, B = (position(motion.q[1], mechanism.find_point(x)) for x in ("crank.A", "slider.B"))
     assert rod.at == pytest.approx(meeting(np.zeros(2), A, B, B + np.array([0.0, 1.0])), abs=1e-10)
+
+
+@pytest.mark.parametrize("motion", ["six_bar/driven", "parallelogram/driven", "five_bar/driven", "excavator/dig"])
+def test_drivers_supply_the_power_that_the_links_take_up(motion: str) -> None:
+    mechanism = load(*motion.split("/"))
+    evaluator, times = Evaluator(mechanism), np.linspace(0.0, mechanism.duration, 25)
+    x = loop_motion(mechanism, times)
+    exerted = driving_forces(evaluator, Trajectory(times, x.q, x.v, x.a, None))
+    supplied = sum(force * driver.law(times)[1] for force, driver in zip(exerted.T, mechanism.drivers, strict=True))
+    taken = ((evaluator.mass * x.a - evaluator.applied.generalised(x.q, x.v, times)) * x.v).sum(-1)
+    assert supplied == pytest.approx(taken, rel=1e-9, abs=1e-9)
 
 
 def test_at_a_dead_centre_the_advantage_is_infinite() -> None:

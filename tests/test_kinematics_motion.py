@@ -188,6 +188,10 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(solve: Solver, step:
     assert solve is basic_motion or error.time == times[reached]
     np.testing.assert_array_equal(error.reached.a, solve(mechanism, times[:reached]).a)
     assert (violations(mechanism, times[:reached], error.reached) < ROUNDING * 10).all()  # near the fold
+    way = limit - float(mechanism.q0[2])  # in 1 s
+    assert np.isfinite(solve(turned(mechanism, way - 1e-6), np.ones(1)).a).all()
+    with pytest.raises(MotionError, match=r"a = 1\.37"):
+        solve(turned(mechanism, way - 1e-9), np.ones(1))  # so near to the limit rounding decides the rates
 
 
 @pytest.mark.parametrize(("solve", "near"), [(loop_motion, 1e-6), (basic_motion, 1e-3)])  # [rad] where the rank counts as lost

@@ -16,7 +16,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import BLOCK, Block, lasting, stepping
+from gauss_bench.runs.blocks import BLOCK, Block, Models, build_or_reuse, lasting, stepping
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.starting import cold_there
 from gauss_bench.suites.schema import Cost
@@ -30,6 +30,16 @@ def test_a_time_is_that_of_the_processor_for_one_repetition_without_getting_read
     assert measure_seconds(lambda: clock.spend(1.0)) == pytest.approx(1.0)
     block = Block("steps", lambda: clock.spend(5.0), lambda: clock.spend(1.0), 1000)
     assert [seconds for _, _, seconds in interleave([block], 3)] == pytest.approx([1e-3] * 3)
+
+
+def test_a_model_serves_its_own_scenario_alone() -> None:
+    models: Models = {}
+    first, other, again = (
+        build_or_reuse(models, "gauss", load("four_bar", scenario), choice)
+        for scenario, choice in (("torque", Choice()), ("conservative", Choice()), ("torque", Choice(step=1e-2)))
+    )
+    assert again is first
+    assert other.mechanism.scenario == "conservative"
 
 
 @pytest.mark.parametrize("seconds", [1e-7, 3e-5, 0.3e-3, 0.02])

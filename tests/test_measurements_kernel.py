@@ -1,5 +1,6 @@
 """What the kernel suite makes of known costs: every divisor, ratio and bound, with kernels and rivals whose time is given."""
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -74,6 +75,8 @@ def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock: 
     part = Cost(linkages={}, engines=(*both, "mujoco", "pinocchio"), integrators=1, step=1e-4, rounds=2, **more)
     tables: dict[str, Rows] = race_cost("four_bar", "torque", part) | limits.count_operations("four_bar", "torque")
     complete_rows(SUITE, tables)
+    assert not tables["untimed"]
+    assert {*Counter(tuple(row[x] for x in Key._fields) for row in tables["samples"]).values()} == {part.rounds}
     for row in tables["kernel_steps"]:
         assert (row["seconds"], row["rival_seconds"], row["ratio"]) == pytest.approx((STEP, MUJOCO, 50.0))
     known = {

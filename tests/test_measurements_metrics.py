@@ -1,5 +1,6 @@
 """Metrics of motions with known drift, forces, energy and errors, and the limits of the judge."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,12 @@ from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
 from gauss_bench.formulations import CONTROLS, FORMULATIONS
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.reference.build import random_states
 from gauss_bench.terms import Terms
 from gauss_bench.trajectory import Reference, Trajectory
+from tests.engine_runs import document
 from tests.synthetic import Clock, Costs, replace_engine
 
 G = 9.81
@@ -28,21 +29,15 @@ def still(mechanism: Mechanism, times: np.ndarray | None = None) -> Trajectory:
     return Trajectory(times, q, 0 * q, 0 * q, 1)
 
 
-def on_a_guide(angle_deg: float, at: float = 0.3, **scenario: Any) -> Mechanism:
+def on_a_guide(angle_deg: float, at: float = 0.3, forces: Sequence[str] = ()) -> Mechanism:
     """A block of 2 kg on a guide through the ground at an angle; its point on the guide lies at `at` from its centre of mass."""
-    return load_document(
-        {
-            "format": "planar-linkage/1",
-            "name": "block",
-            "gravity": [0.0, -G],
-            "ground": {"points": {"O": [0.0, 0.0]}},
-            "links": {"block": {"points": {"K": [at, 0.0]}, "mass": 2.0, "inertia": 0.01}},
-            "joints": {"way": {"type": "prismatic", "guide": "ground.O", "angle_deg": angle_deg, "block": "block.K"}},
-            "forces": {"brake": {"type": "joint_damping", "joint": "way", "c": 3.0}},
-            "assembly": {"sketch": {"way": [0.0, 0.0]}},
-            "scenarios": {"run": {"duration": 1.0, "start": {"slides": {"way": 0.0}, "slide_speeds": {"way": 4.0}}} | scenario},
-        }
-    )
+    changes = {
+        "links": {"block": {"points": {"K": [at, 0.0]}}},
+        "joints": {"slope": {"angle_deg": angle_deg}},
+        "forces": {"brake": {"type": "joint_damping", "joint": "slope", "c": 3.0}},
+        "scenarios": {"slide": {"forces": [*forces], "start": {"slide_speeds": {"slope": 4.0}}}},
+    }
+    return load_document(merge(document("small/block"), changes))
 
 
 def test_a_guide_carries_the_weight_and_its_moment_about_the_joint() -> None:
@@ -61,19 +56,9 @@ def test_a_guide_carries_the_weight_and_its_moment_about_the_joint() -> None:
 
 def hanging() -> Mechanism:
     """A bar of 3 kg and 1 m on a pin, horizontal, at rest."""
-    return load_document(
-        {
-            "format": "planar-linkage/1",
-            "name": "bar",
-            "crank": "bar",
-            "gravity": [0.0, -G],
-            "ground": {"points": {"O": [0.0, 0.0]}},
-            "links": {"bar": {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 3.0}},
-            "joints": {"pin": {"type": "revolute", "at": ["ground.O", "bar.A"]}},
-            "assembly": {"angles_deg": {"bar": 0.0}},
-            "scenarios": {"fall": {"duration": 1.0, "start": {"angles_deg": {"bar": 0.0}, "speeds": {"bar": 0.0}}}},
-        }
-    )
+    bar, start = {"points": {"E": [1.0, 0.0]}, "mass": 3.0}, {"crank_deg": 0.0}
+    changes = {"links": {"bar": bar}, "scenarios": {"swing": {"start": start, "forces": []}}}
+    return load_document(merge(document("small/rubbing_bar"), changes))
 
 
 def test_a_bar_let_go_hangs_on_a_quarter_of_its_weight() -> None:
@@ -231,12 +216,3 @@ def test_a_loop_that_opens_by_a_hundredth_of_its_size_is_not_this_linkage(
     row = of(tmp_path_factory, off_position=gap / arm)
     assert row["position_drift"] == pytest.approx(gap, rel=0.05)
     assert ("the loops open" in row["flag"]) is not shut
-
-
-def test_the_random_states_of_the_judge_are_on_the_linkage() -> None:
-    mechanism = load("six_bar", "torque")
-    states = random_states(mechanism, 20)
-    found = metrics.drift(Evaluator(mechanism), Trajectory(states.t, states.q, states.v, states.a, 0))
-    assert found.position.max() < 1e-13
-    assert found.velocity.max() < 1e-11
-    assert (found.acceleration / np.abs(states.a).max(axis=1)).max() < 1e-12

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from gauss_bench.compiler.elimination.program import generate
+from gauss_bench.engines import get
+from gauss_bench.engines.base import Choice
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import document_of, load, load_document
+from gauss_bench.linkage.schema import TorqueTable
 from gauss_bench.mechanism import coordinates
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.forces import AppliedForces
@@ -111,6 +114,11 @@ def test_a_law_acts_along_every_coordinate_in_terms_and_kernels() -> None:
         )
 
 
+def test_the_equation_in_one_coordinate_refuses_a_law_on_a_sum_by_name() -> None:
+    law = Law(Weighted(((Angle(GROUND, 2), 0.3), (Angle(GROUND, 0), 1.0))), k=3.0)
+    assert "sum of coordinates (push)" in str(get("minimal").skip(pushed(law), Choice()))
+
+
 def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too() -> None:
     mechanism = load("four_bar", "torque")
     at, values = mechanism.find_point("coupler.P"), np.array([0.0, 4.0])
@@ -125,6 +133,14 @@ def test_a_force_of_another_kind_that_varies_is_refused() -> None:
     for refused in (lambda: pushed(PointForce("f", at, np.ones(2), 1, factor)), lambda: pushed(factor=factor)):
         with pytest.raises(TypeError, match="force push: only a Torque or a PointForce may vary, not a Push"):
             refused()
+
+
+def test_a_file_with_such_a_force_is_refused_by_its_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TorqueTable, "read", lambda name, table, names: Push(name, (), read_factor(table)))
+    varying = document_of("four_bar")[0] | {"format": "planar-linkage/2"}
+    varying["forces"]["motor"]["over_time"] = {"law": "step", "start": 0.1}
+    with pytest.raises(LinkageError, match=r"forces\.motor\.over_time: .*only a Torque or a PointForce may vary, not a Push"):
+        load_document(varying, "torque", "four_bar.toml")
 
 
 def slotted(**more: Any) -> dict[str, Any]:

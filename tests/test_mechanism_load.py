@@ -87,8 +87,6 @@ def test_every_scenario_of_a_built_in_linkage_starts_on_its_constraints(name: st
         terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
         assert np.abs(terms.phi).max() < 1e-14  # Gauss-Newton ends at rounding of coordinates below 1 m
         assert np.abs(terms.phi_dot).max() < 1e-13  # one linear solve at speeds below 10 rad/s
-        assert mechanism.dof >= 1
-        assert mechanism.redundant == (1 if name == "parallelogram" else 0)
 
 
 @pytest.mark.parametrize("turns", [-2, 1])

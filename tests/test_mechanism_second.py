@@ -28,6 +28,7 @@ from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.terms import Array
 from tests.conftest import DATA, needs
 from tests.engine_runs import ran
+from tests.fuzz.files import toml
 
 VARYING = Path(gauss_bench.__file__).parent / "suites" / "linkages" / "varying.toml"
 GIVEN = {*FORMULATIONS, "gauss-native", "lagrange-native", "pinocchio", "mujoco", "exudyn"}  # that have forces which vary
@@ -195,18 +196,10 @@ def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
 
 def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A block on a rail passes the point at which its spring is fixed; it never reaches a point beside the rail."""
-    content = """format = "planar-linkage/1"
-name = "rail"
-ground = { points = { O = [0.0, 0.0], S = [0.3, HEIGHT] } }
-links = { block = { points = { C = [0.0, 0.0] }, mass = 1.0, inertia = 0.01 } }
-joints = { rail = { type = "prismatic", guide = "ground.O", block = "block.C" } }
-forces = { cord = { type = "spring_damper", between = ["ground.S", "block.C"], k = 50.0, rest = REST } }
-assembly = { sketch = { rail = [0.1, 0.0] } }
-scenarios = { run = { duration = 0.01, forces = ["cord"], start = { slides = { rail = 0.1 } } } }
-"""
     path = tmp_path / "rail.toml"
-    for height, rest, warned in (("0.0", "0.1", True), ("0.05", "0.1", False), ("0.0", "0.0", False)):
-        path.write_text(content.replace("HEIGHT", height).replace("REST", rest))
+    for height, rest, warned in ((0.0, 0.1, True), (0.05, 0.1, False), (0.0, 0.0, False)):
+        change = {"ground": {"points": {"S": [0.3, height]}}, "forces": {"cord": {"rest": rest}}}
+        path.write_bytes(toml(changed(DATA / "small" / "rail.toml", change)))
         assert bool(load(path).warnings) == warned
         assert main(["simulate", str(path)]) == 0
         assert ("warning: forces.cord: the linkage can bring ground.S and block.C together" in capsys.readouterr().err) == warned

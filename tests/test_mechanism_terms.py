@@ -14,6 +14,7 @@ from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
 from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.motion_laws import rise
 from tests.conftest import DATA, redundant
 from tests.second_derivation import equations
 
@@ -64,6 +65,18 @@ def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.rand
     document = document_of("four_bar")[0]
     document["scenarios"]["driven"]["driver"] = {"link": "crank", "law": law, "start_deg": 10.0, **numbers}
     check(load_document(document, "driven"), rng)
+
+
+@pytest.mark.parametrize(
+    ("law", "speed", "acceleration"),
+    [("sine", 2, 2 * np.pi), ("cosine", np.pi / 2, np.pi**2 / 2), ("poly345", 15 / 8, 10 / np.sqrt(3))],
+)
+def test_a_rise_has_the_peaks_of_the_textbook(law: str, speed: float, acceleration: float) -> None:
+    """The factors are for a travel of 1 in a time of 1."""
+    value, rate, second = rise(law, 0.3, 1.7, 0.8)(np.linspace(0.0, 0.8, 20001))
+    assert value[[0, -1]] == pytest.approx([0.3, 0.3 + 1.7])
+    assert np.abs(rate).max() == pytest.approx(speed * 1.7 / 0.8)
+    assert np.abs(second).max() == pytest.approx(acceleration * 1.7 / 0.8**2)
 
 
 def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:

@@ -6,7 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from gauss_bench.engines import get
 from gauss_bench.formulations.yuan_ge_eq16 import yuan_ge_eq16
+from gauss_bench.mechanism.model import Torque
 from gauss_bench.papers import crank_motion
 from gauss_bench.papers.crank_motion import EQ_16, EQS_10_11, equilibria, find_bound, settles, torque_range
 from gauss_bench.papers.crank_slider import linkage, states
@@ -14,6 +16,8 @@ from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
 from gauss_bench.report.rows import Row
+from tests.conftest import needs
+from tests.engine_runs import ran
 from tests.published import published
 
 ROUNDING = 1e-12  # relative: accelerations of the general library are closed to 1e-15, times the growth in both
@@ -106,6 +110,17 @@ def test_the_table_of_the_figures_is_the_reference() -> None:
     assert last["t"] == reference.t[-1]
     for k, name in ((0, "x1"), (1, "y1"), (2, "theta1"), (6, "x3")):
         assert (last[name], last[f"{name}_rate"]) == pytest.approx((reference.q[-1, k], reference.v[-1, k]), abs=1e-12)
+
+
+@pytest.mark.parametrize("side", [1e-4, -1e-4])
+def test_the_bound_of_the_torque_is_that_of_the_general_library(side: float) -> None:
+    """On one side of it the crank completes a turn from rest, on the other it swings back."""
+    needs("llvmlite")
+    torque = rows()["settles_above"]["value"] + side
+    forces = tuple(replace(f, value=torque) if isinstance(f, Torque) else f for f in linkage().forces)
+    twisted = replace(linkage(), forces=forces)
+    found = ran(get("minimal"), twisted, np.linspace(0.0, 4.0, 41), integrator="dop853", tolerance=1e-10)
+    assert (found.q[:, 2].min() < -2 * np.pi) == (side < 0)
 
 
 @pytest.mark.slow

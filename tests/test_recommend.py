@@ -21,10 +21,11 @@ from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, _Engine
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
+from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
 from gauss_bench.exchange.export import snippet
-from gauss_bench.linkage.load import load
+from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import run_apart
@@ -182,8 +183,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
     open_once = moving(40)
     open_once = replace(open_once, q=open_once.q + 1e-3 * (np.arange(41) == 20)[:, None] * (np.arange(9) == 3))
     monkeypatch.setattr(
-        "gauss_bench.advice.recommending.run_apart",
-        lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted),
+        "gauss_bench.advice.recommending.run_apart", lambda request, *_, **__: Ended(Status.OK, "", open_once, None, request.wanted)
     )
     with recommending({"gauss": variants(offer("gauss"))}, loops=1e-6) as recommender:
         recommender.truth = known()
@@ -276,6 +276,20 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
         assert ended.returncode == 0, ended.stderr
         run = json.loads(ended.stdout)
         assert (run["status"], run["engine"], run["t"]) == ("ok", engine, [0.0, 0.05]), run["message"]
+
+
+@pytest.mark.long
+def test_recommended_programs_start_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One finds the user's file by its whole path; none has the name of a library that it imports."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(Path(gauss_bench.__file__).parents[1]))
+    Path("crank_slider.toml").write_bytes(built_in()["crank_slider"].read_bytes())
+    asked = ["--position", "1e-2", "--until", "0.02", "--engine", "gauss", "--engine", "mujoco", "--out", "made"]
+    assert main(["recommend", "crank_slider.toml", *asked]) == 0
+    for name in ("gauss", "mujoco"):
+        command = [sys.executable, str(tmp_path / "made" / f"run-{name}.py")]
+        assert subprocess.run(command, cwd="/", capture_output=True, timeout=300, check=True).stdout
 
 
 @pytest.mark.slow
@@ -529,10 +543,7 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why
     raced = [{"way": [*w._replace(engine=x, size=SHORT.until / n)], "seconds": [y] * 5} for (x, (w, n, _)), y in timed.items()]
     tables = {"race": raced, "failed": [{"engine": "refused", "message": "no such joint"}]}
     lost = {"crashed": WorkerFailure(Status.CRASHED, "SIGSEGV")}
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        recommending() as recommender,
-    ):
+    with pytest.MonkeyPatch.context() as patch, recommending() as recommender:
         patch.setattr("gauss_bench.advice.recommending.list_survivors", lambda *_: (tables, lost))
         recommender.engines = {x.name: x for x in engines}
         answers = recommender.answers(recommender.race())

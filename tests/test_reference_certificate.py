@@ -234,12 +234,7 @@ def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
 
 
 def test_dry_friction_is_refused_with_its_reason(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    text = built_in()["four_bar"].read_text(encoding="utf-8").replace('name   = "four_bar"', 'name   = "rubbing"')
-    friction = '[forces.dry]\ntype = "coulomb_friction"\njoint = "A"\nmu = 0.1\nradius = 0.01\nspeed = 0.01\n'
-    scenario = '[scenarios.rub]\nstart = { crank_deg = 0.0, speed = 6.0 }\nduration = 0.1\nforces = ["dry"]\n'
-    file = tmp_path / "rubbing.toml"
-    file.write_text(f"{text}\n{friction}\n{scenario}", encoding="utf-8")
     out = tmp_path / "x.npz"
-    found = run(capsys, str(file), "--scenario", "rub", "--out", str(out), code=1)
+    found = run(capsys, str(DATA / "friction.toml"), "--out", str(out), code=1)
     assert "friction" in found["message"]
     assert not out.exists()

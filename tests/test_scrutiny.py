@@ -15,7 +15,7 @@ from gauss_bench.api.simulate import simulate
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
-from gauss_bench.linkage.load import load, load_document
+from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs import scrutiny
@@ -23,6 +23,7 @@ from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, draw_samples, sampling
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
+from tests.engine_runs import document
 from tests.fuzz.files import toml
 from tests.fuzz.motions import over_motions
 
@@ -32,17 +33,7 @@ MASS, K = 2.0, 8e4
 
 def oscillator(k: float = K, c: float = 0.0) -> dict[str, Any]:
     """A block of 2 kg on a horizontal slide, held by a spring: x = 0.1 cos(w t), w^2 = k / m."""
-    return {
-        "format": "planar-linkage/1",
-        "name": "oscillator",
-        "gravity": [0.0, 0.0],
-        "ground": {"points": {"O": [0.0, 0.0]}},
-        "links": {"block": {"points": {"A": [0.0, 0.0], "B": [0.2, 0.0]}, "mass": MASS, "com": [0.0, 0.0], "inertia": 0.1}},
-        "joints": {"slide": {"type": "prismatic", "guide": "ground.O", "block": "block.A"}},
-        "forces": {"f": {"type": "axis_spring_damper", "point": "block.A", "k": k, "c": c}},
-        "assembly": {"sketch": {"block.A": [0.1, 0.0]}, "angles": {"block": 0.0}},
-        "scenarios": {"s": {"duration": 1.0, "forces": ["f"], "start": {"slides": {"slide": 0.1}}}},
-    }
+    return merge(document("small/oscillator"), {"forces": {"f": {"k": k, "c": c}}})
 
 
 def at_rest(document: dict[str, Any]) -> tuple[Any, Trajectory]:
@@ -110,13 +101,17 @@ forces = ["hum"]
 """
 
 
+def with_force(folder: Path, force: str) -> str:
+    """Write a file of the four-bar with one more force and a scenario, and return its path."""
+    path, four_bar = folder / "four_bar.toml", (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8")
+    path.write_text(four_bar.replace("planar-linkage/1", "planar-linkage/2") + force, encoding="utf-8")
+    return str(path)
+
+
 @pytest.fixture
 def humming(tmp_path: Path) -> str:
     """Return a file of the four-bar under a torque that swings 4000 times a second, for which there is no certificate."""
-    path = tmp_path / "four_bar.toml"
-    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
-    path.write_text(text + FORCED, encoding="utf-8")
-    return str(path)
+    return with_force(tmp_path, FORCED)
 
 
 @pytest.mark.parametrize(("step", "status"), [(1e-3, "invalid"), (1e-4, "ok")])
@@ -136,10 +131,8 @@ def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
 def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     """A ramp, a plateau, a fall, and a rise after it."""
     rows = [[0.0, 0.0], [0.1, 1.0], [0.2, 1.0], [0.3, 0.5], [0.4, 0.0], [0.5, 2.0], [0.6, 3.0]]
-    text = (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8").replace("planar-linkage/1", "planar-linkage/2")
-    path = tmp_path / "four_bar.toml"
-    path.write_text(text + re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED), encoding="utf-8")
-    assert [x.tolist() for x in scrutiny.reversal_times(load(str(path), "hum"))] == [[0.2, 0.4]]
+    path = with_force(tmp_path, re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED))
+    assert [x.tolist() for x in scrutiny.reversal_times(load(path, "hum"))] == [[0.2, 0.4]]
     assert scrutiny.reversal_times(load("four_bar", "torque")) == []
 
 

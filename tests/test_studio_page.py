@@ -54,8 +54,7 @@ class Page:
         self.page.on("console", lambda m: self.wrong.append(m.text) if m.type in ("error", "warning") else None)
         self.page.on("pageerror", lambda e: self.wrong.append(str(e)))
         self.page.on(
-            "request",
-            lambda r: self.wrong.append(r.url) if not r.url.startswith((own, "ws" + own[4:], "data:", "blob:")) else None,
+            "request", lambda r: self.wrong.append(r.url) if not r.url.startswith((own, "ws" + own[4:], "data:", "blob:")) else None
         )
         self.page.on("dialog", lambda d: d.accept())
         self.page.add_init_script("localStorage.setItem('studio.tour', 'seen')")

@@ -39,11 +39,7 @@ def file_of(page: Page, studio_server: Running) -> dict[str, Any]:
 def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page: Page, studio_server: Running) -> None:
     page.template("four bar")
     page.button("link crank").click()
-    for unit, text, metres in (
-        ("m", "5.5in", 0.1397),
-        ("mm", "125", 0.125),
-        ("in", "131,5mm", 0.1315),
-    ):
+    for unit, text, metres in (("m", "5.5in", 0.1397), ("mm", "125", 0.125), ("in", "131,5mm", 0.1315)):
         page.page.get_by_label("Unit of lengths").select_option(unit)
         before = page.revision()
         enter(page, f"Length, {unit}", text)

@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from gauss_bench.untrusted import BadInput, read_start
 
@@ -81,9 +82,11 @@ def usable_folder(out: Path, usual: Path | None = None) -> Path:
 
 
 def _check_writable(folder: Path, named: str) -> None:
-    """Refuse a folder without write permission now, rather than after a long computation; `named` begins the message."""
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise FileRefused(f"{named}: nothing may be written into the folder {folder}")
+    """Refuse a folder into which no file can be written now, rather than after a long computation; `named` begins the message."""
+    try:  # permissions alone do not tell: to root, folders of /proc and of read-only disks look writable
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise FileRefused(f"{named}: nothing may be written into the folder {folder}") from error
 
 
 def describe_files(
@@ -102,7 +105,7 @@ def describe_files(
     for name, path in asked.items():
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
-        if path in files.values():
+        if path.resolve() in [x.resolve() for x in files.values()]:
             raise FileRefused(f"--{name} {path}: is named twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files

@@ -23,7 +23,6 @@ from gauss_bench.bench.ways import Run
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.engines.programs import coordinates, plan, rates
-from gauss_bench.exchange.to_c import TRIED
 from gauss_bench.judge import OFF_MOTION
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import state_errors
@@ -34,6 +33,8 @@ from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_eve
 
 LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, and the reference
 COMPILING = 20.0  # [s] limit of the C compiler
+RUNNING = 5.0  # [s] limit of a program in C
+OWN_LIMIT = 0.8  # limit of a program in Python, as a part of that of its worker, so that it is the one that is reached
 COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
@@ -140,13 +141,13 @@ def measure_program(
 
     Args:
         source: text of the program if the program itself is run, else empty.
-        seconds: time for the run, its repetition at half the step, and the reference [s]: a quarter is for the suite's run with its
-            repetition, and half is for the reference.
+        seconds: time for the run, its repetition at half the step, the program and the reference [s]: a quarter is for the suite's
+            run with its repetition, half is for the reference, and a program in Python gets what the run left of the first half.
 
     Raises:
         ChoiceError: the steps of a program in C would take longer than a quarter of `seconds`.
     """
-    end = mechanism.duration
+    end, budget = mechanism.duration, Budget(seconds)
     steps, every = plan(end, choice.step)  # number of steps, and steps between the rows that the program prints
     choice = choice if choice.tolerance is not None else replace(choice, step=end / steps)
     rows = (end / steps * np.arange(0, steps + 1, every)).tolist()  # [s]
@@ -160,7 +161,7 @@ def measure_program(
     found, status, message, trajectory = Compared("the run did not end"), run.status, run.message, None
     measured_on = f"the suite's run of {run.engine} with the same setting"
     try:
-        trajectory, measured_on = run_program(run, measured_on, source, interpreter, seconds)
+        trajectory, measured_on = run_program(run, measured_on, source, interpreter, max(budget.remaining(0.5), seconds / 4))
     except ProgramFailed as failure:
         status, message = Status.ERROR, str(failure)  # without a trajectory nothing is measured
     if trajectory is not None and status is Status.OK:
@@ -261,7 +262,7 @@ def run_c(source: str, n: int) -> tuple[Trajectory | None, str]:
             done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILING, check=False)
             if done.returncode:
                 return None, f"{Path(program).name} does not compile this program here: {in_a_sentence(done.stderr)[:200]}"
-            done = subprocess.run([str(built)], capture_output=True, text=True, timeout=TRIED, check=False)
+            done = subprocess.run([str(built)], capture_output=True, text=True, timeout=RUNNING, check=False)
         except subprocess.TimeoutExpired as slow:
             name = "the program" if slow.cmd[0] == str(built) else Path(program).name
             return None, f"{name} took longer than {slow.timeout:g} s"
@@ -280,8 +281,8 @@ def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seco
     """
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     try:
-        with Worker() as worker:  # the worker has twice the time, so that the program reaches its own limit first
-            answer = worker.under(interpreter).call(run_there, (source, seconds), 2 * seconds)
+        with Worker() as worker:
+            answer = worker.under(interpreter).call(run_there, (source, OWN_LIMIT * seconds), seconds)
     except WorkerFailure as failure:
         raise ProgramFailed(str(failure)) from failure
     match answer:

@@ -209,11 +209,11 @@ def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:
 
 
 def _numbers(item: Any, path: Path) -> Iterator[Path]:
-    """Yield the paths of all numbers other than 0 in the part of a document that lies at `path`."""
+    """Yield the paths of all numbers other than 0 in the part of a document that lies at `path`; flags are no numbers."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
             yield from _numbers(value, (*path, key))
-    elif isinstance(item, (int, float)) and item:
+    elif isinstance(item, (int, float)) and not isinstance(item, bool) and item:
         yield path
 
 

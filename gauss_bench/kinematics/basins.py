@@ -51,13 +51,8 @@ def loop_form(mechanism: Mechanism) -> Form:
     """
     equations = LoopEquations(mechanism)
     start = equations.start()  # unknown variables, then inputs
-    unknown, zero_rates = len(equations.unknown), np.zeros(len(start))
-
-    def residual(x: Array) -> tuple[Array, Array]:
-        system = equations.at(np.concatenate([x, start[unknown:]]), zero_rates)
-        return system.A, system.J
-
-    return residual, start[:unknown], lambda x, y: np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
+    unknown = len(equations.unknown)
+    return equations.with_inputs(start[unknown:]), start[:unknown], lambda x, y: np.asarray((x - y + np.pi) % (2 * np.pi) - np.pi)
 
 
 def basins(

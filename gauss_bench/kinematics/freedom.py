@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gauss_bench.mechanism.close import project
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
+ROUNDING = 1e3  # [CLOSED] largest residual that is accepted after the last correction, because rounding may keep it above CLOSED
 CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
 
@@ -60,27 +62,37 @@ class Freedom:
     def at(self, q: Array) -> tuple[Array, Place]:
         """Return the constraint residual phi (m,) and the `Place` at any q (n,), where the joints may be open."""
         phi, J = self.rows(q)
-        if not len(J):
-            return phi, Place(q, J, np.zeros((len(q), 0)), np.eye(len(q)))
-        U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
-        rank = int((s > RANK_TOLERANCE * s[0]).sum())
-        return phi, Place(q, J, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
+        return phi, Place(q, J, *split_by_rank(J))
 
     def close(self, q: Array) -> Place | None:
         """Return a position near q (n,) that satisfies the constraints, found by Gauss-Newton; None if it does not converge."""
-        before = np.inf  # rounding may keep the residual above CLOSED: if it stops falling, 1000 CLOSED is accepted
-        for _ in range(CORRECTIONS):
-            if not np.isfinite(q).all():
-                return None
-            phi, place = self.at(q)
-            error = largest(phi)
-            if error <= CLOSED * self.size or (error >= before / 2 and error <= 1e3 * CLOSED * self.size):
-                return place
-            before, q = error, q - place.inverse @ phi / self.scale  # the correction is in scaled coordinates, q is not
-        return None
+
+        def has_ended(_: Array, phi: Array, __: Array) -> bool:
+            """Tell whether the largest residual phi is below CLOSED, or not finite."""
+            return not CLOSED * self.size < largest(phi) < np.inf
+
+        def shortest(J: Array, phi: Array) -> Array:
+            """Return the correction of q, which is the shortest one in scaled coordinates."""
+            return np.asarray(split_by_rank(J)[0] @ phi / self.scale)
+
+        q = project(q, self.rows, shortest, CORRECTIONS, has_ended)
+        if not np.isfinite(q).all():
+            return None
+        phi, place = self.at(q)
+        return place if largest(phi) <= ROUNDING * CLOSED * self.size else None
 
     def bend(self, place: Place, directions: Array) -> Array:
         """Return the second derivatives J^+ gamma (k, n) of the scaled coordinates along k free motions (k, n), scaled too."""
         positions = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, positions, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)
+
+
+def split_by_rank(J: Array) -> tuple[Array, Array]:
+    """Return the pseudo-inverse (n, m) of a Jacobian J (m, n), and an orthonormal basis (n, f) of its null space."""
+    n = J.shape[1]
+    if not len(J):
+        return np.zeros((n, 0)), np.eye(n)
+    U, s, Vt = np.linalg.svd(J)  # the rows of Vt beyond the rank span the null space
+    rank = int((s > RANK_TOLERANCE * s[0]).sum())
+    return (Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T

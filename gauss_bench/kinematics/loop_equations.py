@@ -30,7 +30,8 @@ import numpy as np
 
 from gauss_bench.kinematics.link_units import MOVING, Way
 from gauss_bench.kinematics.topology import Levels, Passage, absolute_states, find_graph, shared_angles
-from gauss_bench.linkage.closure import CLOSED, RANK_TOLERANCE
+from gauss_bench.linkage.closure import CLOSED
+from gauss_bench.mechanism.close import Residual, minimum_norm, project
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, AngleDriver, Driver, LengthDriver, Mechanism
 from gauss_bench.terms import Array, largest
@@ -82,11 +83,6 @@ class PlacedWay:
     way: Way
     slides: list[int]
     factors: Array
-
-
-def solve_rows(J: Array, rhs: Array) -> Array:
-    """Return the shortest least-squares solution x (TU,) of J x = rhs, for J (2L, TU)."""
-    return np.asarray(np.linalg.lstsq(J, rhs, rcond=RANK_TOLERANCE)[0]) if J.size else np.zeros(J.shape[1])
 
 
 class LoopEquations:
@@ -210,24 +206,37 @@ class LoopEquations:
                 both_rate[rows] += unit.J_rate @ p.factors
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
+    def with_inputs(self, inputs: Array) -> Residual:
+        """Return the function that gives A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
+        still = np.zeros(len(self.variables))
+
+        def residual(phi: Array) -> tuple[Array, Array]:
+            here = self.at(np.concatenate([phi, inputs]), still)
+            return here.A, here.J
+
+        return residual
+
     def close(self, x: Array) -> tuple[Array, Array, int]:
         """Return the closed state near x with the same inputs, the Jacobian J (2L, TU) there, and the number of Newton steps.
 
         Raises:
             Stopped: Newton's method does not converge, or J has lost rank at the solution.
         """
-        x, zero_rates, unknowns = x.copy(), np.zeros_like(x), len(self.unknown)
+        unknowns = len(self.unknown)
+        residual = self.with_inputs(x[unknowns:])
         count, last = 0, np.inf  # number of Newton steps, size of the last one
-        while count < NEWTON_STEPS and last >= SETTLED:
-            here = self.at(x, zero_rates)
-            step = solve_rows(here.J, -here.A)
-            x[:unknowns] += step
-            count, last = count + 1, largest(step)
-        here = self.at(x, zero_rates)
-        if last >= SETTLED or not largest(here.A) < CLOSED:
+
+        def has_settled(_: Array, size: Array) -> bool:
+            nonlocal count, last
+            count, last = count + 1, float(size)
+            return not last >= SETTLED  # true for NaN too
+
+        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, still=has_settled)
+        A, J = residual(phi)
+        if last >= SETTLED or not largest(A) < CLOSED:
             raise Stopped("the loops do not close", singular=False)
-        self.check_rank(here.J, FORKED)  # at a fork the loops close, but assemblies cannot be distinguished
-        return x, here.J, count
+        self.check_rank(J, FORKED)  # at a fork the loops close, but assemblies cannot be distinguished
+        return np.concatenate([phi, x[unknowns:]]), J, count
 
     def check_rank(self, J: Array, tolerance: float) -> None:
         """Check that every singular value of J (2L, TU) is above `tolerance` times the largest one.
@@ -243,11 +252,11 @@ class LoopEquations:
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Return the first and second time derivatives (TU + TK,) of a closed state x, from those of the inputs (TK,)."""
         here = self.at(x, np.zeros_like(x))
-        x_rate = np.concatenate([solve_rows(here.J, -here.B @ speed), speed])  # J phi' = -B q'
+        x_rate = np.concatenate([minimum_norm(here.J, -here.B @ speed), speed])  # J phi' = -B q'
         here = self.at(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
         # J phi'' = -(B q'' + B' q' + J' phi')
         bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
-        return x_rate, np.concatenate([solve_rows(here.J, -bias), second])
+        return x_rate, np.concatenate([minimum_norm(here.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""

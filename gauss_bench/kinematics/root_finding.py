@@ -1,4 +1,6 @@
-"""Three methods that find a root of F(x) = 0, with the same arguments and result.
+"""Three methods that find a root of F(x) = 0, with the same arguments and result, so that `basins` can compare them.
+
+They stand apart from `mechanism/close.py`, because a comparison needs the reason why a search ended and the number of its steps.
 
 Let J be the Jacobian of F at the present point x. Each method goes from x to x + h. The step h follows from
 
@@ -18,13 +20,13 @@ from enum import StrEnum
 
 import numpy as np
 
+from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.terms import Array, largest
 
 Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
 
 TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
 LIMIT = 100  # largest number of iterations
-RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
 LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess

@@ -11,12 +11,13 @@ Source: Govaerts, Numerical Methods for Bifurcations of Dynamical Equilibria (20
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import Event
 
 import numpy as np
 from scipy.optimize import brentq
 
-from gauss_bench.mechanism.close import project
+from gauss_bench.mechanism.close import minimum_norm, project
 from gauss_bench.mechanism.coordinates import gradient, value
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Angle, Measured, Mechanism
@@ -125,10 +126,7 @@ class Curve:
 
     def _close(self, q: Array) -> Array:
         """Project q (n,) onto the constraints by Gauss-Newton."""
-
-        def shortest(J: Array, phi: Array) -> Array:
-            return np.asarray(np.linalg.lstsq(J, phi, rcond=RANK_TOLERANCE)[0])
-
+        shortest = partial(minimum_norm, tolerance=RANK_TOLERANCE)
         return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:

@@ -187,8 +187,19 @@ class Resolver:
         return [model.Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
 
     def build_force(self, name: str, table: dict[str, Any]) -> model.Force | model.CoulombFriction:
-        """Return the force or dry friction that a table of the file describes."""
+        """Return the force or dry friction that a table of the file describes.
+
+        Raises:
+            BuildError: a force of a kind added to the suite varies, which only torques and forces at points may.
+        """
         force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
+        if isinstance(force, model.CoulombFriction) or model.factor_of(force):
+            return force
+        try:
+            model.loads([force])
+        except model.UnsupportedForce as error:
+            key = next((x for x in ("over_time", "against") if x in table), "type")
+            raise BuildError(f"forces.{name}.{key}", str(error)) from error
         return force
 
     def read(self, kinds: Mapping[str, Any], path: str, table: dict[str, Any]) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.linkage.build import measure_angle, measure_slide
 from gauss_bench.linkage.errors import AssemblyError
 from gauss_bench.linkage.sketch import sketch
-from gauss_bench.mechanism.close import Residual, project
+from gauss_bench.mechanism.close import RANK_TOLERANCE, Residual, minimum_norm, project
 from gauss_bench.mechanism.coordinates import gradient, motion_of_links, value
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Distance, Law, Measured, Mechanism, Point, Revolute
@@ -22,7 +22,6 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
 LARGE = 100  # rows and columns from which sparse normal equations are solved
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
 MOVES = 1e-6  # part of a gradient that joints leave free: a coordinate that cannot move has only rounding there
@@ -187,7 +186,7 @@ def _shortest(J: Array, F: Array) -> Array:
     """Return the shortest x that minimises |J x - F|; large regular systems are solved by sparse normal equations."""
     normal = _normal_equations(J)
     if normal is None:
-        return np.asarray(np.linalg.lstsq(J, F, rcond=RANK_TOLERANCE)[0])
+        return minimum_norm(J, F)
     sparse, factors = normal
     # more columns than rows: x = J^T (J J^T)^-1 F; else x = (J^T J)^-1 J^T F
     return np.asarray(sparse.T @ factors.solve(F) if J.shape[0] <= J.shape[1] else factors.solve(sparse.T @ F))

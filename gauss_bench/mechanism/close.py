@@ -1,6 +1,6 @@
 """Close a linkage by Gauss-Newton iteration: find the nearest position that satisfies its constraints.
 
-Each correction is the shortest dq with J dq = -F; the caller solves for it, with its own rank tolerance and units.
+Each correction is the shortest dq with J dq = -F; a caller may solve for it in its own way, with its own rank tolerance and units.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,13 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]  # q -> F, J
 
+RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
 TINY = 1e-300  # keeps the division by the size of a zero correction finite
+
+
+def minimum_norm(J: Array, F: Array, tolerance: float = RANK_TOLERANCE) -> Array:
+    """Return the shortest x (n,) that minimises |J x - F|; singular values below `tolerance` times the largest count as zero."""
+    return np.asarray(np.linalg.lstsq(J, F, rcond=tolerance)[0])
 
 
 def never(*_: Array) -> bool:

@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 
 from gauss_bench.mechanism import equations
-from gauss_bench.mechanism.close import project
+from gauss_bench.mechanism.close import RANK_TOLERANCE, minimum_norm, project
 from gauss_bench.mechanism.equations import Symbols
 from gauss_bench.mechanism.forces import AppliedForces, JointFriction
 from gauss_bench.mechanism.generated import Symbol
@@ -21,7 +21,6 @@ from gauss_bench.terms import Array, Terms, largest
 CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
 ROUNDING = 1e-15  # relative residual of a closed position
 RECORDING = Lock()  # a program is recorded by one thread at a time
-RANK_TOLERANCE = 1e-9  # share of the largest singular value, as in `linkage/closure.py`
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,7 @@ class Evaluator:
             """Return the least-squares x (n,) of least norm of J x = F; NaN if it is not finite (LAPACK would print to stderr)."""
             if not (np.isfinite(J).all() and np.isfinite(F).all()):
                 return np.full(J.shape[1], np.nan)
-            return np.asarray(np.linalg.lstsq(J, F, rcond=rank_tolerance)[0])
+            return minimum_norm(J, F, rank_tolerance)
 
         q = project(q, residual, shortest, CORRECTIONS, lambda q, F, J: largest(F) <= ROUNDING * (1.0 + largest(q)))
         return q, v - shortest(rows.J, rows.J @ v + rows.phi_t)

@@ -503,22 +503,26 @@ def factor_of(force: Force) -> Factor | None:
     return force.factor if isinstance(force, (Torque, PointForce)) else None
 
 
+class UnsupportedForce(TypeError):
+    """A force whose kind has no loads, or which varies although nothing would apply its factor."""
+
+
 def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     """Return the loads of steady forces.
 
     Raises:
-        TypeError: a force varies, or has no method `to_loads`; the message names it.
+        UnsupportedForce: a force varies, or has no method `to_loads`; the message names it.
     """
     found: list[Load] = []
     for force in forces:
         if not hasattr(force, "to_loads"):
-            raise TypeError(f"force {force.name}: unknown kind {type(force).__name__}")
+            raise UnsupportedForce(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
-            raise TypeError(f"force {force.name} varies with time or direction, which is not supported here")
+            raise UnsupportedForce(f"force {force.name} varies with time or direction, which is not supported here")
         parts = tuple(force.to_loads())
         # nothing would apply the factor of another kind of force, or that of a load
         if any(getattr(x, "factor", None) for x in (force, *parts)):
-            raise TypeError(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")
+            raise UnsupportedForce(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")
         found += parts
     return tuple(found)
 

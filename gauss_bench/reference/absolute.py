@@ -13,7 +13,8 @@ joints. The multipliers lambda follow from K^T lambda = M^(-1/2) Q - b in the sa
 
 import numpy as np
 
-from gauss_bench.linkage.closure import RANK_TOLERANCE, null_space
+from gauss_bench.linkage.closure import null_space
+from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array

@@ -90,18 +90,20 @@ class MinimalCoordinate:
         q, d, e = (np.tile(x, (len(theta), 1)) for x in self.last)
         gap = theta - q[:, self.crank]
         parts = max(1, int(np.ceil(np.abs(gap).max(initial=0.0) / LARGEST_TURN)))
-        try:
-            for part in range(1, parts + 1):
-                goal = theta - gap * (1 - part / parts)
-                turn = (goal - q[:, self.crank])[:, None]
+        for part in range(1, parts + 1):
+            goal = theta - gap * (1 - part / parts)
+            turn = (goal - q[:, self.crank])[:, None]
+            try:
                 q, d, e = self._close(q + turn * (d + turn / 2 * e), goal)
-        except np.linalg.LinAlgError as error:
-            raise LostClosure(f"singular position near crank angle {float(theta[0]):.6f} rad") from error
+            except np.linalg.LinAlgError as error:
+                raise LostClosure(f"singular position between crank angles {goal.min():.6f} and {goal.max():.6f} rad") from error
         self.last = (q[-1], d[-1], e[-1])
         return q, d, e
 
     def _close(self, q: Array, theta: Array) -> Closed:
         """Close the linkage at crank angles (k,) by Newton's method from q (k, n); return q, dq/dtheta and d2q/dtheta2.
+
+        The iteration is not that of `mechanism/close.py`, by which the linkages that the reference checks are closed.
 
         Raises:
             LostClosure: Newton's method does not converge.
@@ -114,8 +116,9 @@ class MinimalCoordinate:
             rows = self.constraints(theta, q, still)
             if np.abs(step).max() < 1e-9:  # convergence is quadratic, so that the next step would be below rounding
                 break
-        if not np.abs(rows.phi).max(initial=0.0) < CLOSED:
-            raise LostClosure(f"cannot be closed near crank angle {float(theta[0]):.6f} rad")
+        gaps = np.abs(rows.phi).max(axis=1, initial=0.0)
+        if not (gaps < CLOSED).all():
+            raise LostClosure(f"cannot be closed near crank angle {theta[gaps.argmax()]:.6f} rad")
         d = self._solve(rows.J, -rows.phi_t)
         # with the velocities d, gamma is the right-hand side of J e = gamma
         return q, d, self._solve(rows.J, self.constraints(theta, q, d).gamma)

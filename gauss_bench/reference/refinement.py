@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gauss_bench.linkage.closure import RANK_TOLERANCE
+from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.terms import Array
 
 EPS = float(np.finfo(np.longdouble).eps)

@@ -254,7 +254,7 @@ def _asking_there(engine: str) -> Callable[..., Any]:
     return ask_there
 
 
-Models = dict[Hashable, Any]  # linkage, engine, settings, integrator and stabilisation -> model
+Models = dict[Hashable, Any]  # linkage, scenario, engine, settings, integrator and stabilisation -> model
 
 
 def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
@@ -262,7 +262,8 @@ def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Ch
 
     Only models of a `resizable` engine, which accept another step and tolerance, are used again.
     """
-    adapter, key = get(engine), (mechanism.sha256, engine, choice.settings, choice.integrator, choice.stabilization)
+    adapter = get(engine)
+    key = (mechanism.sha256, mechanism.scenario, engine, choice.settings, choice.integrator, choice.stabilization)
     if key not in models or not ask(adapter, "resizable"):
         models[key] = adapter.build(mechanism, choice)
     return models[key]

@@ -25,8 +25,9 @@ from itertools import combinations, product
 
 import numpy as np
 
-from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest
 from gauss_bench.compiler.errors import KernelError
+from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import SIZE, angle_slot

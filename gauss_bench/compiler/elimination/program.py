@@ -278,20 +278,21 @@ def generate(
         raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
     asked = (open_parameters, formulation, independent, drop)
     name = _name(mechanism, *asked, ATTEMPTS) if remembered else None
-    best = _recall(known, open_parameters, name)
-    if best is None:
-        best = cheapest(known, *asked)
-        if name:
-            user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
+    recalled = _recall(known, open_parameters, name)
+    best = recalled or cheapest(known, *asked)
     program = _write(known, best, baumgarte)
     error = error_of(program, mechanism)
-    if error > PRECISE and best.search != PLAIN:
-        # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
-        with suppress(KernelError):  # the plain attempt may find no usable pivots
-            plain = _write(known, attempt(best.work, [PLAIN])[0], baumgarte)
-            plain_error = error_of(plain, mechanism)
-            if plain_error < error:
-                program, error = plain, plain_error
+    if recalled is None:
+        if error > PRECISE and best.search != PLAIN:
+            # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
+            with suppress(KernelError):  # the plain attempt may find no usable pivots
+                plain = attempt(best.work, [PLAIN])[0]
+                other = _write(known, plain, baumgarte)
+                other_error = error_of(other, mechanism)
+                if other_error < error:
+                    best, program, error = plain, other, other_error
+        if name:
+            user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
     if error == math.inf:
         raise KernelError(f"{program.name}: the {program.formulation} kernel gives numbers at no position that was tried")
     if error > CHECKED:

@@ -17,8 +17,9 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import DENSE, RANK_TOLERANCE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest
 from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, held_back
+from gauss_bench.mechanism.close import minimum_norm
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms
@@ -29,11 +30,6 @@ OFF = 0.1  # [rad, typical lengths] size of the change of coordinates to a state
 CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
 
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
-
-
-def _by_singular_values(J: Array, r: Array) -> Array:
-    """Return the minimum-norm x of J x = r; singular values below RANK_TOLERANCE times the largest count as zero."""
-    return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
 
 
 def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
@@ -78,12 +74,12 @@ class RankDecision:
         if damped and self.baumgarte:
             alpha, beta = self.baumgarte
             gamma = gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi
-        return _constrain(terms, self.evaluator.mass, gamma, solve=_by_singular_values, passes=1)
+        return _constrain(terms, self.evaluator.mass, gamma, solve=minimum_norm, passes=1)
 
     def multipliers(self, t: float, q: Array, v: Array) -> Array:
         """Return the multipliers (m,) of least norm that satisfy M a + J^T lambda = Q."""
         terms = self.evaluator.terms(t, q, v)
-        return _by_singular_values(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
+        return minimum_norm(terms.J.T, terms.Q - self.evaluator.mass * self.acceleration(t, q, v))
 
     def step(self, integrator: str, t: float, q: Array, v: Array, h: float) -> tuple[Array, Array]:
         """Return q, v (n,) after one step of size h [s], projected; a force may jump at the end of the step, not within it."""

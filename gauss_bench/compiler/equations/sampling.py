@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from gauss_bench.mechanism.close import project
+from gauss_bench.mechanism.close import minimum_norm, project
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import DIMENSION
@@ -25,7 +25,6 @@ TIMES = 64  # number of times at which a driven linkage is closed
 DENSE = 100  # coordinates: for larger linkages sparse factorisations are far cheaper
 CLOSED = 1e-12  # [m, rad] residual of a closed position
 CORRECTIONS = 12  # Newton corrections of a position at most
-RANK_TOLERANCE = 1e-9  # singular values below this share of the largest are zero, as in `linkage/closure.py`
 SPEED = 3.0  # [rad/s, lengths/s] speed of the fastest coordinate at most
 
 
@@ -151,10 +150,8 @@ def _free_part(J: Array, x: Array) -> Array:
 
 def shortest(J: Array, r: Array) -> Array:
     """Return the minimum-norm solution x (n,) of J x = r; J (m, n) may have redundant rows."""
-    if not len(J):
-        return np.zeros(J.shape[1])
-    if J.shape[1] <= DENSE:
-        return np.asarray(np.linalg.lstsq(J, r, rcond=RANK_TOLERANCE)[0])
+    if not len(J) or J.shape[1] <= DENSE:
+        return minimum_norm(J, r)
     S = sp.csc_matrix(J)
     A = (S @ S.T).tocsc()
     # a number of rounding size on the diagonal, so that redundant rows do not make S S^T singular

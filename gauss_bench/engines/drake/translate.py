@@ -224,11 +224,16 @@ class Built:
             propellers.append(tools.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0))
         thrusters = builder.AddSystem(tools.Propeller(propellers))
         builder.Connect(self.plant.get_body_poses_output_port(), thrusters.get_body_poses_input_port())
-        both = builder.AddSystem(tools.ExternallyAppliedSpatialForceMultiplexer(2))
-        builder.Connect(thrusters.get_spatial_forces_output_port(), both.get_input_port(0))
-        builder.Connect(both.get_output_port(), port)
         sizes = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
-        return builder.Build(), [(both.get_input_port(1), winds), (thrusters.get_command_input_port(), sizes)]
+        ports: list[tuple[Any, Any]] = [(thrusters.get_command_input_port(), sizes)]
+        pushes = thrusters.get_spatial_forces_output_port()
+        if winds:  # a multiplexer joins both kinds of force; Drake refuses one with an input that has no values
+            both = builder.AddSystem(tools.ExternallyAppliedSpatialForceMultiplexer(2))
+            builder.Connect(pushes, both.get_input_port(0))
+            ports.insert(0, (both.get_input_port(1), winds))
+            pushes = both.get_output_port()
+        builder.Connect(pushes, port)
+        return builder.Build(), ports
 
     def _add_body(self, name: str, mass: float, unit_inertia: float) -> Any:
         """Add a body with equal moments of inertia about all axes, `unit_inertia` [m^2] times the mass [kg], and return it."""

@@ -24,7 +24,8 @@ from gauss_bench.engines.mjcf.across_releases import find_integrator
 from gauss_bench.engines.mjcf.settings import copy_to_evaluate
 from gauss_bench.engines.mujoco.adapter import collect_warnings
 from gauss_bench.integrate.fixed_step import stretches
-from gauss_bench.terms import Array
+from gauss_bench.mechanism.close import minimum_norm, project
+from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 INTEGRATORS = ("Euler", "RK4", "implicit", "implicitfast", "discrete")  # as MJCF calls them
@@ -171,14 +172,17 @@ class OwnModelRun:
         Raises:
             RunFailure: the joints of the model cannot reach the state.
         """
-        y = self.y0.copy()
-        for _ in range(ITERATIONS):
-            here = self.absolute(y, np.zeros_like(y))
-            change = np.linalg.lstsq(here.jacobian, q - here.q, rcond=None)[0]
-            y += change
-            if np.abs(change).max() < CLOSE:
-                return y, np.linalg.lstsq(self.absolute(y, np.zeros_like(y)).jacobian, v, rcond=None)[0]
-        raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
+        still = np.zeros_like(self.y0)
+
+        def residual(y: Array) -> tuple[Array, Array]:
+            here = self.absolute(y, still)
+            return here.q - q, here.jacobian
+
+        y = project(self.y0, residual, minimum_norm, ITERATIONS, still=lambda _, size: bool(size < CLOSE))
+        gap, J = residual(y)
+        if not largest(minimum_norm(J, gap)) < CLOSE:
+            raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")
+        return y, minimum_norm(J, v)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the links at a state q, v (n,); no force depends on time."""
