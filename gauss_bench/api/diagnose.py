@@ -196,6 +196,7 @@ def run_ladder(
     Args:
         end: duration of the runs [s].
         deadline: time of the monotonic clock [s] by which the last run ends.
+        told: function that is called with each sentence of progress.
         question: the states at which the first run also asks the engine for its own joint forces.
     """
     choice, offered, runs = subject.choice, subject.offered, list[Run]()
@@ -211,7 +212,7 @@ def run_ladder(
 
     adaptive = choice.integrator in offered.adaptive
     # If the error comes from drift off the constraints, a further run of the same setting with projection has a smaller error. An
-    # integrator that chooses its own steps would also choose other steps with projection, so that both runs could not be compared.
+    # integrator that chooses its own steps would also choose other steps with projection, and the two runs could not be compared.
     can_project = choice.stabilization == "none" and "projection" in offered.stabilizations
     projected = replace(choice, stabilization="projection") if can_project and not adaptive else None
     verdict = diagnose_runs(run, mechanism, reference, ladder(choice, adaptive), end, adaptive, projected, told)

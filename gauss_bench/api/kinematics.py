@@ -284,7 +284,7 @@ def _check_all_driven(mechanism: Mechanism) -> None:
 
 
 def _changes(mechanism: Mechanism, states: Trajectory) -> list[BranchChange]:
-    """Return the changes of assembly branch (a group of links and its mirror image) between neighbouring samples of a motion."""
+    """Return where a motion changes its assembly branch: a group of links becomes its mirror image between two samples."""
     branches = [branch_of(mechanism, q) for q in states.q]
     return [
         BranchChange(t=t, group=group, before=side, after=after[group])

@@ -220,7 +220,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
         tried = [Variant(settings, i, s, options) for i in engine.integrators for s in engine.stabilizations]
     else:
         tried = space(engine)
-    # a program can be written only for some integrators and stabilisations of an engine
+    # no variant is advised for which `export` cannot write a program
     tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:

@@ -62,7 +62,7 @@ def panels(reaches: Sequence[Reach]) -> list[tuple[Axis, list[Reach]]]:
 
 
 def chart(reaches: Sequence[Reach], alone: bool = False) -> str:
-    """Return an SVG with one panel for each axis; if `alone`, with a single panel that fills the picture."""
+    """Return an SVG of how far each engine reaches, with a panel for each axis; if `alone`, the only panel fills the picture."""
     drawn = [(axis, [bar(axis, x) for x in some]) for axis, some in panels(reaches)]
     height = HEAD + FOOT + ROW * max((len(rows) for _, rows in drawn), default=0)
     abreast = min(ABREAST, max(1, len(drawn)))

@@ -82,16 +82,17 @@ class Probe:
     def share_of_gamma(self, a: Array) -> float:
         """Estimate, for each row of J a, which share of its velocity term an engine used; return the smallest share.
 
-        Exact accelerations (k, n) obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. To find the
-        share c (1: all of the velocity term g, 0: none), each row of J a, as a function of the k states, is fitted by least
-        squares:
+        Exact accelerations (k, n) obey J a = gamma, where gamma = -dJ/dt v (plus drivers' terms) depends on velocities. An engine
+        that leaves out the velocity term g of its constraints has J a = gamma - g. In absolute coordinates its J a is 0, so that g
+        is gamma. In the joint coordinates of a spanning tree its J a is J a0, where a0 are the accelerations of the links if all
+        joint accelerations of the tree are 0; g is gamma - J a0. To find the share c of g that an engine used, each row of J a, as
+        a function of the k states, is fitted by least squares:
 
             J a = gamma + (c - 1) g + r f
 
         Here f is the constraint force that the accelerations need, and r is a compliance: if the row's constraint is a spring, J a
-        differs from gamma in proportion to f, and c is 1. With absolute coordinates, g is gamma. With the joint coordinates of a
-        spanning tree, g is gamma - J a0, where a0 are the accelerations of the links if all joint accelerations of the tree are 0.
-        For each row, the candidate for g that leaves the smallest residual counts.
+        differs from gamma in proportion to f, and c is 1. For each row, that candidate for g counts which leaves the smallest
+        residual.
 
         Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or if rows are redundant,
         whose forces are not determined.

@@ -239,8 +239,8 @@ class Kernel:
             it is counted in `lost`.
 
         Raises:
-            ValueError: the number of steps is negative, the integrator is unknown, or steps go backwards in time although a force
-                has kinks or jumps in time.
+            ValueError: the number of steps is negative, `every` is below 1, the integrator is unknown, or steps go backwards in
+                time although a force has kinks or jumps in time.
         """
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
@@ -253,7 +253,7 @@ class Kernel:
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
             # a single trajectory of which only the last state is wanted is stepped with the least overhead
-            if self._kinks or p.shape != self._values.shape:
+            if self._kinks or p.shape != self._values.shape:  # forces between kinks have parameters of their own, for this leg
                 p = self._numbers(parameters, 1, _middle(t0, parts))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]

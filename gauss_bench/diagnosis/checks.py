@@ -438,7 +438,7 @@ def check_gate() -> Findings:
     floor = gate.RULES["acceleration_error_median"].floor  # errors up to it are rounding and may change freely
 
     def rejects(factor: float) -> bool:
-        """Tell whether the gate rejects an error of `factor` floors that was a hundredth of the floor."""
+        """Tell whether the gate rejects an error that grows from 0.01 to `factor` times the floor."""
         return ask_gate({"acceleration_error_median": factor * floor}, {"acceleration_error_median": floor / 100}) is not None
 
     yield rejects(0.9), "the gate rejects rounding"

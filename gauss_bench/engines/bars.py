@@ -57,7 +57,10 @@ RATIO, CURVE = -0.5, 0.2  # if the first bar of CHAIN is at the angle x, the sec
 
 
 def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n); all three lack the columns of a "twin".
+    """Return the absolute accelerations (k, n) of bars at k absolute states q, v (k, n).
+
+    If the last bar is a "twin" (see HALVES), q, v and the result have no columns for it.
+
 
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
@@ -69,7 +72,7 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
         alpha = np.append(solve(relative(theta, bars), relative(w, bars)), 0.0)  # the last entry is the ground's, with index -1
         for k, bar in enumerate(bars):
             alpha[k] += alpha[bar.parent]
-        answers.append(accelerations_of(theta, w, alpha[:-1], bars)[: q.shape[1]])  # a twin is the last bar
+        answers.append(accelerations_of(theta, w, alpha[:-1], bars)[: q.shape[1]])  # without a twin
     return np.array(answers)
 
 

@@ -157,8 +157,8 @@ class InterpretedModel(OwnSteps):
     def _add_friction(self, t: float, W: Array, terms: Terms, solution: Solution) -> Array:
         """Return the acceleration (n,) with friction: the fixed point of a = solve(Q + W N(lambda(a))).
 
-        The iteration begins with `solution`, without friction. N (p,) are the loads of the p joints with friction, which depend on
-        the multipliers lambda. W (n, p) has each joint's generalised friction force per unit of load.
+        The iteration begins with `solution`, which is without friction. N (p,) are the loads of the p joints with friction, which
+        depend on the multipliers lambda. W (n, p) has each joint's generalised friction force per unit of load.
 
         Raises:
             RunFailure: the iteration does not converge (the joints jam), or values are not finite.

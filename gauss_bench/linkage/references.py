@@ -128,7 +128,7 @@ class Names:
 
     def check_turns_on_ground(self, path: str, link: str) -> None:
         """Add a fault if the link has no revolute joint on the ground, unless the schema has rejected a joint."""
-        # None is a rejected joint, or a rejected point of one
+        # only revolute joints have `at`; None is a joint or point that the schema rejected, which may have been the missing one
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
         if link not in self.links or any(at is None or None in at for at in points_of_joints):
             return

@@ -100,7 +100,8 @@ class AlongState:
     def bias(self) -> Real:
         """The bias of x [m/s^2], with the Coriolis and centrifugal terms of axes that turn with n.
 
-        With w_a, w_b and W the angular speeds of the bodies of a and b and of that in which n is fixed, the bias is
+        Let x = n . (b - a). The body that carries a has the centre of mass z_a with the velocity u_a, the angular speed w_a, and
+        the arm r_a from z_a to a; likewise for b. The body in which n is fixed has the angular speed W. The bias is
 
             -(w_b - W)^2 n . r_b + (w_a - W)^2 n . r_a + 2 W n x (u_b - u_a) - W^2 n . (z_b - z_a)
 

@@ -136,7 +136,7 @@ def worst(values: Sequence[float]) -> float:
 
 
 def discrepancy(line: Line, form: Any) -> float:
-    """Return the measured discrepancy of a form; infinity if it cannot be evaluated, as if shapes of arrays do not fit."""
+    """Return the measured discrepancy of a form; infinity if it cannot be evaluated, for example if shapes do not fit."""
     try:
         return float(line.measure(form))
     except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):

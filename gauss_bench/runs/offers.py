@@ -92,15 +92,16 @@ class Offer:
             ChoiceError: the engine does not offer the choice; the message names the choices that it offers.
         """
         check_positive("the step", step)
-        if not self.integrators:  # an engine that cannot be used: the run will have the reason
+        if not self.integrators:  # an engine that cannot be used: the run will report why
             return Choice(settings or "default", integrator or "", stabilization or "none", step)
-        variant = self.variants.get(settings or "")
-        integrator = integrator.lower() if integrator else variant.integrator if variant else self.integrators[0]
+        variant = self.variants.get(settings or "")  # named settings may have an integrator and a stabilisation of their own
+        usual = variant.integrator if variant else self.integrators[0]
+        integrator = integrator.lower() if integrator else usual
         if integrator not in self.integrators:
             integrator = ALIASES.get(integrator, integrator)
         stabilization = stabilization or (variant.stabilization if variant else "none")
         chosen = Choice(settings or next(iter(self.settings)), integrator, stabilization, step)
-        self.resolve_settings(chosen.settings)
+        self.resolve_settings(chosen.settings)  # raises if the engine does not have them
         offered = {"integrator": self.integrators, "stabilization": self.stabilizations}
         for kind, names in offered.items():
             if getattr(chosen, kind) not in names:

@@ -22,7 +22,9 @@ Start = Callable[[str, Mechanism, Choice], dict[str, Any]]
 
 
 def start_there(engine: str, mechanism: Mechanism, choice: Choice) -> dict[str, Any]:
-    """Time an engine in this new process until its first step, with the import of its library, and with stored generated code.
+    """Time an engine in this new process until its first step, including the import of its library.
+
+    Generated code that an earlier process has stored is used.
 
     Return {"seconds": processor time [s]}, or the status and the message of a failure.
     """

@@ -125,7 +125,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide by the ends of the spread of the ratio whether fewer unknowns are faster: "holds", "reversed", or "open"."""
+    """Decide by both ends of a ratio's spread whether fewer unknowns make a step faster: "holds", "reversed", or "open"."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -387,11 +387,12 @@ class _Markowitz:
         return place
 
     def _row_sizes(self, r: int) -> _Sizes:
-        """Return the sizes of the entries of row r at the trusted samples; they are stored until the row changes."""
+        """Return the sizes of the entries of row r, and which of them can be pivots; they are stored until the row changes."""
         known = self.sizes.get(r)
         if known is None:
             row = self.rows[r]
-            values = np.array([e.values[: self.graph.samples][self.trusted] for e in row.values()])  # (entries, samples)
+            # (entries, trusted samples); after the samples, an entry has values at the graph's random points
+            values = np.array([e.values[: self.graph.samples][self.trusted] for e in row.values()])
             sizes = np.abs(values)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             largest = np.maximum(scaled.max(axis=0), np.finfo(float).tiny)
@@ -403,7 +404,11 @@ class _Markowitz:
         return known
 
     def _cost(self, r: int, c: int, count: int) -> float:
-        """Return the cost of a pivot: Markowitz's count, plus a penalty for a division, plus costs by the search's settings."""
+        """Return the cost of a pivot: Markowitz's count, plus a penalty for a division, plus two costs by the search's settings.
+
+        With `patience`, an entry costs more the later its value is ready, because the division has to wait for it. With `noise`, a
+        random cost varies the order of pivots between attempts.
+        """
         entry = self.rows[r][c]
         cost = count + entry.penalty
         if self.search.patience:

@@ -13,9 +13,9 @@ change in a loop are computed before it.
     Loop(carried, body, again): execute the body, and repeat it with the next values of the variables while `again` is true.
     If(condition, body, merged): execute the body if the condition is true; variables get one value if it is, another if not.
 
-The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. An array consists of rows,
-with neighbouring numbers for the trajectories of a group. Each group of trajectories has its own part of an array. The emitters are
-in `llvm.py` and `source.py`.
+The same routine computes one trajectory, or a group of trajectories with one in each lane of a vector. Each row of an array has one
+number for each trajectory of a group, side by side in memory. Each group of trajectories has its own part of an array. The emitters
+are in `llvm.py` and `source.py`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -90,7 +90,7 @@ class DrakeModel(TreeModel):
     library = "Drake"
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        """Build the plants, after the open tree has been compared with the linkage, at states at which loops are open."""
+        """Compare the open tree with the linkage, at states at which the loops are open; then build the plants."""
         super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
         self.drake = load_library()
         open_tree = Stepper(self._build(0.0, Closure()))  # a continuous plant without closures

@@ -119,7 +119,11 @@ def assemble(units: Sequence[Array], U: Sequence[Array], K: Sequence[Array]) -> 
 
 
 def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], list[Array]]]:
-    """Return for every loop the Jacobians J, the matrices U and the matrices K, one of each for each link of the loop."""
+    """Return for every loop three lists (J, U, K) with one matrix for each link of the loop.
+
+    J has the derivatives of the link's vector by its angle and length, whose rates are U times the unknown rates plus K times the
+    given ones.
+    """
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
     for ways in equations.ways:

@@ -68,7 +68,7 @@ class CompiledSeries:
         return np.array(self.taylor.update_d_output(t))
 
     def pivots(self, state: Long) -> Array:
-        """Return the pivots at a state in double precision, divided by the chart's scales; one infinite value if there are none."""
+        """Return the pivots at a state in double precision, divided by the chart's scales; a single infinity without pivots."""
         if self.watch is None:
             return np.full(1, np.inf)
         pivots = self.watch(state[: len(self.chart.scale)].astype(float), pars=self.parameters)

@@ -187,7 +187,7 @@ def list_faster(group: Sequence[Row]) -> list[Row]:
 def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield a sentence in bold for each way in which this suite's compiled engines lose.
 
-    They are slower than others, do not meet the requirement on a linkage, or miss the target for their lead.
+    These engines are slower than others, do not meet the requirement on a linkage, or lead by less than the target.
 
     Args:
         group: rows that `over_the_cheaper` returns, at one requirement.
