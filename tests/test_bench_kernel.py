@@ -39,9 +39,8 @@ def small() -> Suite:
         "turns": {"rounds": 2, "samples": 360},
         "growth": {"sizes": (1, 4), "processes": 1, "rounds": 2, "large": 1},
     }
-    suite = suite.model_copy(
-        update={"growth": SUITE.growth}
-    )  # chains of four-bars are no named linkage: `restrict` leaves them out
+    # chains of four-bars are no named linkage: `restrict` leaves them out
+    suite = suite.model_copy(update={"growth": SUITE.growth})
     parts = {name: tuple(x.model_copy(update=y) for x in getattr(suite, name)) for name, y in less.items()}
     batch = SUITE.batch[0].model_copy(update={"linkages": {"four_bar": "torque"}, "states": 64, "rounds": 2, "processes": 1})
     return suite.model_copy(update=parts | {"batch": (batch,)})

@@ -52,6 +52,13 @@ def test_list_names_every_linkage_and_engine(capsys: pytest.CaptureFixture[str])
     assert list(found["engines"]) == all_names()
 
 
+def test_free_links_have_no_loops_and_knife_edges_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", "sleigh"]) == 0
+    printed = capsys.readouterr().out
+    assert " 0 loops" in printed
+    assert "knife edge blade" in printed
+
+
 def test_show_checks_every_scenario(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     found = said(capsys, "show", "six_bar", "--json", "--svg", str(tmp_path / "six_bar.svg"))
     assert found["dof"] == 1

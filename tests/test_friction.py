@@ -17,7 +17,7 @@ from gauss_bench.linkage.load import built_in, load, load_document, merge
 from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
@@ -111,7 +111,7 @@ def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.
     works = u @ friction.directions(q, v)  # of each pair in the motion u, for a load of 1 N
     assert len(works) == 5
     for (f, pair), work in zip(friction.acting, works, strict=True):
-        law = f.mu * (1.0 if pair.slides else f.radius) * np.tanh(rate(pair.motion, q, v) / f.speed)
+        law = f.mu * (1.0 if isinstance(pair, Prismatic) else f.radius) * np.tanh(rate(pair.motion, q, v) / f.speed)
         assert work == pytest.approx(float(-law * rate(pair.motion, q, u)), abs=1e-14)
 
 

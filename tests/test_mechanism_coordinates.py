@@ -114,9 +114,19 @@ def test_a_law_acts_along_every_coordinate_in_terms_and_kernels() -> None:
         )
 
 
-def test_the_equation_in_one_coordinate_refuses_a_law_on_a_sum_by_name() -> None:
-    law = Law(Weighted(((Angle(GROUND, 2), 0.3), (Angle(GROUND, 0), 1.0))), k=3.0)
-    assert "sum of coordinates (push)" in str(get("minimal").skip(pushed(law), Choice()))
+def test_the_equation_in_one_coordinate_refuses_a_spring_on_a_sum_of_angles_by_name() -> None:
+    angles = Weighted(((Angle(GROUND, 2), 0.3), (Angle(GROUND, 0), 1.0)))
+    minimal = get("minimal")
+    assert "sum of angles (push)" in str(minimal.skip(pushed(Law(angles, k=3.0)), Choice()))
+    four_bar = load("four_bar")
+    a, b = (four_bar.find_point(x) for x in ("ground.A", "coupler.P"))
+    for law in (Law(angles, c=0.1, bias=0.2), Law(Weighted(((Distance(a, b), 0.5), (Angle(GROUND, 0), 0.0))), bias=2.0)):
+        mechanism = pushed(law)
+        assert minimal.skip(mechanism, Choice()) is None
+        found = minimal.build(mechanism, Choice()).acceleration(0.0, mechanism.q0, mechanism.v0)
+        np.testing.assert_allclose(
+            found, FORMULATIONS["gauss"](Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)).a, rtol=1e-9, atol=1e-9
+        )
 
 
 def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too() -> None:

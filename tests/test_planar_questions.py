@@ -35,6 +35,7 @@ MAY_ASK = {  # a file, or a room that ends with a stroke, and why
     "kinematics/point_equations.py": "points of the plane are complex numbers",
     "kinematics/dragging.py": "locks have the names of the studio's pins and slides",
     "papers/": "the papers are about the plane",
+    "diagnosis/explanations.py": "only some kinds of force have a link or a direction that may be wrong",
     "docs/pages/template/": "a plug-in with joint types of its own",
 }
 
@@ -72,7 +73,9 @@ def asks(node: ast.AST) -> bool:
 def names_a_kind(node: ast.AST | None) -> bool:
     """Tell whether a node is the class of a kind, or its word in the grammar."""
     word = getattr(node, "value", None)
-    return getattr(node, "id", None) in KINDS or (isinstance(word, str) and WORDS.fullmatch(word) is not None)
+    return getattr(node, "id", getattr(node, "attr", None)) in KINDS or (
+        isinstance(word, str) and WORDS.fullmatch(word) is not None
+    )
 
 
 def is_three(node: ast.AST | None) -> bool:

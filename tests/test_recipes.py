@@ -86,6 +86,7 @@ from gauss_bench.exchange.export import KINDS, export_linkage
 from gauss_bench.linkage.load import document_of, load
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.studio import reading, scene
+from gauss_bench.verbs.catalogue import show
 
 FILE, KIND = "new.toml", sys.argv[1]
 mechanism = load(FILE)
@@ -129,6 +130,8 @@ assert {"gauss", "lagrange", "gauss-native", "lagrange-native"} <= set(ran), ran
 if KIND == "magnet":
     assert list(generate(mechanism, "gauss", ("forces.drive.strength",)).values) == [0.05]
 assert "<svg" in draw(mechanism)
+shown = show(FILE, None).data
+assert shown.couplings == ({"mesh": KIND} if KIND == "rack_and_pinion" else {})
 assert scene.scene(reading.read(document))["links"]
 
 

@@ -9,6 +9,7 @@ from gauss_bench.report.first_table import BEGIN, END, first_table, renew
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections.claim import compare_formula
 from gauss_bench.report.sections.search import over_the_cheaper
+from gauss_bench.report.site.settings import multiples
 
 
 def ladder(engine: str, settings: str, steps: float, error: float, status: str = "ok", **more: Any) -> dict[str, Any]:
@@ -29,6 +30,11 @@ WAYS = {
 }
 MISSED = [ladder("exudyn", "loose", n, 1.0 / n**2) for n in (100.0, 200.0, 400.0)]
 RUN = Run({}, {"search_ladder": (*(x for x, _ in WAYS.values()), *MISSED), "search_times": tuple(timed(*x) for x in WAYS.values())})
+
+
+def test_multiples_are_over_the_fastest_of_all() -> None:
+    seconds = {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0, "exudyn": math.nan}
+    assert multiples(seconds) == {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0}
 
 
 def test_the_first_table_has_error_time_and_multiple_of_each_way() -> None:

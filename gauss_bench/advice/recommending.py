@@ -66,7 +66,7 @@ Told = Callable[[str], object]
 Better = Callable[[Answer], object]
 
 
-class Tried(NamedTuple):
+class TriedSetting(NamedTuple):
     """A setting that was tried, with its step or tolerance, and its trial run."""
 
     way: Way
@@ -139,14 +139,14 @@ class _Engine:
         by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
         return {way._replace(size=trial.size): trial for way, trial in by_work}  # size: step or tolerance
 
-    def best(self) -> Tried | None:
+    def best(self) -> TriedSetting | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
-        return next((Tried(way, trial) for way, trial in self.passing().items()), None)
+        return next((TriedSetting(way, trial) for way, trial in self.passing().items()), None)
 
-    def nearest(self) -> Tried | None:
+    def nearest(self) -> TriedSetting | None:
         """Return the setting with the smallest SHARE; None if no run ended."""
         found = [(way, nearest(trials, SHARE)) for way, trials in self.trials.items()]
-        ended = [Tried(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
+        ended = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
         return min(ended, key=lambda x: x.trial.errors[SHARE], default=None)
 
     def loop_of(self, way: Way) -> str:
@@ -358,15 +358,14 @@ class Recommender:
         engine.left = others
         engine.refused = None if others else (trial.status, trial.message)
 
-    def _step_limit(self, way: Way, before: Tried | None) -> int:
+    def _step_limit(self, way: Way, before: TriedSetting | None) -> int:
         """Return the largest number of steps of a variant: its work is at most SPARE times that of the engine's best setting.
 
         At least 2 DENSE and at most MOST steps are allowed. `before` is the best setting so far, or None.
         """
         if before is None:
             return MOST
-        best, trial = before
-        spared = SPARE * work(best.integrator, trial) / EVALUATIONS.get(way.integrator, 1)
+        spared = SPARE * before.work / EVALUATIONS.get(way.integrator, 1)
         return int(min(MOST, max(spared, 2 * DENSE)))
 
     def _evaluate(self, engine: _Engine, way: Way, adaptive: bool) -> Trial:
@@ -407,7 +406,7 @@ class Recommender:
         first_share = max(left, LANES * self.budget.remaining(TRIED) / (1 + self._untried()))
         return max(min(2 * LONGEST * self.budget.seconds, first_share), ONE_TRY * self.budget.seconds, 1.0)
 
-    def _report_change(self, engine: _Engine, before: Tried | None) -> None:
+    def _report_change(self, engine: _Engine, before: TriedSetting | None) -> None:
         """Report a refusal, a first nearest miss, or a cheaper setting than `before`, the best before this variant was searched."""
         after = engine.best()
         if after is None:
@@ -458,12 +457,12 @@ class Recommender:
 
         `times` maps a timed setting to its run time in each round (rounds,) [s].
         """
-        chosen: dict[str, Tried] = {}  # title of an engine -> its setting
+        chosen: dict[str, TriedSetting] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
             ways = engine.passing()
             if timed := {way: times[way] for way in ways if way in times}:
                 winner, *_ = pick_winner(timed)
-                chosen[engine.title] = Tried(winner, ways[winner])
+                chosen[engine.title] = TriedSetting(winner, ways[winner])
             elif best := engine.best():
                 chosen[engine.title] = best
         fastest = min((times[x.way] for x in chosen.values() if x.way in times), key=time_of, default=None)
@@ -495,7 +494,7 @@ class Recommender:
         counts = {"tried": len(engine.trials), "variants": engine.variants, "evaluations": len(engine.all_trials())}
         return counts | {"complete": complete, "owner": engine.owner}
 
-    def _accepted_answer(self, engine: _Engine, setting: Tried, seconds: Array | None, fastest: Array | None) -> Answer:
+    def _accepted_answer(self, engine: _Engine, setting: TriedSetting, seconds: Array | None, fastest: Array | None) -> Answer:
         """Return the answer for an engine with a setting that meets the requirement.
 
         `seconds` are the run times of this setting (rounds,), and `fastest` those of the fastest engine; None if not timed.
@@ -540,13 +539,13 @@ def known_errors(trial: Trial) -> dict[str, float]:
     return {kind: x for kind, x in trial.errors.items() if kind in UNITS and not math.isnan(x)}
 
 
-def choices(engine: _Engine) -> list[Tried]:
+def choices(engine: _Engine) -> list[TriedSetting]:
     """Return at most CHOICES settings of an engine to be timed: those whose work is at most NEAR times the least work.
 
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
     near, because their run time does not follow from the number of evaluations.
     """
-    settings = [Tried(way, trial) for way, trial in engine.passing().items()]  # by increasing work
+    settings = [TriedSetting(way, trial) for way, trial in engine.passing().items()]  # by increasing work
     least = min((x.work for x in settings), default=0.0)
     near = [x for x in settings if x.work <= NEAR * least or x.way.integrator in engine.adaptive][:CHOICES]
     loops_covered = {engine.loop_of(x.way) for x in near}

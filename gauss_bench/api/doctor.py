@@ -150,7 +150,7 @@ def _check_builds(known: Iterable[Offer]) -> Iterator[Finding]:
 def _find_lacking(offer: Offer, choices: Iterable[Choice]) -> str:
     """Return why an engine's code cannot be compiled on this machine: the name of a missing compiler or library, or "".
 
-    Plug-ins, which run in a worker only, are not asked.
+    Engines that run in a worker are not asked here.
     """
     if offer.name not in SAFE:
         return ""

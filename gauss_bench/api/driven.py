@@ -294,7 +294,7 @@ def place_of(mechanism: Mechanism, table: dict[str, Any]) -> float | None:
             return float(driver.law(0.0)[0])
     if link in [x.name for x in mechanism.whole.links]:
         return _start_angle(mechanism, str(link))
-    slide = mechanism.drivable.get(str(joint))
+    slide = mechanism.drivable.get(joint) if isinstance(joint, str) else None
     return None if slide is None else float(value_of(slide.motion, mechanism.q0))
 
 

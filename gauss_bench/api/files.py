@@ -105,7 +105,8 @@ def describe_files(
     for name, path in asked.items():
         if path.suffix.lower() not in kinds[name]:
             raise FileRefused(f"--{name} {path}: the ending says what to write: {', '.join(kinds[name])}")
-        if path.resolve() in [x.resolve() for x in files.values()]:
+        # `realpath` does not fail on a loop of links, as `Path.resolve` does
+        if os.path.realpath(path) in [os.path.realpath(x) for x in files.values()]:
             raise FileRefused(f"--{name} {path}: is named twice")
         files[name] = writable(path, replace, f"--{name}", suffix=path.suffix.lower(), source=source)
     return files

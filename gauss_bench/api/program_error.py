@@ -30,10 +30,10 @@ from gauss_bench.runs.programs import run_there
 from gauss_bench.runs.worker import Interpreter, Worker, WorkerFailure
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence, spread_evenly
 
-LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, and the reference
+LIMIT = 60.0  # [s] default of the time for the run, its repetition with half the step, the reference and the program
 COMPILING = 20.0  # [s] limit of the C compiler
 RUNNING = 5.0  # [s] limit of a program in C
-OWN_LIMIT = 0.8  # limit of a program in Python, as a part of that of its worker, so that it is the one that is reached
+OWN_LIMIT = 0.8  # share of its worker's limit that a program in Python gets, so that the program's own limit ends it first
 COMPILED_STEP = 2e-6  # [s] time of a compiled step of a linkage of usual size
 QUICK, PRECISE = 1e-6, 1e-9  # error bars of the two references, relative to the linkage's size, and [rad]
 ROUGH = 1e-3  # largest error bar of a reference that is used, relative to the linkage's size, and [rad]
@@ -289,7 +289,7 @@ def run_python(source: str, mechanism: Mechanism, interpreter: Interpreter, seco
     Return (trajectory, ""), or (None, reason) if the program printed no table that can be read.
 
     Raises:
-        ProgramFailed: the program stopped with an error before its end, or took longer than `seconds`.
+        ProgramFailed: the program stopped with an error before its end, or took longer than OWN_LIMIT times `seconds`.
     """
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     try:

@@ -330,7 +330,10 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
 
 
 def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
-    """Return a sentence if the loops of a run open further than springs allow, by LOOSE times the linkage's size, else ""."""
+    """Return a sentence if the loops of a run open by more than LOOSE times the linkage's size, else an empty text.
+
+    Loops that are closed by springs open less.
+    """
     opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 

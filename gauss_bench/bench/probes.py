@@ -133,9 +133,8 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
                 columns = np.column_stack([g, forces[:, row]])
                 solution = np.linalg.lstsq(columns, extra[:, row], rcond=None)[0]  # c - 1 and r
                 residual = float(np.abs(extra[:, row] - columns @ solution).max())
-                fits.append(
-                    (round(residual, 12), float(solution[0]))
-                )  # of residuals that are equal but for rounding, the least c counts
+                # rounded: of residuals that are equal but for rounding, the least c counts
+                fits.append((round(residual, 12), float(solution[0])))
         if fits:
             _, c_minus_1 = min(fits)
             shares.append(1.0 + c_minus_1)

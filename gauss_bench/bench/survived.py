@@ -84,7 +84,8 @@ def list_survivors(
 
     Args:
         race: function that writes the name of the running engine, at most ROOM bytes, into the file `path`.
-        limit: largest time [s] of one race without waits for a processor; `longest`: largest elapsed time [s].
+        limit: largest time [s] of one race without waits for a processor.
+        longest: largest elapsed time [s] of one race.
 
     Raises:
         WorkerFailure: the race crashed while no engine was running, or raised an error.

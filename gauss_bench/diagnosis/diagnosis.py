@@ -233,8 +233,8 @@ class Case:
     def verdict(self) -> Answer:
         """Return the dominant cause of the error: the answer to the first question that finds one.
 
-        A fault of the model that reproduces the reported accelerations is the cause only if most of the error remains at smaller
-        steps. If not, the fault is listed among the explanations of another cause.
+        A fault of the model that reproduces the reported accelerations is the cause if most of the error remains at smaller steps,
+        or if the error is rounding. Otherwise the fault is listed as the explanation of another cause that has none.
         """
         if self.error <= max(SMALL, BARS * self.bar):
             return self._explain_small_error()
@@ -358,7 +358,7 @@ class Case:
         return Answer(Cause.STATIONARY, "the samples stand still while the linkage moves")
 
     def _find_jump(self) -> Answer | None:
-        """Detect a jump of the state between two checkpoints whose displacement velocities and accelerations do not explain.
+        """Detect a jump of the state between two checkpoints: a displacement that velocities and accelerations do not explain.
 
         A second run, sampled at every step between these checkpoints, shows the step with the jump. The steps of an integrator that
         chooses them itself cannot be sampled, and the answer is None.

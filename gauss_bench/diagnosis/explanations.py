@@ -22,7 +22,7 @@ from gauss_bench.diagnosis.causes import Cause
 from gauss_bench.diagnosis.motion import OwnMotion
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Force, turns_only
+from gauss_bench.mechanism.model import Force, PointForce, Torque, turns_only
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -225,13 +225,12 @@ def parameter_explanations(own: OwnMotion, x: States) -> Iterator[Explanation]:
             if np.any(number):
                 doubled, what = with_force(at, **{key: 2 * number}), f"{key} of force {force.name}"
                 yield Explanation(Cause.FORCE, what, doubled, f"{key} of the force {force.name} {{is}}")
-        if force in mechanism.torques:
+        if isinstance(force, Torque):
             for k in {*range(len(names))} - {force.link}:
                 template = f"the torque {force.name} acts on {names[k]} instead of {mechanism.link_name(force.link)}"
                 yield Explanation(Cause.ORDER, f"link of torque {force.name}", with_force(at, link=k), template, once=True)
-        value: Any = getattr(force, "value", 0.0)
-        if np.ndim(value):
-            turned = with_force(at, value=np.array([-value[1], value[0]]))
+        if isinstance(force, PointForce):
+            turned = with_force(at, value=np.array([-force.value[1], force.value[0]]))
             template = f"the force {force.name} has another direction"
             yield Explanation(Cause.FORCE, f"direction of force {force.name}", turned, template)
 

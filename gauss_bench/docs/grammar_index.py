@@ -55,7 +55,8 @@ def list_entries() -> list[Entry]:
 def _add_entry(entries: dict[type[schema.Table], Entry], table: type[schema.Table], place: str, edition: int) -> None:
     """Add to `entries` a table that stands at the path `place`, and all tables inside it.
 
-    A table that is there already gets the further path and keeps its edition.
+    A table that is there already gets the further path. `edition` is the first edition of the format that has the table there; an
+    entry keeps its edition.
     """
     entry = entries.setdefault(table, Entry(table, [], edition))
     if place in entry.places:

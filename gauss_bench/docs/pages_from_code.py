@@ -44,7 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the headings of a page to HEADINGS; of the index of the grammar, its keys instead; of commands, also their options."""
+    """Add the headings of a page to HEADINGS; for the index of the grammar, the keys instead; for commands, the options too."""
     HEADINGS.append({"location": page.url, "title": page.title})
     found = [(heading.url, heading.title) for heading in flatten(page.toc)]
     if page.file.src_uri == "keys.md":

@@ -47,9 +47,9 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant, of the linkage's force `name`.
+    """The force k (rest - L) - c dL/dt on the sum of tree coordinates L = row . y + constant; row (n,) has entries 0, 1 and -1.
 
-    row (n,) has entries 0, 1 and -1.
+    It belongs to the linkage's force `name`.
     """
 
     row: Array
@@ -115,9 +115,9 @@ def slide_motors(forces: Sequence[PointForce], mechanism: Mechanism, tree: Tree,
 
 
 def along_slide(f: PointForce, b: Branch, turns: Turning) -> float | None:
-    """Return the component [N] along the slide of a branch of a force that acts along this slide only, else None.
+    """Return the component [N] of a force along the slide of a branch.
 
-    The direction of such a force is fixed in the guide and parallel to the slide.
+    None if it is zero, not parallel, or turns against the guide.
     """
     if not turns.together(f.frame, b.parent):
         return None

@@ -91,8 +91,9 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         body, _ = mechanism.find_body(name)
         drivers.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
     for name in locks.slides:
-        _check_found([x for x in mechanism.drivable if x == name], "slide", name)
-        slide = mechanism.drivable[name]
+        slide = mechanism.drivable.get(name)
+        if slide is None:
+            raise ValueError(f"no slide {name!r} that could be locked")
         drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
     return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(drivers))
 

@@ -21,6 +21,7 @@ from gauss_bench.terms import Array, largest
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
 CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
 ROUNDING = 1e3  # [CLOSED] largest residual that is accepted after the last correction, because rounding may keep it above CLOSED
+STILL = 1e-8  # [sizes of the linkage] a last correction that leaves only rounding
 CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
 
@@ -75,7 +76,11 @@ class Freedom:
             """Return the correction of q, which is the shortest one in scaled coordinates."""
             return np.asarray(split_by_rank(J)[0] @ phi / self.scale)
 
-        q = project(q, self.rows, shortest, CORRECTIONS, has_ended)
+        def is_still(_: Array, size: Array) -> bool:
+            """Tell whether the last correction was so small that the next one, by quadratic convergence, would be rounding."""
+            return bool(size < STILL * self.size)
+
+        q = project(q, self.rows, shortest, CORRECTIONS, has_ended, is_still)
         if not np.isfinite(q).all():
             return None
         phi, place = self.at(q)

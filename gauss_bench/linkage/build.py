@@ -190,7 +190,7 @@ class Resolver:
         """Return the force or dry friction that a table of the file describes.
 
         Raises:
-            BuildError: a force of a kind added to the suite varies, which only torques and forces at points may.
+            BuildError: a force of a kind added to the suite has no loads, or varies, which only torques and forces at points may.
         """
         force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
         if isinstance(force, model.CoulombFriction) or model.factor_of(force):

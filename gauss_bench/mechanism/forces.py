@@ -137,12 +137,12 @@ class JointFriction:
     def __init__(self, mechanism: Mechanism):
         """Find the pairs with friction; generate the function for their relative speeds and the gradients of these."""
         self.acting = [(f, pair) for f in mechanism.frictions if f.mu > 0 for pair in f.pairs]
-        forces = []  # for each pair the indices of the multipliers that are forces: those of held lengths
+        force_rows = []  # for each pair the indices of the multipliers that are forces: those of held lengths
         for _, pair in self.acting:
             held: tuple[tuple[Coordinate, float], ...] = pair.held
             first = mechanism.held_names.index(pair.name)
-            forces.append([row for row, (x, _) in enumerate(held, first) if x.unit == "m"])
-        self.first, self.last = (np.array([x[end] for x in forces], dtype=int) for end in (0, -1))
+            force_rows.append([row for row, (x, _) in enumerate(held, first) if x.unit == "m"])
+        self.first, self.last = (np.array([x[end] for x in force_rows], dtype=int) for end in (0, -1))
         self.both = np.array(self.first != self.last, dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])

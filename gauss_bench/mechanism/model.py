@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair: no `Force`, which depends on q, v, t only.
+    """Dry friction in every pair of a joint, proportional to the load of the pair. A `Force` depends on q, v and t only.
 
     Attributes:
         mu: coefficient of friction.
@@ -683,9 +683,8 @@ class Mechanism:
                 view = given.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
-        loads(
-            f for f in self.forces if not factor_of(f)
-        )  # the result is not needed: `loads` raises if a force is of an unknown type
+        # the result is not needed: `loads` raises if a force is of an unknown type
+        loads(f for f in self.forces if not factor_of(f))
         parts: list[tuple[Any, str, object]] = [(Coordinate, self.measured.name, self.measured.coordinate)]
         parts += [(Joint, x.name, x) for x in self.joints] + [(Driver, x.name, x) for x in self.drivers]
         parts += [(KnifeEdge, x.name, x) for x in self.knife_edges] + [(CoulombFriction, x.name, x) for x in self.frictions]
@@ -765,6 +764,11 @@ class Mechanism:
     def n(self) -> int:
         """Number of coordinates: x, y and angle of each body."""
         return SIZE * len(self.links)
+
+    @property
+    def loops(self) -> int:
+        """Number of independent loops: joints - links, by Euler, if all links hang together with the ground."""
+        return max(0, len(self.joints) - len(self.links))
 
     @property
     def m(self) -> int:

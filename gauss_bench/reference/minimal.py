@@ -96,7 +96,8 @@ class MinimalCoordinate:
             try:
                 q, d, e = self._close(q + turn * (d + turn / 2 * e), goal)
             except np.linalg.LinAlgError as error:
-                raise LostClosure(f"singular position between crank angles {goal.min():.6f} and {goal.max():.6f} rad") from error
+                between = "" if goal.min() == goal.max() else f" and {goal.max():.6f}"
+                raise LostClosure(f"singular position near crank angles {goal.min():.6f}{between} rad") from error
         self.last = (q[-1], d[-1], e[-1])
         return q, d, e
 

@@ -94,20 +94,6 @@ def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[s
     return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
-@dataclass(frozen=True)
-class _Key:
-    """All parts of a request on which a built model depends: the linkage with the planted fault, the engine and its setting."""
-
-    linkage: str
-    scenario: str
-    sha256: str
-    alter: Alteration
-    engine: str
-    settings: str
-    integrator: str
-    stabilization: str
-
-
 def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     """Carry out a request in this process.
 
@@ -115,16 +101,9 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
-    key = _Key(
-        linkage=request.linkage,
-        scenario=request.scenario,
-        sha256=mechanism.sha256,
-        alter=request.alter,
-        engine=request.engine,
-        settings=choice.settings,
-        integrator=choice.integrator,
-        stabilization=choice.stabilization,
-    )
+    # identifies the model: all parts of the request on which the built model depends
+    key: tuple[object, ...] = (request.linkage, request.scenario, mechanism.sha256, request.alter)
+    key += (request.engine, choice.settings, choice.integrator, choice.stabilization)
 
     def build(mechanism: Mechanism, choice: Choice) -> Model:
         """Return the kept model, set to the choice of this run; build a new one if the kept model has another `key`."""
@@ -133,7 +112,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
             _kept[key] = engine.build(mechanism, choice)
         model: Any = _kept[key]
         model.choice = choice  # an attribute that models of resizable engines have
-        return _kept[key]
+        return model  # type: ignore[no-any-return]
 
     keeps = again and ask(engine, "resizable")
     run = one_run(engine, mechanism, choice, request.wanted, request.ask, request.shortest, build if keeps else None)
@@ -142,7 +121,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
     return run
 
 
-_kept: dict[_Key, Model] = {}  # the one model that this process keeps
+_kept: dict[tuple[object, ...], Model] = {}  # the one model that this process keeps
 
 
 def outcome_of(answer: object) -> Outcome:

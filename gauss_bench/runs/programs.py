@@ -52,7 +52,7 @@ def run_there(text: str, seconds: float) -> dict[str, Any]:
             command = [sys.executable, "-I", str(file)]
             done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, cwd=folder, check=False)
         except subprocess.TimeoutExpired:
-            return {"failed": f"the program took longer than {seconds:.2g} s"}
+            return {"failed": f"the program took longer than {round(seconds, 1):g} s"}
     if done.returncode:
         errors = done.stderr.strip().splitlines() or [f"the program ended with code {done.returncode}"]
         return {"failed": in_a_sentence(errors[-1])}

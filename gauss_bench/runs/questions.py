@@ -16,13 +16,13 @@ from gauss_bench.engines.base import Model, ask
 from gauss_bench.integrate.fixed_step import Tableau, explicit_step
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.spaces import SIZE
 from gauss_bench.metrics import compare_joint_forces
 from gauss_bench.runs.one_run import Asked
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
 SHIFT = 1e-14  # relative change of a start, whose effect shows the effect of rounding
+COMPONENTS = 3  # of a joint force: fx, fy and the moment
 FORCED = 20  # states at which an engine is asked for its own joint forces
 SUBSTEPS = 5  # steps between two times of `follow_accelerations` if no loop is stiff
 
@@ -37,7 +37,7 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
 
     They are the forces fx, fy [N] on the joint's second link and the moment [N m] about its point; NaN if the model reports none.
     """
-    forces = np.full((len(t), len(names), SIZE), np.nan)
+    forces = np.full((len(t), len(names), COMPONENTS), np.nan)
     for k, state in enumerate(zip(t, q, v, strict=True)):
         with suppress(RunFailure):
             reported = ask(model, "joint_forces")(*state)
@@ -66,11 +66,11 @@ class ForceQuestion:
     @property
     def answers(self) -> int:
         """How many numbers the engine's answer contains, for `Request.answers`."""
-        return SIZE * len(self.mechanism.joints) * len(self.states.t)
+        return COMPONENTS * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
         """Return the largest error of the joint forces of an engine, and the largest correct one [N, N m]; NaN if it has none."""
-        shape = (len(self.states.t), len(self.mechanism.joints), SIZE)
+        shape = (len(self.states.t), len(self.mechanism.joints), COMPONENTS)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
         return compare_joint_forces(Evaluator(self.mechanism), self.states, answer)

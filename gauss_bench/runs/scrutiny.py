@@ -56,7 +56,7 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
 
 
 def reversal_times(mechanism: Mechanism) -> list[Array]:
-    """Return for each force that is piecewise linear in time the times (k,) [s] at which a rise and a fall meet."""
+    """Return for each force that is piecewise linear in time the times (k,) [s] at which it turns between rising and falling."""
     times = []
     for factor in (factor_of(x) for x in mechanism.varying):
         if factor is not None and factor.kinks:

@@ -89,13 +89,9 @@ class Session:
     @property
     def reading(self) -> Reading:
         """The mechanism, positions and problems that are read from the present text; read anew only if the text has changed."""
-        if self._read is not None:
-            text, reading = self._read
-            if text == self.text:
-                return reading
-        reading = read(self.document)
-        self._read = self.text, reading
-        return reading
+        if self._read is None or self._read[0] != self.text:
+            self._read = self.text, read(self.document)
+        return self._read[1]
 
     def put(self, text: str, locks: frozenset[str]) -> None:
         """Replace the text of the linkage file and the set of locked parts, as one step of the history."""

@@ -11,6 +11,7 @@ from gauss_bench.bench.conformance import conformance
 from gauss_bench.bench.subject import Check
 from gauss_bench.engines.authors import read_settings
 from gauss_bench.linkage.load import built_in, document_of, load
+from gauss_bench.linkage.schema import CONSTRAINTS
 from gauss_bench.runs.offers import offers
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -179,11 +180,11 @@ def show(linkage: str, scenario: str | None) -> Answer[Description]:
             source=first.source,
             dof=first.dof,
             redundant=first.redundant,
-            loops=max(0, len(first.joints) - len(first.links)),  # links may be free, as a sleigh is
+            loops=first.loops,
             links={x.name: DescribedLink(x.mass, x.inertia, x.com, x.points) for x in first.links},
             joints={x.name: type(x).__name__.lower() for x in first.joints},
             knife_edges=tuple(x.name for x in first.knife_edges),
-            couplings={x.name: type(x).__name__ for x in first.couplings},
+            couplings={x.name: kind for x in first.couplings for kind, y in CONSTRAINTS.items() if y.read.__self__ is type(x)},
             welds={x.name: tuple(first.whole.links[i].name for i in x.beyond) for x in first.welds},
             warnings=tuple(sorted({x for m in (first, *others) for x in m.warnings})),
             scenarios=scenarios,

@@ -104,7 +104,8 @@ def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
 def race_growth(size: int, rounds: int, number: int, outside: Sequence[Sequence[str]]) -> Tables:
     """Time all contenders in process `number` on a chain of `size` four-bars; return one row for each timed quantity.
 
-    If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` is explained in `contenders`.
+    If a contender cannot be built, crashes or hangs, its rows have a status and the reason. `outside` lists (engine, call) of
+    plug-ins and engines of other environments.
     """
     entered = contenders(outside)
     measured = gather_rounds(race_survivors(entries, (size, outside), rounds, [*entered]))
@@ -114,7 +115,10 @@ def race_growth(size: int, rounds: int, number: int, outside: Sequence[Sequence[
 
 
 def entries(size: int, outside: Sequence[Sequence[str]]) -> Iterator[tuple[Key, Callable[[], Block]]]:
-    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block."""
+    """Yield the key of every timed quantity of every contender on a chain of `size` four-bars, and the maker of its block.
+
+    `outside` lists (engine, call) of plug-ins and engines of other environments.
+    """
     state = exact_state(size)
     for name, contender in contenders(outside).items():
         # cached, because all blocks of a contender are made at once: when the race makes the first of them
@@ -182,16 +186,15 @@ def with_facts(made: TimedCall, state: ExactState) -> Block:
     return replace(made.block, facts=lambda: facts)
 
 
-CONTENDERS: dict[str, Contender] = {}  # name -> contender
-for formulation in ("gauss", "lagrange"):
-    CONTENDERS[f"{formulation}-native"] = Contender((LOOP, CALLED), partial(make_kernel_blocks, formulation))
+CONTENDERS: dict[str, Contender] = {
+    f"{name}-native": Contender((LOOP, CALLED), partial(make_kernel_blocks, name)) for name in ("gauss", "lagrange")
+}
 for library, calls, quantity in (
     ("pinocchio", pinocchio.CALLS, CALLED),
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    for call, prepare in calls.items():
-        CONTENDERS[f"{library}, {call}"] = Contender((quantity,), partial(make_library_blocks, prepare))
+    CONTENDERS |= {f"{library}, {way}": Contender((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
 
 
 def over_races(races: Rows) -> Rows:

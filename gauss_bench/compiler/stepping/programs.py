@@ -316,7 +316,7 @@ class Programs:
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
-        multipliers, _ = self.codes[k].program.multipliers(t[:, None], q, v, p)
+        (multipliers,) = self.codes[k].program.multipliers(t[:, None], q, v, p)
         _, margins = self.margins(k, t, q, v, p)
         return multipliers, margins >= 1.0
 

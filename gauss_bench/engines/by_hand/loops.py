@@ -77,50 +77,30 @@ def loop_of(mechanism: Mechanism) -> Loop:
     body, centre = mechanism.links[second], turn_vector(-crank_pin.own.local, -_angle(second_line))
     numbers |= {"L": float(np.linalg.norm(second_line)), "M2": body.mass, "I2": body.inertia}
     numbers |= {"A2": float(centre[0]), "B2": float(centre[1])}
-    links, chain = (crank, second, third), (pivot, crank_pin, far_pin)
+    lines = [_angle(crank_line), _angle(second_line)]
     if mechanism.slides:
-        source, line = "crank_slider.c", -float(angle_at(mechanism.q0, third))
-        numbers |= _describe_slider(mechanism, links, far_pin)
-        side = np.cos(angle_at(mechanism.q0, second) + _angle(second_line))  # of the second link's line with the x axis
+        source, slide = "crank_slider.c", mechanism.slides[0]
+        lines.append(-float(angle_at(mechanism.q0, third)))
+        if slide.guide.link != GROUND or slide.block.link != third or abs(np.sin(slide.angle)) > LEVEL:
+            raise Underived("only a slider on a level guide of the ground is derived by hand")
+        numbers |= {"E": float(position(mechanism.q0, far_pin.own)[1]), "M3": mechanism.links[third].mass}
+        numbers |= _loads(mechanism, crank, third, far_pin.own)
+        side = np.cos(angle_at(mechanism.q0, second) + lines[1])  # of the second link's line with the x axis
     else:
         source, ground_pin = "four_bar.c", _find_pin(pins, GROUND, third)
         if ground_pin is None:
             raise Underived("only a third link on a slide or a pin of the ground is derived by hand")
-        line = _angle(far_pin.own.local - ground_pin.own.local)
-        numbers |= _describe_rocker(mechanism, links, far_pin, ground_pin)
+        rocker_line = far_pin.own.local - ground_pin.own.local
+        lines.append(_angle(rocker_line))
+        numbers |= {"S": float(np.linalg.norm(rocker_line))} | _vector("D", ground_pin.before.local)
+        numbers |= _weights("3", mechanism, third, ground_pin.own, far_pin.own)
+        numbers |= _loads(mechanism, crank, None, far_pin.own)
         start = position(mechanism.q0, crank_pin.before)
         to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
         # positive if the far pin is to the left of the line from the crank's pin to the ground's second pin
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
     numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts
-    return Loop(source, numbers, links, np.array([_angle(crank_line), _angle(second_line), line]), chain)
-
-
-def _describe_slider(mechanism: Mechanism, links: tuple[int, int, int], far_pin: Pin) -> dict[str, float]:
-    """Return the numbers of the third of the links, a slider on a level guide, and of the loads.
-
-    Raises:
-        Underived: the slide is of another kind, or a load is not covered.
-    """
-    crank, _, third = links
-    slide = mechanism.slides[0]
-    if slide.guide.link != GROUND or slide.block.link != third or abs(np.sin(slide.angle)) > LEVEL:
-        raise Underived("only a slider on a level guide of the ground is derived by hand")
-    numbers = {"E": float(position(mechanism.q0, far_pin.own)[1]), "M3": mechanism.links[third].mass}
-    return numbers | _loads(mechanism, crank, third, far_pin.own)
-
-
-def _describe_rocker(mechanism: Mechanism, links: tuple[int, int, int], far_pin: Pin, ground_pin: Pin) -> dict[str, float]:
-    """Return the numbers of the third of the links, a rocker between the far pin and a pin on the ground, and of the loads.
-
-    Raises:
-        Underived: a load is not covered.
-    """
-    crank, _, third = links
-    length = float(np.linalg.norm(far_pin.own.local - ground_pin.own.local))
-    numbers = {"S": length} | _vector("D", ground_pin.before.local)
-    numbers |= _weights("3", mechanism, third, ground_pin.own, far_pin.own)
-    return numbers | _loads(mechanism, crank, None, far_pin.own)
+    return Loop(source, numbers, (crank, second, third), np.array(lines), (pivot, crank_pin, far_pin))
 
 
 def _find_pin(pins: Sequence[Revolute], before: int, link: int) -> Pin | None:

@@ -27,7 +27,7 @@ from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, Equal, equal_runs
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Law, Mechanism, Weighted, loads
+from gauss_bench.mechanism.model import Angle, Law, Load, Mechanism, Weighted, loads
 from gauss_bench.mechanism.spaces import angle_at, angles, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
@@ -65,9 +65,9 @@ class Minimal(LibraryEngine, file=VARIANTS):
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if reason := unsteady(mechanism, "the equation in one coordinate"):
             return reason
-        for force in mechanism.forces:  # an angle in a sum would need the whole turns that only laws on angles count
-            if any(isinstance(x, Law) and isinstance(x.coordinate, Weighted) for x in loads([force])):
-                return f"the equation in one coordinate has no law on a sum of coordinates ({force.name})"
+        for force in mechanism.forces:
+            if any(is_spring_on_sum_of_angles(x) for x in loads([force])):
+                return f"the equation in one coordinate has no spring on a sum of angles ({force.name})"
         try:  # only the exception matters: NoWay has the reason why dyads do not reach all links
             ways(mechanism)
         except NoWay as reason:
@@ -392,3 +392,10 @@ class MinimalModel:
 def _smallest(openings: Array, scale: Array) -> Array:
     """Return the smallest opening (...) of all dyads, from openings (..., dyads) and their scales (dyads,); 1 without dyads."""
     return np.asarray((np.abs(openings) / scale).min(axis=-1, initial=1.0))
+
+
+def is_spring_on_sum_of_angles(load: Load) -> bool:
+    """Tell whether a load is a spring on a sum with angles, whose whole turns the equation in one coordinate does not count."""
+    if not (isinstance(load, Law) and load.k and isinstance(load.coordinate, Weighted)):
+        return False
+    return any(isinstance(x, Angle) for x, _ in load.coordinate.terms)

@@ -136,7 +136,7 @@ class Dyad:
 
     @property
     def opening_is_length(self) -> bool:
-        """Whether `opening` is a distance [m] instead of the sine of the transmission angle."""
+        """Whether `opening` is a distance [m] instead of a sine or cosine."""
         return self.kind == "RPR"
 
     def opening(self, at: Links) -> Any:

@@ -174,10 +174,10 @@ class OwnModelRun:
         Raises:
             RunFailure: the joints of the model cannot reach the state.
         """
-        still = np.zeros_like(self.y0)
+        at_rest = np.zeros_like(self.y0)
 
         def residual(y: Array) -> tuple[Array, Array]:
-            here = self.absolute(y, still)
+            here = self.absolute(y, at_rest)
             return here.q - q, here.jacobian
 
         y = project(self.y0, residual, minimum_norm, ITERATIONS, still=lambda _, size: bool(size < CLOSE))

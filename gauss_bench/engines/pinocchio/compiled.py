@@ -119,7 +119,7 @@ class CompiledDynamics(ConstrainedDynamics):
         """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
         y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
         if not self.library.accelerate(self.linkage, y, dy, a):
-            raise self._failure(t, t, y, dy)
+            raise self._failure(f"t = {t:.6g} s", t, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
         return a
 
@@ -133,7 +133,7 @@ class CompiledDynamics(ConstrainedDynamics):
         done = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
         if not done:
-            raise self._failure(t, t + count * h, y, dy)
+            raise self._failure(f"between t = {t:.6g} s and t = {t + count * h:.6g} s", t, y, dy)
         return y, dy
 
     def advance_adaptive(self, times: Array, y: Array, dy: Array, rtol: float, atol: float) -> int:
@@ -149,22 +149,22 @@ class CompiledDynamics(ConstrainedDynamics):
         )
         self.evaluations += self.library.evaluations(self.linkage)
         if steps == FAILED:
-            reached = int(np.isfinite(y[:, 0]).sum())  # number of samples; the others are still NaN
-            raise self._failure(times[reached - 1], times[min(reached, len(times) - 1)], y_last, dy_last)
+            # the last sample that was filled, the others are still NaN; one step may pass several samples
+            last = times[int(np.isfinite(y[:, 0]).sum()) - 1]
+            raise self._failure(f"after t = {last:.6g} s", last, y_last, dy_last)
         if steps == VANISHING:
             raise StepFailure("Required step size is less than spacing between numbers.")
         if steps < 0:
             raise StepFailure(f"more than {MOST} steps")
         return steps
 
-    def _failure(self, begin: float, end: float, y: Array, dy: Array) -> RunFailure:
-        """Return the failure at a tree state y, dy (n,) that the loop met between two times [s]."""
+    def _failure(self, when: str, begin: float, y: Array, dy: Array) -> RunFailure:
+        """Return the failure at a tree state y, dy (n,) that the loop met after the time `begin` [s]; `when` says it in words."""
         status, reason = Status.NOT_CONVERGED, "Pinocchio's compiled loop misses the constraints"
         try:
             super().__call__(begin, y, dy)
         except RunFailure as failure:  # a call from Python usually fails with a more precise reason
             status, reason = failure.status, str(failure).removeprefix(f"t = {begin:.6g} s: ")
-        when = f"t = {begin:.6g} s" if begin == end else f"between t = {begin:.6g} s and t = {end:.6g} s"
         return RunFailure(status, f"{when}: {reason}")
 
 

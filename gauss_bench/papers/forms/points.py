@@ -183,7 +183,7 @@ def search_off(form: Line3) -> float:
 
 
 def from_before() -> float:
-    """Return the largest distance [m], in an unknown coordinate, of a start at the position before: 5 degrees of the crank."""
+    """Return the largest change [m] of an unknown coordinate of the point equations while the crank turns by 5 degrees."""
     model = PointModel(load_shaper())
     unknown = np.array([model.points.unknown_at(q) for q in turn_states()])
     return float(np.abs(unknown - np.roll(unknown, 1, axis=0)).max())

@@ -55,9 +55,13 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         pose = pose_in(run, name)
         mechanism = pose[0]
         still = None if turn else Markup(inline(draw(*pose), "still"))
-        loops = max(len(mechanism.joints) - len(mechanism.links), 0)
         # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
-        parts = {"moving link": len(mechanism.links), "joint": len(mechanism.joints), "loop": loops, "degree": mechanism.dof}
+        parts = {
+            "moving link": len(mechanism.links),
+            "joint": len(mechanism.joints),
+            "loop": mechanism.loops,
+            "degree": mechanism.dof,
+        }
         lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
     made = (
         accuracy_chart(all_settings(run).get(name, [])),

@@ -65,10 +65,8 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
         key: key whose value is x; empty for the whole file, and for entries of groups, such as `links.A`, whose key is a name.
     """
     if isinstance(x, dict):
-        copy = {}
-        for name, entry in x.items():
-            copy[change(name, key)] = rewrite(entry, change, "" if key in GROUPS else name)
-        return copy
+        has_entries = key in GROUPS  # x is a table of named entries, such as `links`
+        return {change(k, key): rewrite(y, change, "" if has_entries else k) for k, y in x.items()}
     if isinstance(x, list):
         return [rewrite(y, change, key) for y in x]
     return change(x, key) if isinstance(x, str) and key not in TEXTS else x

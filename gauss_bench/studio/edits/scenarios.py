@@ -165,7 +165,10 @@ def release(document: Document, reading: Reading) -> None:
 
 
 def follow(document: Document, old: Reading, new: Reading) -> None:
-    """Set the start values that were equal to the old drawing, but for whole turns, which stay, to the new drawing; keep others."""
+    """Set each start value that was that of the old drawing, up to whole turns, to that of the new one with the same turns.
+
+    Other start values stay.
+    """
     if old.mechanism is None or new.mechanism is None or not (old.closed and new.closed):
         return
     driven = table(table(document, "scenarios"), DRIVEN)
