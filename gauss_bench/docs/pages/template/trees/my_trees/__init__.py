@@ -10,7 +10,7 @@ from gauss_bench.engines.base import Choice, LibraryCall
 from gauss_bench.engines.shared import beyond_a_tree, closing_pins, joint_tree, unsteady
 from gauss_bench.engines.tree_model import TreeModel
 from gauss_bench.engines.variants import read_variants
-from gauss_bench.mechanism.model import Along, Angle, Distance, PointForce, loads
+from gauss_bench.mechanism.model import Along, Angle, Distance, Law, PointForce, Weighted, loads
 from my_trees import library
 
 VARIANTS = read_variants(Path(__file__).parent)
@@ -49,6 +49,9 @@ class Trees:
         """Return why the library cannot model this linkage, or None."""
         if reason := beyond_a_tree(mechanism, "trees") or unsteady(mechanism, "trees"):
             return reason
+        for force in mechanism.forces:
+            if any(isinstance(x, Law) and isinstance(x.coordinate, Weighted) for x in force.to_loads()):
+                return f"trees has no law on a sum of coordinates ({force.name})"
         if mechanism.drivers:
             return "driven motions are not modelled in trees"
         if any(b.kind == "free" for b in joint_tree(mechanism, VARIANTS.options(choice.settings)).branches):
