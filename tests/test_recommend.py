@@ -17,7 +17,7 @@ from gauss_bench.advice import budget
 from gauss_bench.advice import truth as truths
 from gauss_bench.advice.answer import Answer, format_setting
 from gauss_bench.advice.budget import Budget
-from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, _Engine, answer_of, by_loop, choices
+from gauss_bench.advice.recommending import SHARE, WRITTEN, Recommender, TriedSetting, _Engine, answer_of, by_loop, choices
 from gauss_bench.advice.truth import NoTruth, Truth, between, truth
 from gauss_bench.api.recommend import Recommendation, advice, advised, remarks, variants, with_snippet
 from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
@@ -490,7 +490,7 @@ def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_
 
 def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender: Recommender) -> None:
     for steps, most in ((50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)):
-        assert recommender._step_limit(way("b"), (way("a"), Trial(1e-3, {}, steps))) == most
+        assert recommender._step_limit(way("b"), TriedSetting(way("a"), Trial(1e-3, {}, steps))) == most
     assert recommender._step_limit(way("b"), None) == 200_000
 
 
