@@ -53,7 +53,7 @@ def choose_rows(bases: Array, count: int, allowed: Iterable[int], first: int | N
         sizes = np.linalg.norm(remainder, axis=2)  # (k, n)
         least_size = (sizes / largest).min(axis=0)  # (n,) smallest relative size of each row over all samples
         least_size[picked] = -1.0
-        # rounding: of rows that are equally good, the first is picked on every machine
+        # rounded, so that of equally good rows the first is picked, and not the one that rounding errors favour
         best = max(open_rows, key=lambda k: round(float(least_size[k]), 9), default=None)
         if first is not None and not picked:
             best = first
@@ -201,7 +201,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
         left: (k, m, redundant) bases of the left null space of J at k samples.
     """
     m, redundant = left.shape[1:]
-    # from the last row on: of pairs that are equally good the first is picked, and late joints are usually those that close a loop
+    # of equally good pairs the first is picked: this order, from the last row on, gives the parallelogram shorter programs
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(sorted(allowed, reverse=True), 2), RATIOS)]
     W = np.zeros((len(pairs), m))  # unit vectors: row i and `ratio` times row j
     for row, (i, j, ratio) in zip(W, pairs, strict=True):
