@@ -249,7 +249,8 @@ def find_reference(
 def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     """Yield the changes (attribute -> value) that are tried at a timestep [s].
 
-    The first ones keep the closures of the file; the later ones make them stiff. Values that the file already has are left out.
+    The first ones keep the solver parameters of the file's closures; the later ones replace them by stiff ones. Values that
+    the file already has are left out.
     """
     own = file.settings["integrator"]
     integrators = [own, *(x for x in ("RK4", "implicitfast", "Euler") if x != own)]
@@ -259,7 +260,7 @@ def list_settings(file: OwnFile, step: float) -> Iterator[dict[str, Any]]:
     for closures in ({}, stiff):
         for integrator in integrators:
             changes = at | {"integrator": integrator} | closures
-            yield {key: x for key, x in changes.items() if key == "timestep" or not is_set(file.settings[key], x)}
+            yield {key: x for key, x in changes.items() if not is_set(file.settings[key], x)}
 
 
 def is_set(value: Any, wanted: Any) -> bool:

@@ -57,10 +57,13 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Return one row (link, time, pose) for each link at each frame, from the reference motion, with angles in [-pi, pi)."""
+    """Return a row (link, time, pose) for each link at each of the times `frames` of the reference motion; angles are in [-pi, pi)."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
-    return [row for t, q in zip(times, truth.q[at], strict=True) for row in _rows(mechanism, float(t), {"": wrap(q)})]
+    rows: Rows = []
+    for t, q in zip(times, truth.q[at], strict=True):
+        rows += _rows(mechanism, float(t), {"": wrap(q)})  # the names of these columns have no suffix
+    return rows
 
 
 def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Rows:

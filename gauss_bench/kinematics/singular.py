@@ -139,7 +139,7 @@ class Curve:
         """
 
         def rate(back: float) -> float:
-            """Return g . x at the position that is reached from q by the distance `back` against the tangent and a projection."""
+            """Return g . x at the closed position near q - `back` x, a step back along the tangent."""
             here = self._close(q - back * x)
             return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
 

@@ -112,8 +112,9 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 def complete(suite: Suite, tables: Tables) -> None:
     """Complete the table `field`.
 
-    Each row gets the start-up time and the installed size of its engine, and the name of the linkage with redundant constraint rows
-    on which engines are tested too. Each engine that is not installed gets a row with the reason.
+    Each row gets the start-up time and the installed size of its engine, and the name of the suite's linkage with redundant
+    constraint rows, under which the report finds the runs of the same engine on that linkage. Each engine that is not
+    installed gets a row with the reason.
     """
     rows = tables.get("field", [])
     for part in suite.field:

@@ -62,7 +62,7 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """One attempt to eliminate the equations of motion, which found usable pivots."""
+    """An elimination of the equations of motion with usable pivots, with the search settings that found it and its costs."""
 
     work: Workspace
     search: Search

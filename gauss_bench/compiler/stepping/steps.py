@@ -324,7 +324,7 @@ class Builder:
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return for each independent coordinate its free motion (n,), in which it alone of them moves, with speed 1."""
+        """Return, for each independent coordinate, velocities (n,) with rate 1 of it and 0 of all other independent ones."""
         g, free = self.g, self.code.program.independent
         *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
         self._watch(guard, self.code.program.direction_thresholds)

@@ -69,7 +69,12 @@ class Part:
         return np.asarray(self.place[k] + np.stack((c * x - s * y, s * x + c * y), axis=-1))
 
     def draw(self, more: str = "", inside: str = "") -> str:
-        """Return the SVG of the part at its first state."""
+        """Return the SVG of the part's shapes, moved and turned to the first state; they are never stretched.
+
+        Args:
+            more: further attributes of the group, with a space before each.
+            inside: SVG elements below the shapes.
+        """
         (x, y), turn = self.place[0], self.turn[0]
         tooltip = f"<title>{escape(self.title)}</title>" if self.title else ""
         move = f"translate({x:.2f} {y:.2f})" + (f" rotate({turn:.2f})" if turn else "")
