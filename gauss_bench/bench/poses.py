@@ -57,7 +57,7 @@ def wrap(q: Array) -> Array:
 
 
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
-    """Return a row (link, time, pose) for each link at each of the times `frames` of the reference motion; angles are in [-pi, pi)."""
+    """Return a row (link, time, pose) for each link at each of the times `frames` of the reference; angles are in [-pi, pi)."""
     times = frames(truth)
     at = common_times(truth.t, times)[0]
     rows: Rows = []
