@@ -47,3 +47,10 @@ def test_every_engine_tells_what_of_ours_runs_in_python_inside_its_time() -> Non
     compiled = next(x for x in offers.offer("pinocchio").variants if x.startswith("compiled"))
     assert offers.in_python("pinocchio", free, Choice(compiled)) == ""
     assert offers.in_python("elsewhere:Engine", free, Choice()) == offers.NOT_TOLD
+
+
+def test_engines_are_a_list_of_names_each_asked_once() -> None:
+    assert [x.name for x in offers.offers(["lagrange", "gauss", "lagrange"])] == ["lagrange", "gauss"]
+    for wrong in ("gauss", ["gauss", 3]):
+        with pytest.raises(TypeError, match="engines must be a list of names"):
+            offers.offers(wrong)  # type: ignore[arg-type]

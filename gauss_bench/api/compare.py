@@ -41,13 +41,13 @@ def compare(
         LinkageError: the file has faults.
         ChoiceError: the number of jobs, a step or a time cannot be used, or an engine does not know the settings.
         KeyError: an engine is unknown.
+        TypeError: `engines` is a single text.
     """
     if jobs < 1:
         raise ChoiceError(f"jobs must be at least 1, not {jobs}")
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=t_end)
-    wanted = list(engines or names())
-    offers(wanted)
+    wanted = [x.name for x in offers(engines or names())]
     cases = list(cross({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
     with tempfile.TemporaryDirectory() as folder:
         return measure_all(cases, Path(folder), jobs, limit=check_budget(budget, CASE_LIMIT))[0]

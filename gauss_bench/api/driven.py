@@ -36,15 +36,18 @@ def driver_table(text: str) -> dict[str, Any]:
     A law without keys has the values TURN or RISE. The law "table" may name a file, whose rows are read.
 
     Raises:
-        ChoiceError: the text after "LAW:" is not of the form key=value,key=value.
+        ChoiceError: the text after "LAW:" is not of the form key=value,key=value, or has a key twice.
     """
     law, _, rest = text.partition(":")
     table: dict[str, Any] = {"law": law}
     for part in filter(None, rest.split(",")):
         key, equals, value = part.partition("=")
+        key = key.strip()
         if not equals:
             raise ChoiceError(f"driver {text!r}: {part!r} is not of the form key=value")
-        table[key.strip()] = _read_number(value.strip())
+        if key in table:
+            raise ChoiceError(f"driver {text!r}: {key} stands twice")
+        table[key] = _read_number(value.strip())
     if law == "table" and "file" in table:
         table["rows"] = _read_rows(Path(table.pop("file")))
     if not rest and law != "table":

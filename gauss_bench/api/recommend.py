@@ -117,7 +117,7 @@ def recommend(
     seconds = Budget(check_budget(budget, BUDGET))
     mechanism = load(linkage, scenario)
     end = duration(mechanism.duration, until=until)
-    offered = offers(list(dict.fromkeys(engines)) if engines else order_kinds())
+    offered = offers(engines or order_kinds())
     if settings is not None and len(offered) != 1:
         raise ChoiceError("settings are those of one engine: name it with --engine")
     if settings is not None and authors:

@@ -194,14 +194,17 @@ def offer(name: str) -> Offer:
     return offers([name])[0]
 
 
-def offers(wanted: list[str] | None = None) -> list[Offer]:
-    """Return the descriptions of the engines with these names, or of all engines.
+def offers(wanted: Sequence[str] | None = None) -> list[Offer]:
+    """Return the descriptions of the engines with these names, each once, or of all engines.
 
     Each engine is asked once: adapters of this package (SAFE) in this process, all other engines in a worker.
 
     Raises:
         KeyError: there is no such engine.
+        TypeError: `wanted` is a single text, or has an entry that is none.
     """
+    if isinstance(wanted, str) or not all(isinstance(name, str) for name in wanted or ()):
+        raise TypeError(f"engines must be a list of names, not {wanted!r}")
     if wanted is None or any(name not in _known for name in wanted):
         there = all_names()  # slow: it looks through all installed packages
         wanted = there if wanted is None else wanted
@@ -217,7 +220,7 @@ def offers(wanted: list[str] | None = None) -> list[Offer]:
         elif others:
             with Worker() as worker:
                 _known.update({name: _ask(worker, name) for name in others})
-        return [_known[name] for name in wanted]
+        return [_known[name] for name in dict.fromkeys(wanted)]
 
 
 def offers_from_outside() -> list[Offer]:
