@@ -89,13 +89,11 @@ def known() -> tuple[Mechanism, Run, Reference]:
     mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.1)
     states = pendulum(1.0, wanted.times, 1e-12)
     run = Run(Status.OK, "", Trajectory(wanted.times, *states, 10), None, wanted)
-    assert run.trajectory is not None
     return mechanism, run, Reference.with_one_bar(run.trajectory, "closed form")
 
 
 def shifted(run: Run, by: float) -> Run:
     """Return a run with all links moved along x [m], so that loops on the ground open by as much."""
-    assert run.trajectory is not None
     q = run.trajectory.q.copy()
     q[5:, 0::3] += by
     return replace(run, trajectory=replace(run.trajectory, q=q))

@@ -137,7 +137,6 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     driver = AngleDriver("rocker", constant(0.0, 1.0), rocker)
     sweep = compile_closure(replace(m, drivers=(driver,)), backend=backend).sweep(angles)
     loss = sweep.loss
-    assert loss is not None
     assert loss.kind == "limit of motion"
     assert loss.inputs["rocker"] == pytest.approx(limit, abs=1e-9)  # the library halves its way to 1e-10 rad
     assert loss.sample == int(((angles - limit) * sense < 0).sum())
@@ -154,7 +153,6 @@ def test_a_change_point_is_a_singular_position(count: int, backend: str) -> None
     m = two_crank_parallelogram()
     sweep = compile_closure(m, backend=backend).turn(count)
     loss = sweep.loss
-    assert loss is not None
     assert loss.kind == "singular position"
     assert loss.inputs["crank"] == pytest.approx(np.pi, abs=1e-6)  # the library's rank counts as lost at 1e-7 of the largest
     assert loss.sample == int((turn_angles(m, count) < np.pi - 1e-9).sum())

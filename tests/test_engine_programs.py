@@ -139,7 +139,6 @@ def test_the_table_of_a_program_is_read_below_what_its_library_prints() -> None:
     mechanism = load("four_bar", "torque")
     rows, why = run_python(table(mechanism), mechanism, Interpreter(), 60.0)
     assert why == ""
-    assert rows is not None
     assert rows.t.tolist() == [0.0, 1.0]
     assert rows.q.tolist() == rows.v.tolist() == [[0.0] * mechanism.n, [2.0] * mechanism.n]
 

@@ -236,7 +236,6 @@ def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, eng
     engines.write_text(before) if before else engines.unlink()
     installation._enter("twin", PYTHON)
     environment = environment_of("twin")
-    assert environment is not None
     assert (environment.python, environment.class_name) == (str(PYTHON), "stand_in:Twin")
     assert before in engines.read_text()
     installation._take_out("twin")

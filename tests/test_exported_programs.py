@@ -51,7 +51,6 @@ def assert_error_held(file: Path, kind: str, linkage: str) -> None:
     assert stated, text[:2000]
     assert known
     truth = find_certified(mechanism, mechanism.duration)
-    assert truth is not None
     last = run_alone(kind, file)[-1]
     assert last[0] == pytest.approx(mechanism.duration)
     off = np.abs(last[1 : 1 + mechanism.n] - truth.q[np.argmin(np.abs(truth.t - mechanism.duration))])
@@ -114,7 +113,6 @@ def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch: pytest.Monke
 
     def run_elsewhere(source: str, n: int):  # type: ignore[no-untyped-def]
         rows, why = run(source, n)
-        assert rows is not None
         return replace(rows, q=rows.q + np.linspace(0.0, 1.0, len(rows.t))[:, None]), why
 
     monkeypatch.setattr(program_error, "run_c", run_elsewhere)
@@ -189,6 +187,5 @@ def test_programs_of_recommend_state_their_error_in_metres() -> None:
     found = gauss_bench.recommend("four_bar", angle=1e-3, until=0.05, engines=["gauss"], budget=20.0)
     (answer,) = found.answers
     stated = STATED.search(answer.snippet)
-    assert stated
     assert float(stated[1]) == pytest.approx(answer.errors["position"], rel=0.06)
     assert KNOWN.search(answer.snippet)

@@ -363,7 +363,6 @@ def texts(site: Path) -> dict[str, str]:
 
 def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder: Path) -> None:
     run = read_run(folder)
-    assert run.beside is not None
     assert run.field_run is run.beside
     assert [x.title for x in shown.findings(run)] == ["Runs that repeat", "Engines in environments of their own"]
     assert list(runs_of_engines(run)) == ["dice", "gauss", "gone", "good"]

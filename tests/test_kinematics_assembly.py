@@ -28,7 +28,6 @@ def four_bar(**lengths: float) -> dict[str, Any]:
 @pytest.mark.parametrize(("lengths", "gap", "link"), [({"rocker": 0.9}, 0.02, "rocker"), ({"coupler": 1.0}, 0.18, "coupler")])
 def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[str, float], gap: float, link: str) -> None:
     found = find_open_loop(load_document(four_bar(**lengths), place=place_as_drawn))
-    assert found is not None
     assert found.alone
     assert found.apart == pytest.approx(gap, abs=1e-9)
     assert set(found.links) == {"ground", "crank", "coupler", "rocker"}
@@ -48,7 +47,6 @@ def test_a_loop_that_only_others_keep_open_says_so() -> None:
     document["assembly"]["sketch"]["P"] = [0.2, 0.2]
     document.pop("expect")
     found = find_open_loop(load_document(document, place=place_as_drawn))
-    assert found is not None
     assert "prop" in found.links
     assert found.apart > 0.05
 

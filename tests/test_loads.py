@@ -51,7 +51,6 @@ def crank_slider_on_paper(t: Array) -> dict[str, Array]:
 
 def test_loads_of_a_crank_slider_are_those_of_newton_on_paper() -> None:
     found = gauss_bench.kinematics("crank_slider", forces=True).loads
-    assert found is not None
     times, fine = np.linspace(0.0, 1.0, 361), np.linspace(0.0, 1.0, 20001)
     samples, turn = crank_slider_on_paper(times), crank_slider_on_paper(fine)
     for name, size in samples.items():
@@ -69,7 +68,6 @@ def test_what_is_held_carries_the_weight_beyond_it() -> None:
     """The arm stands still: held pins carry all beyond them, and held angles the moment about their pins."""
     still = "constant:joint=lift,start=1.2,speed=0"
     found = gauss_bench.kinematics(ARM, "drop", still, 2, hold=["T", "bucket"], forces=True)
-    assert found.loads is not None
     peaks = found.loads.peaks
     bucket, tooth, stick = 12.0, 1.5, 25.0
     assert peaks["T_held.force"].largest == pytest.approx((stick + bucket + tooth) * G, rel=1e-9)
@@ -86,11 +84,9 @@ def test_what_is_held_carries_the_weight_beyond_it() -> None:
 
 def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks() -> None:
     failing = gauss_bench.simulate("crank_slider", step=0.05, forces=True)
-    assert failing.loads is not None
     assert not failing.valid
     assert failing.loads.until == failing.trusted_until
     assert failing.loads.peaks["B.force"].largest < 20.0
-    assert failing.trajectory is not None
     assert failing.loads.until < failing.trajectory.t[-1]
 
 
@@ -141,8 +137,6 @@ def test_a_mean_over_time_does_not_count_crowded_samples_twice() -> None:
     even = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, forces=True).loads
     crowded = [*np.linspace(0.1, 0.102, 40)]
     uneven = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, at=crowded, forces=True).loads
-    assert even is not None
-    assert uneven is not None
     for name, peak in even.peaks.items():
         assert uneven.peaks[name].mean == pytest.approx(peak.mean, rel=1e-4), name
 
@@ -155,8 +149,6 @@ def test_a_driver_in_place_of_the_scenarios_own_leaves_its_forces_and_changes(tm
     path.write_text(changed, encoding="utf-8")
     own = gauss_bench.kinematics(str(path), intervals=4, forces=True).loads
     replaced = gauss_bench.kinematics(str(path), driver=f"constant:speed={2 * np.pi}", intervals=4, forces=True).loads
-    assert own is not None
-    assert replaced is not None
     assert replaced.acting == own.acting == ("gravity", "spring")
     assert replaced.peaks["B.force"].largest == pytest.approx(own.peaks["B.force"].largest, rel=1e-9)
     assert own.peaks["B.force"].largest > 10.0  # 3.9 N with the weak spring

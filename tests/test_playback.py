@@ -128,7 +128,6 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
 def test_a_page_plays_what_was_planted(planted: Path) -> None:
     """Data have the digits of stored differences; the pulled link is off by the planted opening, others are in their places."""
     found = play_pair(read_run(planted), "four_bar", "torque")
-    assert found is not None
     data = found[1]
     late, apart = sorted(data["runs"], key=lambda x: x["name"])
     assert late["ahead"] == pytest.approx([LATE] * len(late["ahead"]), rel=2e-4)

@@ -90,7 +90,6 @@ def test_the_suite_takes_the_certificate_beside_a_linkage_file_and_names_a_stale
     assert path == tmp_path / "certificates" / "four_bar.torque.npz"
     write_certificate(certificate, path)
     reference = find_certified(load(file, "torque"), 0.1)
-    assert reference is not None
     assert reference.t[-1] == pytest.approx(0.1)
     assert "certified" in reference.method
     assert find_certified(load(file, "torque"), 0.3) is None  # it does not reach so far
@@ -146,7 +145,6 @@ def test_differences_are_right_far_below_double_precision() -> None:
 def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name: str, scenario: str) -> None:
     mechanism = load(name, scenario)
     path = certificate_path(mechanism)
-    assert path is not None
     certificate = read_certificate(path)
     check_holds(certificate, mechanism, path)
     assert certificate.digits >= 12

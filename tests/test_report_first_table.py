@@ -40,7 +40,6 @@ def test_multiples_are_over_the_fastest_of_all() -> None:
 def test_the_first_table_has_error_time_and_multiple_of_each_way() -> None:
     assert first_table(Run()) is None
     table = first_table(RUN)
-    assert table is not None
     assert table.title == "Within 1e-06 m of position over 1 s"
     rows = [[cell.text for cell in row] for row in table.rows]
     assert rows == [

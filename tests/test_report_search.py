@@ -94,7 +94,6 @@ def test_each_accuracy_is_a_finding_and_every_winner_a_line() -> None:
     findings = list(search.findings(run(*angles, *finer, *ROWS)))
     assert [f.title[:18] for f in findings] == ["Within 1e-06 m of ", "Within 1e-09 m of ", "Within 1e-06 rad o"]
     section = search.section(run(*ROWS, *finer))
-    assert section is not None
     (table,) = (block for block in section.blocks if isinstance(block, Table))
     assert len(table.rows) == 14
     assert search.section(run()) is None

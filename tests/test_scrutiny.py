@@ -332,7 +332,6 @@ def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
     column = np.arange(9.0)[:, None]
     again = Run(Status.OK, "", Trajectory(times, column, column, column, 8), None, sampling(1e-3, 4e-3))
     kept = scrutiny.at_samples(again, asked.wanted.times[:4]).trajectory
-    assert kept is not None
     assert [x.ravel().tolist() for x in (kept.q, kept.v, kept.a)] == [[0.0, 2.0, 4.0, 6.0]] * 3
     lost = replace(again, trajectory=None)
     assert scrutiny.at_samples(lost, times) is lost
@@ -388,7 +387,6 @@ def test_samples_are_copies_of_real_numbers_without_a_mask() -> None:
         assert judge.leading(bad, t, 3) is None
     taken = judge.leading(good, t, 3)
     states += 1.0  # the engine keeps a hold of its array
-    assert taken is not None
     assert not taken.q.any()
 
 

@@ -85,7 +85,6 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
 
 def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
     mechanism, _, trace = pose_links("jansen")
-    assert trace is not None
     states = trace[::20]
     canvas = fit(mechanism, trace)
     found = {mark.name: mark for mark in force_parts(mechanism, states, canvas)}
@@ -100,7 +99,6 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
 
 def test_curves_follow_their_definitions(driven: Simulation) -> None:
     mechanism, x = driven.model, driven.trajectory
-    assert x is not None
     b, d = (position(x.q, mechanism.point(i, name)) for i, name in ((0, "B"), (2, "D")))
     diagonal = np.hypot(*(b - d).T)
     law_of_cosines = np.degrees(np.arccos((0.36**2 + 0.3**2 - diagonal**2) / (2 * 0.36 * 0.3)))
@@ -130,7 +128,6 @@ def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_i
     assert failing.status == "nan"
     assert not failing.valid
     assert {x.subject for x in failing.objections} >= {"loops", "energy"}
-    assert failing.trusted_until is not None
     assert 0.0 < failing.trusted_until < failing.metrics["until"] < 2.0
     assert failing.advice == "do not trust it; take a step smaller than 0.05 s, or stabilization projection"
     before = gauss_bench.simulate("crank_slider", step=0.05, at=[failing.trusted_until - 0.05])  # at times of the certificate
@@ -178,8 +175,6 @@ def test_names_stay_as_near_as_their_distance_allows() -> None:
 @pytest.mark.long
 @pytest.mark.slow
 def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing: Simulation, driven: Simulation) -> None:
-    assert driven.trajectory is not None
-    assert failing.trajectory is not None
     told, history = failing.told(), gauss_bench.history(failing)
     moving = film(".svg", told, history, failing.model, failing.trajectory).decode()
     assert "motion-film" in moving

@@ -102,7 +102,6 @@ def test_a_race_at_the_same_accuracy_replaces_the_estimate() -> None:
 
 def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page() -> None:
     run = published()
-    assert run.beside is not None
     folder = REPORTS / "field"
     times, rows = (
         pd.read_csv(folder / place, keep_default_na=False, na_values=[""]) for place in ("times/search_winners.csv", "field.csv")
@@ -235,7 +234,6 @@ def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step() -> None:
     run = published()
     said, shown = explain_time(run, "exudyn") or ("", None)
     assert "times as many steps" in said
-    assert shown is not None
     for row in shown.rows:
         whole, steps, each = (float(cell.sort) for cell in row[2:5])
         assert whole == pytest.approx(steps * each)
