@@ -192,7 +192,7 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
     with pytest.raises(KeyboardInterrupt):
         survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], BUDGET, 1, told.append)
     assert len(begun) == 1
-    assert told == ["1 ways along 2 axes"]
+    assert told == ["settings of engines: 1; axes: 2"]
 
 
 def test_times_that_are_compared_lie_on_whole_steps() -> None:

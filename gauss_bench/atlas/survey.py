@@ -272,7 +272,7 @@ def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: in
             return reached
 
         pairs = [(axis, way) for axis in along for way in chosen]
-        told(f"{len(chosen)} ways along {len(along)} axes")
+        told(f"settings of engines: {len(chosen)}; axes: {len(along)}")
         try:
             with ThreadPoolExecutor(jobs) as pool:
                 try:
