@@ -32,6 +32,7 @@ from gauss_bench.mechanism.model import GROUND, Force, Link, Load, Mechanism, Po
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
 from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 
 def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
@@ -195,29 +196,21 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """The names of the inputs of an expression graph for time, positions and velocities, and their values at k sampled states."""
-
-    t: str
-    q: str
-    v: str
-    times: Array
-    positions: Array
-    velocities: Array
-
-
 class Links(Given):
     """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:
+        states: sampled states, at which the inputs of the graph for time, positions and velocities have their values.
         exact: whether expressions must be valid also where constraints are violated, so that no angle is replaced by that of
             another link.
+        suffix: end of the names of these inputs, which are t, q and v without it.
     """
 
-    def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
+    suffix = ""
+
+    def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, states: States, exact: bool = False):
         """Set up the links; their frames and ends of arms become nodes when they are first asked for."""
-        self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
+        self.graph, self.mechanism, self.parameters, self.states, self.exact = graph, mechanism, parameters, states, exact
         self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.arithmetic, self.zero = graph, graph.constant(0.0)
@@ -229,15 +222,15 @@ class Links(Given):
     @property
     def time(self) -> Node:
         """The time t [s], an input of the graph."""
-        return self.graph.input(self.state.t, 0, self.state.times, 1.0)
+        return self.graph.input(f"t{self.suffix}", 0, self.states.t, 1.0)
 
     def coordinate(self, k: int) -> Node:
         """Return coordinate k as a node, an input of the graph."""
-        return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
+        return self.graph.input(f"q{self.suffix}", k, self.states.q[:, k], self.scale[k])
 
     def rate(self, k: int) -> Node:
         """Return the rate of coordinate k as a node, an input of the graph."""
-        return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
+        return self.graph.input(f"v{self.suffix}", k, self.states.v[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
         """Return the angular speed of a link, which is that of the link's root: the link to which slides tie its angle."""
