@@ -378,14 +378,14 @@ class Builder:
             least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the velocity at the beginning of the step, under "projection" projected at q (None: the positions there).
+    def correct_velocity(self) -> list[int]:
+        """Return the velocity at the beginning of the step, which is projected under the stabilisation "projection".
 
         Guards for the pivots of this correction are added.
         """
         if not self.code.projected:
             return self.v
-        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], self.q, self.v, self.p), self.sincos)
         self._watch(guard, self.code.program.correcting_thresholds)
         return nearest
 
