@@ -48,16 +48,7 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y.
-
-    Raises:
-        KernelError: a force cannot be expressed by laws on coordinates and forces at points.
-    """
-    try:
-        # called only to raise for a force of an unknown type; `loads` also refuses varying forces, whose types are known
-        loads(f for f in mechanism.forces if not factor_of(f))
-    except TypeError as error:
-        raise KernelError(str(error)) from None
+    """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y."""
     values: dict[str, float] = {}
     for name, number in named_numbers(mechanism).items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
