@@ -1,7 +1,7 @@
 """Compiled kinematics: whole turns against the library's closures, limits, assemblies."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,11 @@ def library(m: Mechanism, angles: Array, link: int | None = None) -> Motion:
     return loop_motion(replace(m, drivers=(AngleDriver(m.link_name(index), law, index),)), np.arange(len(angles)))
 
 
+def by_input(compiled: Closure, u: Array) -> Sweep:
+    """The states at values of the only input, with the derivatives by it."""
+    return compiled.sweep(np.stack([u, np.ones_like(u), np.zeros_like(u)], axis=1)[:, :, None])
+
+
 def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = ROUNDING) -> None:
     """The first samples of a sweep are these."""
     for found, wanted in ((sweep.q[: len(q)], q), (sweep.v[: len(q)], v), (sweep.a[: len(q)], a)):
@@ -71,8 +76,8 @@ def test_a_whole_turn_is_that_of_the_link_units(name: str) -> None:
 def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
     m = mechanism(name)
     times = np.linspace(0.0, m.duration, 301)
-    levels = np.array([driver.law(times) for driver in m.drivers]).transpose(1, 2, 0)
-    sweep, truth = closure(name, backend).sweep(*levels), loop_motion(m, times)
+    sweep = closure(name, backend).sweep(np.array([driver.law(times) for driver in m.drivers]).T)
+    truth = loop_motion(m, times)
     assert sweep.loss is None
     assert_same(sweep, truth.q, truth.v, truth.a)
 
@@ -93,13 +98,13 @@ def test_rates_of_the_input_count() -> None:
     """v = d u', a = d u'' + e u'^2."""
     unit = closure("shaper").turn(100)
     u, w, b = turn_angles(mechanism("shaper"), 100), np.linspace(-3.0, 5.0, 100), np.linspace(20.0, -10.0, 100)
-    sweep = closure("shaper").sweep(u, w, b)
+    sweep = closure("shaper").sweep(np.stack([u, w, b], axis=1)[:, :, None])
     assert_same(sweep, unit.q, unit.v * w[:, None], unit.a * w[:, None] ** 2 + unit.v * b[:, None])
 
 
 def test_angles_stay_continuous_over_many_turns_and_back() -> None:
     there = crank_angle(mechanism("four_bar")) + np.linspace(0.0, 20 * np.pi, 7201)
-    q = closure("four_bar").sweep(np.concatenate([there, there[::-1]])).q
+    q = by_input(closure("four_bar"), np.concatenate([there, there[::-1]])).q
     assert np.abs(np.diff(q[:, 2::3], axis=0)).max() < 0.02
     assert q[7200, 2] - q[0, 2] == pytest.approx(20 * np.pi, abs=1e-12)
     assert np.abs(q[-1] - q[0]).max() < 1e-13
@@ -110,7 +115,7 @@ def test_a_parallelogram_with_a_third_crank_passes_the_flat_positions() -> None:
     m = mechanism("parallelogram")
     names = [link.name for link in m.links]
     flat = np.array([0.0, 1e-9, np.pi - 1e-9, np.pi, np.pi + 1e-9])
-    q = closure("parallelogram").sweep(np.concatenate([flat, flat + 2 * np.pi])).q
+    q = by_input(closure("parallelogram"), np.concatenate([flat, flat + 2 * np.pi])).q
     cranks = [3 * names.index(x) + 2 for x in ("crank", "crank2", "crank3")]
     assert np.abs(q[:, cranks] - q[:, cranks[:1]]).max() < 1e-13
     assert np.abs(q[:, 3 * names.index("coupler") + 2]).max() < 1e-13
@@ -135,7 +140,7 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     angles = start + sense * np.linspace(0.0, 2.0, 401)
     limit = min((x for x in limits if (x - start) * sense > 0), key=lambda x: abs(x - start))
     driver = AngleDriver("rocker", constant(0.0, 1.0), rocker)
-    sweep = compile_closure(replace(m, drivers=(driver,)), backend=backend).sweep(angles)
+    sweep = by_input(compile_closure(replace(m, drivers=(driver,)), backend=backend), angles)
     loss = sweep.loss
     assert loss is not None
     assert loss.kind == "limit of motion"
@@ -166,7 +171,7 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
     m = two_crank_parallelogram()
     compiled = compile_closure(m)
     for gap, status in ((1e-2, Status.CLOSED), (1e-5, Status.LOST)):
-        assert compiled.sweep(np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
+        assert by_input(compiled, np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
 
 
 def test_a_start_at_a_dead_centre_is_refused() -> None:
@@ -184,8 +189,9 @@ def test_what_does_not_fit_is_refused() -> None:
         ("power of 2", lambda lanes: closure("four_bar", lanes=lanes), 3),
         ("knife edges", closure, "sleigh"),
         ("a turn needs a single one", closure("five_bar/driven").turn, 10),
-        ("inputs of shape", closure("five_bar/driven").sweep, np.zeros(5)),
-        ("not finite", closure("four_bar").sweep, np.array([0.0, np.nan])),
+        ("levels of shape", partial(by_input, closure("five_bar/driven")), np.zeros(5)),
+        ("levels of shape", partial(by_input, closure("four_bar")), np.zeros(0)),
+        ("not finite", partial(by_input, closure("four_bar")), np.array([0.0, np.nan])),
     ):
         with pytest.raises(ValueError, match=match):  # a KernelError is one too
             call(asked)
