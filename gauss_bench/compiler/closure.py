@@ -9,17 +9,16 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine.native_code import Target, choose_target
-from gauss_bench.compiler.turns.tracker import Loss, Status, Tracker
+from gauss_bench.compiler.turns.tracker import Loss, Tracker
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-__all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
+__all__ = ["Closure", "Loss", "Sweep", "compile_closure"]
 
 PARTS = 32  # samples that the numpy backend computes at once, so that they share the overhead of its calls
 
@@ -31,14 +30,12 @@ class Sweep:
     Attributes:
         q, v, a: (k, n) positions, velocities, accelerations of all links in the mechanism's absolute coordinates [m, rad]; angles
             are continuous from the start. All values are NaN at samples where the motion is lost.
-        status: (k,) how the joints of each sample were closed, as values of the enumeration `Status`.
         loss: sample at which the motion ended, and why; None if all samples were closed.
     """
 
     q: Array
     v: Array
     a: Array
-    status: NDArray[np.int8]
     loss: Loss | None
 
 
@@ -115,12 +112,12 @@ class Closure:
         divided = max(1, ceil(stride))
         if divided > 1:
             levels = _divide(levels, divided)
-        rows, status = np.empty((len(levels), self._tracker.program.width)), np.zeros(len(levels), dtype=np.int8)
-        loss = self._tracker.track(levels, stride / divided, rows, status)
+        rows = np.empty((len(levels), self._tracker.program.width))
+        loss = self._tracker.track(levels, stride / divided, rows)
         if loss is not None:
             loss = replace(loss, sample=ceil(loss.sample / divided))  # the next of the caller's samples
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
-        return Sweep(q, v, a, status[::divided], loss)
+        return Sweep(q, v, a, loss)
 
 
 def _divide(levels: Array, parts: int) -> Array:
