@@ -1,14 +1,16 @@
 """Compiled kinematics: whole turns against the library's closures, limits, assemblies."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.closure import Closure, Status, Sweep, compile_closure
+from gauss_bench.compiler.closure import Closure, Sweep, compile_closure
 from gauss_bench.compiler.errors import KernelError
+from gauss_bench.compiler.turns.tracker import Tracker
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import Motion
 from gauss_bench.kinematics.singular import singular_positions
@@ -45,6 +47,11 @@ def library(m: Mechanism, angles: Array, link: int | None = None) -> Motion:
     return loop_motion(replace(m, drivers=(AngleDriver(m.link_name(index), law, index),)), np.arange(len(angles)))
 
 
+def by_input(compiled: Closure, u: Array) -> Sweep:
+    """The states at values of the only input, with the derivatives by it."""
+    return compiled.sweep(np.stack([u, np.ones_like(u), np.zeros_like(u)], axis=1)[:, :, None])
+
+
 def assert_same(sweep: Sweep, q: Array, v: Array, a: Array, tolerance: float = ROUNDING) -> None:
     """The first samples of a sweep are these."""
     for found, wanted in ((sweep.q[: len(q)], q), (sweep.v[: len(q)], v), (sweep.a[: len(q)], a)):
@@ -57,13 +64,13 @@ def turn_angles(m: Mechanism, count: int) -> Array:
 
 
 @pytest.mark.parametrize("name", exhaustive(TURNING, "crank_slider", "shaper", "redundant"))
-def test_a_whole_turn_is_that_of_the_link_units(name: str) -> None:
+def test_a_whole_turn_is_that_of_the_link_units(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(Tracker, "_close_by_library")  # compiled code closes all samples
     truth = library(mechanism(name), turn_angles(mechanism(name), 180))
     for backend in ("llvm", "numpy"):
         sweep = closure(name, backend).turn(180)
         assert len(sweep.q) == 180
         assert sweep.loss is None
-        assert (sweep.status == Status.CLOSED).all()
         assert_same(sweep, truth.q, truth.v, truth.a)
 
 
@@ -71,8 +78,8 @@ def test_a_whole_turn_is_that_of_the_link_units(name: str) -> None:
 def test_several_inputs_follow_their_laws(name: str, backend: str) -> None:
     m = mechanism(name)
     times = np.linspace(0.0, m.duration, 301)
-    levels = np.array([driver.law(times) for driver in m.drivers]).transpose(1, 2, 0)
-    sweep, truth = closure(name, backend).sweep(*levels), loop_motion(m, times)
+    sweep = closure(name, backend).sweep(np.array([driver.law(times) for driver in m.drivers]).T)
+    truth = loop_motion(m, times)
     assert sweep.loss is None
     assert_same(sweep, truth.q, truth.v, truth.a)
 
@@ -93,13 +100,13 @@ def test_rates_of_the_input_count() -> None:
     """v = d u', a = d u'' + e u'^2."""
     unit = closure("shaper").turn(100)
     u, w, b = turn_angles(mechanism("shaper"), 100), np.linspace(-3.0, 5.0, 100), np.linspace(20.0, -10.0, 100)
-    sweep = closure("shaper").sweep(u, w, b)
+    sweep = closure("shaper").sweep(np.stack([u, w, b], axis=1)[:, :, None])
     assert_same(sweep, unit.q, unit.v * w[:, None], unit.a * w[:, None] ** 2 + unit.v * b[:, None])
 
 
 def test_angles_stay_continuous_over_many_turns_and_back() -> None:
     there = crank_angle(mechanism("four_bar")) + np.linspace(0.0, 20 * np.pi, 7201)
-    q = closure("four_bar").sweep(np.concatenate([there, there[::-1]])).q
+    q = by_input(closure("four_bar"), np.concatenate([there, there[::-1]])).q
     assert np.abs(np.diff(q[:, 2::3], axis=0)).max() < 0.02
     assert q[7200, 2] - q[0, 2] == pytest.approx(20 * np.pi, abs=1e-12)
     assert np.abs(q[-1] - q[0]).max() < 1e-13
@@ -110,7 +117,7 @@ def test_a_parallelogram_with_a_third_crank_passes_the_flat_positions() -> None:
     m = mechanism("parallelogram")
     names = [link.name for link in m.links]
     flat = np.array([0.0, 1e-9, np.pi - 1e-9, np.pi, np.pi + 1e-9])
-    q = closure("parallelogram").sweep(np.concatenate([flat, flat + 2 * np.pi])).q
+    q = by_input(closure("parallelogram"), np.concatenate([flat, flat + 2 * np.pi])).q
     cranks = [3 * names.index(x) + 2 for x in ("crank", "crank2", "crank3")]
     assert np.abs(q[:, cranks] - q[:, cranks[:1]]).max() < 1e-13
     assert np.abs(q[:, 3 * names.index("coupler") + 2]).max() < 1e-13
@@ -127,7 +134,7 @@ def two_crank_parallelogram() -> Mechanism:
 
 
 @pytest.mark.parametrize(("sense", "backend"), [(1, "llvm"), (-1, "numpy")])
-def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
+def test_a_limit_is_reported_where_it_is(sense: int, backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     m = mechanism("four_bar")
     rocker = [link.name for link in m.links].index("rocker")
     limits = [s.value for s in singular_positions(m) if s.coordinate == "rocker"]
@@ -135,13 +142,14 @@ def test_a_limit_is_reported_where_it_is(sense: int, backend: str) -> None:
     angles = start + sense * np.linspace(0.0, 2.0, 401)
     limit = min((x for x in limits if (x - start) * sense > 0), key=lambda x: abs(x - start))
     driver = AngleDriver("rocker", constant(0.0, 1.0), rocker)
-    sweep = compile_closure(replace(m, drivers=(driver,)), backend=backend).sweep(angles)
+    by_library = Mock(side_effect=Tracker._close_by_library)
+    monkeypatch.setattr(Tracker, "_close_by_library", lambda *arguments: by_library(*arguments))
+    sweep = by_input(compile_closure(replace(m, drivers=(driver,)), backend=backend), angles)
     loss = sweep.loss
     assert loss.kind == "limit of motion"
     assert loss.inputs["rocker"] == pytest.approx(limit, abs=1e-9)  # the library halves its way to 1e-10 rad
     assert loss.sample == int(((angles - limit) * sense < 0).sum())
-    assert (sweep.status[: loss.sample] == Status.CLOSED).all()
-    assert (sweep.status[loss.sample :] == Status.LOST).all()
+    assert by_library.call_count == 1  # compiled code closes all samples before
     assert np.isnan(sweep.q[loss.sample :]).all()
     truth = library(m, angles[: loss.sample], rocker)
     assert_same(sweep, truth.q, truth.v, truth.a)
@@ -163,8 +171,9 @@ def test_next_to_a_change_point_rates_are_not_given() -> None:
     """Nothing moves fast there, and yet rounding is divided by the square of the sine of a dyad: refused from 1e-4 on."""
     m = two_crank_parallelogram()
     compiled = compile_closure(m)
-    for gap, status in ((1e-2, Status.CLOSED), (1e-5, Status.LOST)):
-        assert compiled.sweep(np.array([crank_angle(m), np.pi - gap])).status.tolist() == [Status.CLOSED, status]
+    for gap, closed in ((1e-2, True), (1e-5, False)):
+        sweep = by_input(compiled, np.array([crank_angle(m), np.pi - gap]))
+        assert np.isfinite(sweep.q).all(axis=1).tolist() == [True, closed]
 
 
 def test_a_start_at_a_dead_centre_is_refused() -> None:
@@ -182,8 +191,9 @@ def test_what_does_not_fit_is_refused() -> None:
         ("power of 2", lambda lanes: closure("four_bar", lanes=lanes), 3),
         ("knife edges", closure, "sleigh"),
         ("a turn needs a single one", closure("five_bar/driven").turn, 10),
-        ("inputs of shape", closure("five_bar/driven").sweep, np.zeros(5)),
-        ("not finite", closure("four_bar").sweep, np.array([0.0, np.nan])),
+        ("levels of shape", partial(by_input, closure("five_bar/driven")), np.zeros(5)),
+        ("levels of shape", partial(by_input, closure("four_bar")), np.zeros(0)),
+        ("not finite", partial(by_input, closure("four_bar")), np.array([0.0, np.nan])),
     ):
         with pytest.raises(ValueError, match=match):  # a KernelError is one too
             call(asked)

@@ -306,8 +306,7 @@ def native_motion(mechanism: Mechanism, times: Array) -> Trajectory:
     closure = compile_closure(mechanism, backend="llvm")
     # value, rate and second rate of every driver; a constant law returns scalars
     laws = [[np.broadcast_to(x, np.shape(times)) for x in driver.law(times)] for driver in mechanism.drivers]
-    levels = np.array(laws).reshape(len(laws), 3, len(times)).transpose(1, 2, 0)  # (3, k, drivers)
-    sweep = closure.sweep(*levels)
+    sweep = closure.sweep(np.array(laws).reshape(len(laws), 3, len(times)).T)
     loss = sweep.loss  # why and where the motion ended early
     if loss is None:
         return Trajectory(times, sweep.q, sweep.v, sweep.a, 0)

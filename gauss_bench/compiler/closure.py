@@ -2,24 +2,23 @@
 
 closure = compile_closure(mechanism)
 turn = closure.turn(3600)             # derivatives by the crank angle
-sweep = closure.sweep(angles, speeds, accelerations)
+sweep = closure.sweep(levels)         # angles, speeds and accelerations of the inputs
 """
 
 from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine.native_code import Target, choose_target
-from gauss_bench.compiler.turns.tracker import Loss, Status, Tracker
+from gauss_bench.compiler.turns.tracker import Loss, Tracker
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-__all__ = ["Closure", "Loss", "Status", "Sweep", "compile_closure"]
+__all__ = ["Closure", "Loss", "Sweep", "compile_closure"]
 
 PARTS = 32  # samples that the numpy backend computes at once, so that they share the overhead of its calls
 
@@ -31,14 +30,12 @@ class Sweep:
     Attributes:
         q, v, a: (k, n) positions, velocities, accelerations of all links in the mechanism's absolute coordinates [m, rad]; angles
             are continuous from the start. All values are NaN at samples where the motion is lost.
-        status: (k,) how the joints of each sample were closed, as values of the enumeration `Status`.
         loss: sample at which the motion ended, and why; None if all samples were closed.
     """
 
     q: Array
     v: Array
     a: Array
-    status: NDArray[np.int8]
     loss: Loss | None
 
 
@@ -92,54 +89,35 @@ class Closure:
         """
         if len(self.inputs) != 1:
             raise ValueError(f"{self.mechanism.name} has the inputs {', '.join(self.inputs)}, and a turn needs a single one")
-        return self.sweep(self._tracker.u[0] + 2 * np.pi / samples * np.arange(samples))
+        levels = np.zeros((samples, 3, 1))
+        levels[:, 0, 0] = self._tracker.u[0] + 2 * np.pi / samples * np.arange(samples)
+        levels[:, 1] = 1.0
+        return self.sweep(levels)
 
-    def sweep(self, inputs: Array, rates: Array | None = None, second_rates: Array | None = None) -> Sweep:
+    def sweep(self, levels: Array) -> Sweep:
         """Compute the states at given samples of the inputs; between two samples each input changes linearly.
 
         Args:
-            inputs: values of the inputs [rad, m]: (k,) if there is one input, or (k, inputs).
-            rates: first derivatives of the inputs, in the shape of `inputs`. If None, the rate is 1 if there is one input, so that
-                v and a are derivatives with respect to this input, and 0 if there are several inputs.
-            second_rates: second derivatives of the inputs, in the shape of `inputs`; 0 if None.
+            levels: (k, 3, inputs) values [rad, m], first and second derivatives of the inputs at the samples.
 
         Raises:
-            ValueError: the shapes do not fit, or a number is not finite.
+            ValueError: the shape does not fit, or a number is not finite.
         """
-        levels = self._levels(inputs, rates, second_rates)
+        if levels.shape[1:] != (3, len(self.inputs)) or not len(levels):
+            raise ValueError(f"levels of shape {levels.shape} are not samples of {', '.join(self.inputs)}")
+        if not np.isfinite(levels).all():
+            raise ValueError("inputs or their derivatives are not finite")
         # if samples are too far apart for one step, others are put in between, and removed from the result below
         stride = self._tracker.strides(levels[:, 0])
         divided = max(1, ceil(stride))
         if divided > 1:
             levels = _divide(levels, divided)
-        rows, status = np.empty((len(levels), self._tracker.program.width)), np.zeros(len(levels), dtype=np.int8)
-        loss = self._tracker.track(levels, stride / divided, rows, status)
+        rows = np.empty((len(levels), self._tracker.program.width))
+        loss = self._tracker.track(levels, stride / divided, rows)
         if loss is not None:
             loss = replace(loss, sample=ceil(loss.sample / divided))  # the next of the caller's samples
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
-        return Sweep(q, v, a, status[::divided], loss)
-
-    def _levels(self, inputs: Array, rates: Array | None, second_rates: Array | None) -> Array:
-        """Check values, first and second derivatives of the K inputs at k samples; return them as one array (k, 3, K).
-
-        Without first derivatives, those of a single input are 1 (results are derivatives by it), and those of several are 0.
-        """
-        K, u = len(self.inputs), self._columns(inputs)
-        if u.ndim != 2 or u.shape[-1] != K or not u.size:
-            raise ValueError(f"inputs of shape {np.shape(inputs)} are not samples of {', '.join(self.inputs)}")
-        levels = np.empty((len(u), 3, K))
-        usual_rate = 1.0 if K == 1 else 0.0
-        levels[:, 0] = u
-        levels[:, 1] = usual_rate if rates is None else self._columns(rates)
-        levels[:, 2] = 0.0 if second_rates is None else self._columns(second_rates)
-        if not np.isfinite(levels).all():
-            raise ValueError("inputs or their rates are not finite")
-        return levels
-
-    def _columns(self, x: Array) -> Array:
-        """Return samples (k,) of a single input as a column (k, 1), other arrays as they are."""
-        x = np.asarray(x, dtype=float)
-        return x[:, None] if x.ndim == 1 and len(self.inputs) == 1 else x
+        return Sweep(q, v, a, loss)
 
 
 def _divide(levels: Array, parts: int) -> Array:

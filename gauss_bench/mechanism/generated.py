@@ -41,26 +41,17 @@ class Symbol:
             return program.symbol(self.number + other.number)
         if self.zero or other.zero:
             return other if self.zero else self
-        if other.text in program.opposites:
-            return self - program.opposites[other.text]
-        if self.text in program.opposites:
-            return other - program.opposites[self.text]
+        for a, b in ((self, other), (other, self)):
+            if b.text in program.opposites:
+                opposite = program.opposites[b.text]
+                return program.record(f"{a.text} - {opposite.text}", a, opposite)
         return program.record(f"{self.text} + {other.text}", self, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the difference; a - -x is recorded as the sum a + x."""
-        program, other = self.program, self.program.symbol(other)
-        if self.number is not None and other.number is not None:
-            return program.symbol(self.number - other.number)
-        if other.zero:
-            return self
-        if self.zero:
-            return -other
-        if other.text in program.opposites:
-            return self + program.opposites[other.text]
-        return program.record(f"{self.text} - {other.text}", self, other)
+        """Return the difference, as the sum with the negative, whose line is left out if nothing else uses it (`lines_for`)."""
+        return self + -self.program.symbol(other)
 
     def __rsub__(self, other: Number) -> "Symbol":
         """Return a constant less this symbol."""

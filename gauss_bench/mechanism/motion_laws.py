@@ -20,6 +20,7 @@ speed along the force (its power divided by its magnitude), and `speed` the widt
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -36,7 +37,8 @@ STEADY = (1.0, 0.0)  # the line of a constant factor 1: value at t = 0 [-] and s
 class MotionLaw:
     """A function of t [s] that returns a value [rad or m] and its first and second time derivative; t may be an array.
 
-    Other code can rebuild the law from its family `name` and its parameters `numbers`.
+    Other code can rebuild the law from its family `name` and its parameters `numbers`. The function `motion` of a law in this file
+    can be pickled, because laws are sent to other processes.
     """
 
     name: str
@@ -47,26 +49,15 @@ class MotionLaw:
         """Return the value and both derivatives at time(s) t [s]."""
         return self.motion(t)
 
-    def __reduce__(self) -> tuple[Callable[..., "MotionLaw"], tuple[str, dict[str, Any]]]:
-        """Pickle family and parameters, because the function is a closure, which cannot be pickled."""
-        return make_law, (self.name, dict(self.numbers))
-
-
-def make_law(name: str, numbers: Mapping[str, Any]) -> MotionLaw:
-    """Return the motion law of the family `name` with the parameters `numbers`, computed with floats."""
-    match name:
-        case "constant":
-            return constant(numbers["start"], numbers["speed"])
-        case "table":
-            return table(numbers["start"], numbers["times"], numbers["angles"])
-        case _:
-            return rise(name, numbers["start"], numbers["travel"], numbers["time"])
-
 
 def constant(start: Any, speed: Any) -> MotionLaw:
     """Return the law of constant speed [rad/s, m/s] that has the value `start` [rad, m] at t = 0."""
-    numbers = {"start": start, "speed": speed}
-    return MotionLaw("constant", lambda t: (start + speed * t, speed + 0 * t, 0 * t), numbers)
+    return MotionLaw("constant", partial(_constant, start, speed), {"start": start, "speed": speed})
+
+
+def _constant(start: Any, speed: Any, t: Any) -> Motion:
+    """Return the value and both derivatives at t of a motion at constant speed."""
+    return start + speed * t, speed + 0 * t, 0 * t
 
 
 def sine(s: Any, pi: Any = np.pi) -> Motion:
@@ -97,15 +88,15 @@ def rise(name: str, start: Any, travel: Any, time: Any, number: Number = float) 
 
     The value is constant before and afterwards. `number` converts text to the type of the numbers.
     """
-    pi, zero, one = number(PI), number("0"), number("1")
-
-    def motion(t: Any) -> Motion:
-        """Return the value and both derivatives at t, by the chain rule with s = t / time in [0, 1]; `moving` is 0 outside."""
-        s, moving = clip(t / time, zero, one)
-        x, rate, second = RISE_LAWS[name](s, pi)
-        return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
-
+    motion = partial(_rise, name, start, travel, time, number(PI), number("0"), number("1"))
     return MotionLaw(name, motion, {"start": start, "travel": travel, "time": time})
+
+
+def _rise(name: str, start: Any, travel: Any, time: Any, pi: Any, zero: Any, one: Any, t: Any) -> Motion:
+    """Return the value and both derivatives at t, by the chain rule with s = t / time in [0, 1]; `moving` is 0 outside."""
+    s, moving = clip(t / time, zero, one)
+    x, rate, second = RISE_LAWS[name](s, pi)
+    return start + travel * x, travel / time * rate * moving, travel / (time * time) * second * moving
 
 
 def clip(t: Any, low: Any, high: Any) -> tuple[Any, Any]:
@@ -126,19 +117,20 @@ def table(start: Any, times: Array, angles: Array) -> MotionLaw:
     h = times[1:] - times[:-1]  # widths of the pieces
     d = (angles[1:] - angles[:-1]) / h  # slopes of the chords
     k = _solve_curvatures(h, d)
-
-    def motion(t: Any) -> Motion:
-        """Return value, first and second derivative at t of the cubic on the piece that contains t; outside, it rests."""
-        inside, moving = clip(t, times[0], times[-1])
-        piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
-        j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
-        x = inside - times[j]
-        bend = (k[j + 1] - k[j]) / h[j]  # third derivative
-        slope = d[j] - h[j] * (2 * k[j] + k[j + 1]) / 6  # first derivative at the beginning of the piece
-        value = angles[j] + x * (slope + x * (k[j] / 2 + x * bend / 6))
-        return start + value, (slope + x * (k[j] + x * bend / 2)) * moving, (k[j] + x * bend) * moving
-
+    motion = partial(_table, start, times, angles, h, d, k)
     return MotionLaw("table", motion, {"start": start, "times": times, "angles": angles, "curvatures": k})
+
+
+def _table(start: Any, times: Array, angles: Array, h: Array, d: Array, k: Array, t: Any) -> Motion:
+    """Return value, first and second derivative at t of the cubic on the piece that contains t; outside, it rests."""
+    inside, moving = clip(t, times[0], times[-1])
+    piece = np.searchsorted(times.astype(float), np.asarray(inside, dtype=float), side="right") - 1
+    j = np.minimum(piece, len(h) - 1)  # the last time belongs to the last piece
+    x = inside - times[j]
+    bend = (k[j + 1] - k[j]) / h[j]  # third derivative
+    slope = d[j] - h[j] * (2 * k[j] + k[j + 1]) / 6  # first derivative at the beginning of the piece
+    value = angles[j] + x * (slope + x * (k[j] / 2 + x * bend / 6))
+    return start + value, (slope + x * (k[j] + x * bend / 2)) * moving, (k[j] + x * bend) * moving
 
 
 def _solve_curvatures(h: Array, d: Array) -> Array:

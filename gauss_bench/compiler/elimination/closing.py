@@ -31,7 +31,7 @@ from gauss_bench.compiler.elimination.function import Function, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
 from gauss_bench.compiler.equations.constraints import rows_of
-from gauss_bench.compiler.equations.links import Links, Parameters, State
+from gauss_bench.compiler.equations.links import Links, Parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.kinematics.loop_equations import REGULAR
@@ -41,6 +41,7 @@ from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 
 class ClosingProgram:
@@ -130,7 +131,7 @@ class _Equations:
         q = self._same_assembly(known.states.q)
         u = np.array([value(d.coordinate, q) for d in driven.drivers])
         self.graph = graph = ExpressionGraph(len(q))
-        self.state = State("t", "q", "v", np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
+        self.states = States(np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
         # u: values of the drivers' coordinates at the samples; w, b and g (first and second time derivatives, and changes, of the
         # inputs) have arbitrary values near 1, which differ so that no terms cancel by accident
         self.u, self.w, self.b, self.g = (
@@ -168,7 +169,7 @@ class _Equations:
 
         `v` are the rates (n,) of all coordinates; with None they are inputs of the graph.
         """
-        links = Driven(self.graph, self.driven, self.parameters, self.state)
+        links = Driven(self.graph, self.driven, self.parameters, self.states)
         links.levels, links.rates = list(zip(self.u, rates, seconds, strict=True)), v
         return keep_rows(self.graph, rows_of(links), self.kept, self.drop)
 
@@ -198,6 +199,6 @@ class _Equations:
             advance = [x + y * 0.5 for x, y in zip(*follow(g, self.zeros), strict=True)]
             v, a = follow(w, b)
         z = solve_rows([-row.phi for row in self.rows if row.phi is not None])
-        links = Links(graph, self.driven, self.parameters, self.state)
+        links = Links(graph, self.driven, self.parameters, self.states)
         q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
         return [z], [guards, advance, [*q, *v, *a]]

@@ -37,14 +37,14 @@ Sources: Yuan and Ge (2016), eqs (1)-(9); Haug, Computer-Aided Kinematics and Dy
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from gauss_bench.compiler.elimination.lu import Factors, Matrix, Search, Sparse, lu
 from gauss_bench.compiler.elimination.partition import ENOUGH, USABLE, Drop, Study, conditions
 from gauss_bench.compiler.equations.constraints import combine, rate_of, rows_of
 from gauss_bench.compiler.equations.forces import energy, generalised_force
-from gauss_bench.compiler.equations.links import Links, Parameters, State
+from gauss_bench.compiler.equations.links import Links, Parameters
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node, factor_out
 from gauss_bench.mechanism.equations import Row
@@ -410,7 +410,7 @@ class Workspace:
         if not len(states):
             raise KernelError(f"{mechanism.name}: coordinates {plan.independent} do not determine the velocities anywhere")
         graph = ExpressionGraph(len(states))
-        links = self.links = Links(graph, mechanism, parameters, State("t", "q", "v", states.t, states.q, states.v))
+        links = self.links = Links(graph, mechanism, parameters, states)
         self.rows = rows_of(links)
         mass = [links.number(f"links.{link.name}.{key}") for link in mechanism.links for key in ("mass", "mass", "inertia")]
         kept_rows = keep_rows(graph, self.rows, self.kept, self.drop)
@@ -433,9 +433,9 @@ class Workspace:
         another state t, q.
         """
         links = self.links
-        there = replace(links.state, t="t_new", q="q_new", v="v_new")
         # exact: two links on a slide keep separate angles, because this state may violate the slide's constraint of equal angles
-        at_new = Links(links.graph, links.mechanism, links.parameters, there, exact=True)
+        at_new = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
+        at_new.suffix = "_new"
         moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
         return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
 
@@ -467,7 +467,7 @@ class Workspace:
         the constraints are satisfied. The links used here have angles of their own.
         """
         links = self.links
-        plain = Links(links.graph, links.mechanism, links.parameters, links.state, exact=True)
+        plain = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
         rows = rows_of(plain)
         return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
 

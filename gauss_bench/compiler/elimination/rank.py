@@ -22,7 +22,7 @@ from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, held_back
 from gauss_bench.mechanism.close import minimum_norm
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array, Terms
+from gauss_bench.terms import Array, Terms, baumgarte
 from gauss_bench.trajectory import States
 
 CHECKS, FEW = 9, 2  # numbers of states at which a program is checked: of a usual linkage, and of a large one
@@ -32,7 +32,7 @@ CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, a
 Accelerate = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]  # t (k, 1), q, v (k, n) -> a (k, n), usable (k,)
 
 
-def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
+def _constrain(terms: Terms, mass: Array, solve: Callable[[Array, Array], Array], passes: int) -> Array:
     """Return the acceleration (n,) M^-1 Q + M^-1/2 (J M^-1/2)^+ (gamma - J M^-1 Q); its second term is a correction.
 
     Args:
@@ -42,7 +42,7 @@ def _constrain(terms: Terms, mass: Array, gamma: Array, solve: Callable[[Array, 
     root = np.sqrt(mass)
     K, weighted = terms.J / root, terms.Q / root  # J M^-1/2, and M^1/2 a, which begins with the acceleration a without constraints
     for _ in range(passes):
-        weighted = weighted + solve(K, gamma - K @ weighted)
+        weighted = weighted + solve(K, terms.gamma - K @ weighted)
     return np.asarray(weighted / root)
 
 
@@ -70,11 +70,9 @@ class RankDecision:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise np.linalg.LinAlgError("a state that is not finite")
         terms = self.evaluator.terms(t, q, v)
-        gamma = terms.gamma
         if damped and self.baumgarte:
-            alpha, beta = self.baumgarte
-            gamma = gamma - 2 * alpha * terms.phi_dot - beta**2 * terms.phi
-        return _constrain(terms, self.evaluator.mass, gamma, solve=minimum_norm, passes=1)
+            terms = baumgarte(terms, *self.baumgarte)
+        return _constrain(terms, self.evaluator.mass, solve=minimum_norm, passes=1)
 
     def multipliers(self, t: float, q: Array, v: Array) -> Array:
         """Return the multipliers (m,) of least norm that satisfy M a + J^T lambda = Q."""
@@ -98,7 +96,7 @@ def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Ar
     The error is not divided by the true acceleration alone, which may vanish, as at rest in equilibrium.
     """
     terms = evaluator.terms(t, q, v)
-    truth = _constrain(terms, evaluator.mass, terms.gamma, shortest, passes=2)
+    truth = _constrain(terms, evaluator.mass, shortest, passes=2)
     free = terms.Q / evaluator.mass
     size = max(float(np.abs(truth).max(initial=0.0)), float(np.abs(free).max(initial=0.0)))
     error = float(np.abs(a - truth).max(initial=0.0))

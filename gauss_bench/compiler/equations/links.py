@@ -27,11 +27,12 @@ from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.mechanism.equations import Given, Motion
-from gauss_bench.mechanism.frames import Direction, End, Frame, unit
+from gauss_bench.mechanism.frames import Direction, End, unit
 from gauss_bench.mechanism.model import GROUND, Force, Link, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
 from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
 from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import States
 
 
 def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
@@ -47,16 +48,7 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
-    """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y.
-
-    Raises:
-        KernelError: a force cannot be expressed by laws on coordinates and forces at points.
-    """
-    try:
-        # called only to raise for a force of an unknown type; `loads` also refuses varying forces, whose types are known
-        loads(f for f in mechanism.forces if not factor_of(f))
-    except TypeError as error:
-        raise KernelError(str(error)) from None
+    """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y."""
     values: dict[str, float] = {}
     for name, number in named_numbers(mechanism).items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
@@ -195,67 +187,49 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
-@dataclass(frozen=True, eq=False)
-class State:
-    """The names of the inputs of an expression graph for time, positions and velocities, and their values at k sampled states."""
-
-    t: str
-    q: str
-    v: str
-    times: Array
-    positions: Array
-    velocities: Array
-
-
 class Links(Given):
     """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:
+        states: sampled states, at which the inputs of the graph for time, positions and velocities have their values.
         exact: whether expressions must be valid also where constraints are violated, so that no angle is replaced by that of
             another link.
+        suffix: end of the names of these inputs, which are t, q and v without it.
     """
 
-    def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, state: State, exact: bool = False):
-        """Set up the links; their frames and ends of arms become nodes when they are first asked for."""
-        self.graph, self.mechanism, self.parameters, self.state, self.exact = graph, mechanism, parameters, state, exact
+    suffix = ""
+
+    def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, states: States, exact: bool = False):
+        """Set up the links; their frames become nodes when they are first asked for."""
+        self.graph, self.mechanism, self.parameters, self.states, self.exact = graph, mechanism, parameters, states, exact
         self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
         self.arithmetic, self.zero = graph, graph.constant(0.0)
-        self._frames: dict[int, Frame] = {}  # link -> frame
-        self._ends: dict[tuple[object, ...], End] = {}  # name and local vector of a point -> end
         # joint and index of a held coordinate -> name of the number at which it is held
         self._held = {(x.name, k): f"joints.{x.name}.{key}" for x in mechanism.joints for k, key in enumerate(x.numbers)}
 
     @property
     def time(self) -> Node:
         """The time t [s], an input of the graph."""
-        return self.graph.input(self.state.t, 0, self.state.times, 1.0)
+        return self.graph.input(f"t{self.suffix}", 0, self.states.t, 1.0)
 
     def coordinate(self, k: int) -> Node:
         """Return coordinate k as a node, an input of the graph."""
-        return self.graph.input(self.state.q, k, self.state.positions[:, k], self.scale[k])
+        return self.graph.input(f"q{self.suffix}", k, self.states.q[:, k], self.scale[k])
 
     def rate(self, k: int) -> Node:
         """Return the rate of coordinate k as a node, an input of the graph."""
-        return self.graph.input(self.state.v, k, self.state.velocities[:, k], SPEED * self.scale[k])
+        return self.graph.input(f"v{self.suffix}", k, self.states.v[:, k], SPEED * self.scale[k])
 
     def omega(self, link: int) -> Node:
         """Return the angular speed of a link, which is that of the link's root: the link to which slides tie its angle."""
         root = GROUND if link == GROUND else self.ties[link].root
         return self.zero if root == GROUND else self.rate(angle_slot(root))
 
-    def frame(self, link: int) -> Frame:
-        """Return position, velocity, angular speed and angle of a link as nodes; they are created on the first call and stored."""
-        if link not in self._frames:
-            if link == GROUND:
-                origin = Vec(self.zero, self.zero)
-                self._frames[link] = Frame(link, z=origin, u=origin, omega=self.zero, angle=self.zero, rests=True)
-            else:
-                own = range(self.mechanism.n)[slots(link)]  # indices of the link's x, y and angle
-                *place, angle = map(self.coordinate, own)
-                velocity = Vec(*map(self.rate, own[:-1]))
-                self._frames[link] = Frame(link, z=Vec(*place), u=velocity, omega=self.omega(link), angle=angle)
-        return self._frames[link]
+    def body(self, body: int) -> tuple[list[Node], list[Node]]:
+        """Return x, y and angle of a link, and their rates; the last is the angular speed of the link's root."""
+        own = range(self.mechanism.n)[slots(body)]  # indices of the link's x, y and angle
+        return [*map(self.coordinate, own)], [*map(self.rate, own[:-1]), self.omega(body)]
 
     def number(self, name: str) -> Node:
         """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
@@ -326,11 +300,8 @@ class Links(Given):
         return Direction(self.frame(link), self.rotate(link, local))
 
     def end(self, point: Point) -> End:
-        """Return the frame of a point's link, and the arm from its centre of mass to the point in world axes; both are stored."""
-        key = (point.name, *point.local.tolist())  # the name contains that of the link
-        if key not in self._ends:
-            self._ends[key] = End(self.frame(point.link), self.rotate(point.link, self.local(point)))
-        return self._ends[key]
+        """Return the frame of a point's link, and the arm from its centre of mass to the point in world axes."""
+        return End(self.frame(point.link), self.rotate(point.link, self.local(point)))
 
     def loads(self) -> tuple[Load, ...]:
         """Convert the steady forces to loads (laws on coordinates, forces at points) whose numbers are nodes of the graph."""

@@ -214,9 +214,6 @@ def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sin
 
     Args:
         sincos: writes sine and cosine of a value into the graph, and returns them.
-
-    Raises:
-        ValueError: an operation without machine arithmetic.
     """
     values: list[int] = []
     for operation, operands, number in function.instructions:
@@ -228,10 +225,8 @@ def inline(g: Graph, function: Function, arguments: Sequence[Sequence[int]], sin
             case "SIN" | "COS":
                 sine, cosine = sincos(values[operands[0]])
                 value = sine if operation == "SIN" else cosine
-            case _ if operation in ARITHMETIC:
-                value = ARITHMETIC[operation](g, *(values[k] for k in operands))
             case _:
-                raise ValueError(f"no machine arithmetic for the operation {operation}")
+                value = ARITHMETIC[operation](g, *(values[k] for k in operands))
         values.append(value)
     return [[values[k] for k in output] for output in function.outputs]
 

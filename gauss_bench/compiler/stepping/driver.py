@@ -76,7 +76,7 @@ class Driver:
         The margin of a program is the smallest ratio of one of its pivots to the pivot's threshold. A program is usable if its
         margin is at least 1. If none is, further programs are generated. Those in `without` are not considered.
         """
-        # if programs leave out redundant rows, a change of the program may need a projection by dense linear algebra (see
+        # if programs leave out redundant rows, a change of the program needs a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
         if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
             return None
@@ -92,17 +92,14 @@ class Driver:
         """Return the index of another, usable program and the state (2n,) from which it continues; None if no program is usable.
 
         If the old program left out redundant rows and did not project, the errors of the omitted rows are about the errors of the
-        kept rows divided by the smallest pivot of the old program. The state is therefore first projected onto the constraints that
-        the new program keeps. If this projection fails, the state is projected by dense linear algebra, which decides the rank.
+        kept rows divided by the smallest pivot of the old program. The state is therefore first projected onto all constraints, by
+        dense linear algebra, which decides the rank.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
             return None
         self.tally.switches += 1
-        if not self.drifting:
-            return k, state
-        settled = self.programs.settled(k, t, state, p)
-        return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if settled is None else settled
+        return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if self.drifting else state
 
     def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
         """Return the state (2n,) after one step by dense linear algebra, for a state at which no program is usable.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gauss_bench.compiler.machine.code import Code, Program
 from gauss_bench.compiler.machine.native_code import Flags, Loaded, Target, in_lanes, out_of_lanes, share
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout, settling
+from gauss_bench.compiler.stepping.rollout import acceleration, adaptive, bodies, plain_body, rollout
 from gauss_bench.compiler.stepping.steps import reaches
 from gauss_bench.terms import Array
 
@@ -182,15 +182,15 @@ def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) ->
     return rows[:, :-1], rows[:, -1] > 0
 
 
-def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array, size: int) -> Array:
-    """Evaluate a routine `accelerate` or `settle` in native code at one state.
+def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array) -> Array:
+    """Evaluate a routine `accelerate` in native code at one state.
 
-    Return an array (size + 1,): the `size` results of the routine, and one number that tells whether they are valid. The last
-    number is 1 if all guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to
-    its threshold instead. The next call overwrites the array.
+    Return an array (n + 1,): the accelerations, and one number that tells whether they are valid. The last number is 1 if all
+    guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its threshold
+    instead. The next call overwrites the array.
     """
     # this thread's buffers for the arguments, which are allocated in its first call
-    one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, size + 1)
+    one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, len(q) + 1)
     _, p, time, out = one.arrays  # the first array has q and v
     one.q[...], one.v[...], time[0] = q, v, t
     if len(parameters):
@@ -287,17 +287,7 @@ class Programs:
             _, margins = self.margins(k, np.array([t]), state[None, : self.n], state[None, self.n :], p[None])
             return float(margins[0])
         routine = self._routine(k, "none", margin_routine)
-        return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p, self.n)[-1])  # the last number is the margin
-
-    def settled(self, k: int, t: float, state: Array, p: Array) -> Array | None:
-        """Return a state (2n,) projected onto the constraint rows that program k does not leave out as redundant.
-
-        Return None if a pivot is too small, if Newton's method does not converge, or if there is no compiler.
-        """
-        if self.plain:
-            return None
-        out = evaluate_one(self._routine(k, "projection", settling), t, state[: self.n], state[self.n :], p, 2 * self.n)
-        return out[:-1].copy() if out[-1] else None  # the last number tells whether all guards hold
+        return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p)[-1])  # the last number is the margin
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
         """Return accelerations (states, n) by program k, and flags (states,): True where all pivots of it are large enough."""
@@ -311,7 +301,7 @@ class Programs:
 
         Return None if a pivot is too small at this state, or if there is no compiler.
         """
-        out = None if self.plain else evaluate_one(self.native, t, q, v, p, self.n)
+        out = None if self.plain else evaluate_one(self.native, t, q, v, p)
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:

@@ -15,10 +15,9 @@ guard fails, and this step is not counted. The trajectories in the other lanes g
 selection between the old and the new state keeps the old one. A sample is the state at the beginning of a step, where projection
 has corrected the velocities. The loop therefore runs once more than there are steps.
 
-Two routines evaluate one state:
+Another routine evaluates one state:
 
     accelerate(y, p, t, out): `out` gets n_q accelerations, then 1 if all guards are satisfied, else 0.
-    settle(y, p, t, out): `out` gets the state (2 n_q) projected onto the constraints, then 1 if all guards are satisfied, else 0.
 
 The code of one step is a `Body`, in which all stages are written out: equal expressions of different stages are one value, sines
 are updated by rotations from stage to stage, and the processor overlaps the stages. A body is valid for a step in which no link
@@ -312,30 +311,13 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     a = b.acceleration(b.t, b.q, b.v)
     within = b.within(a)  # true where all accelerations are finite
     validity = b.margin(within) if margin else b.g.flag(b.g.both([*b.pivots, within]))
-    return _at_one_state("accelerate", b, [*a, validity], plain)
-
-
-def settling(code: Code) -> Routine:
-    """Build the routine `settle`, which projects a state onto the constraint rows that the program keeps.
-
-    Positions get EXACT.corrections Newton corrections, all with the Jacobian of the state that is given, and velocities get one
-    correction. `code` must have been read for the stabilisation "projection".
-    """
-    b = Builder(code, EXACT)
-    q, _ = b.correct_position(b.t, b.q, [], b.q)  # adds to b.pivots that the last correction is at most LAST_CORRECTION
-    v = b.correct_velocity(q)
-    return _at_one_state("settle", b, [*q, *v, b.g.flag(b.g.both([*b.pivots, b.within(v)]))])
-
-
-def _at_one_state(name: str, b: Builder, results: list[int], plain: bool = False) -> Routine:
-    """Build the routine name(y, p, t, out), which stores values of a graph in `out`; the last one is positive if they are valid."""
     # array -> names of the leaves in its rows
     rows = {
         "y": [f"%{letter}{i}" for letter in "qv" for i in range(b.n)],
-        "p": [f"%p{i}" for i in range(b.code.program.n_parameters)],
+        "p": [f"%p{i}" for i in range(code.program.n_parameters)],
         "t": ["%t"],
     }
-    return evaluation(name, b.g, results, rows, plain)
+    return evaluation("accelerate", b.g, [*a, validity], rows, plain)
 
 
 def evaluation(name: str, g: Graph, results: list[int], rows: Mapping[str, Sequence[str]], plain: bool = False) -> Routine:

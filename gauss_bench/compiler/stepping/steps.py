@@ -31,9 +31,8 @@ Sources: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I (
 Solving Ordinary Differential Equations II (1996), section VII.2 (projection).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from functools import cache
 from math import inf, isfinite
 
 import numpy as np
@@ -51,42 +50,6 @@ TINY = 1e-300  # keeps a divisor from being zero
 CONVERGED = 2.0**-28
 # [rad] largest norm of the last correction of positions; less than a thousandth of it is left as error
 LAST_CORRECTION = 2.0**-28
-
-Coefficients = Sequence[float]
-
-
-@dataclass(frozen=True, eq=False)
-class Dop853:
-    """DOP853, an explicit Runge-Kutta method of s stages, for q'' = a(t, q, v).
-
-    A velocity is an integral of accelerations, which have the weights A in the velocities of the stages, and b after the step.
-    A position is an integral of velocities: the accelerations have the weights A A and b A in positions.
-
-    Attributes:
-        c: (s,) nodes.
-        A, twice: (s, s) weights of the accelerations in velocities and in positions of the stages, A and A A.
-        b, end: (s,) weights in the velocity and the position after the step, b and b A.
-        estimates: pairs of weights (s,) in the velocity and in the position, e and e A, for the difference from a less exact step;
-            each set of weights has the sum 0.
-    """
-
-    c: list[float]
-    A: list[list[float]]
-    twice: list[list[float]]
-    b: list[float]
-    end: list[float]
-    estimates: list[tuple[list[float], list[float]]]
-
-
-@cache
-def order_eight() -> Dop853:
-    """Compute the weights of DOP853 from its Butcher tableau."""
-    c, rows, b = dop853_tableau()
-    A = np.zeros((len(b), len(b)))
-    for k, row in enumerate(rows):
-        A[k, :k] = row
-    estimates = [(e.tolist(), (e @ A).tolist()) for e in dop853_estimates()]
-    return Dop853(c, A=A.tolist(), twice=(A @ A).tolist(), b=b.tolist(), end=(b @ A).tolist(), estimates=estimates)
 
 
 @dataclass(frozen=True)
@@ -259,7 +222,7 @@ class Builder:
         """Return the vector x + factor * d."""
         return self.plus(x, self.times(factor, d))
 
-    def weighted(self, a: list[list[int]], weights: Coefficients) -> list[int]:
+    def weighted(self, a: list[list[int]], weights: Array) -> list[int]:
         """Return the weighted sum of the accelerations a (stages, n) at the stages so far; further weights are not used."""
         used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
         return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
@@ -415,14 +378,14 @@ class Builder:
             least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
-    def correct_velocity(self, q: list[int] | None = None) -> list[int]:
-        """Return the velocity at the beginning of the step, under "projection" projected at q (None: the positions there).
+    def correct_velocity(self) -> list[int]:
+        """Return the velocity at the beginning of the step, which is projected under the stabilisation "projection".
 
         Guards for the pivots of this correction are added.
         """
         if not self.code.projected:
             return self.v
-        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], q or self.q, self.v, self.p), self.sincos)
+        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], self.q, self.v, self.p), self.sincos)
         self._watch(guard, self.code.program.correcting_thresholds)
         return nearest
 
@@ -594,7 +557,11 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     e5 and e3 are the norms of the differences of y' from the results of order 5 and 3, each component divided by h (atol + rtol
     max(|y|, |y'|)).
     """
-    b, method = Builder(code, reach, library=library), order_eight()
+    b, (c, rows, weights) = Builder(code, reach, library=library), dop853_tableau()
+    # a velocity is an integral of accelerations, which have the weights A in the velocities of the stages; a position is an
+    # integral of velocities, so that the accelerations have the weights A A in positions
+    A = np.array([np.pad(row, (0, len(weights) - len(row))) for row in rows])
+    twice = A @ A
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
     b.share(q, b.compute_sines())
     # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these
@@ -611,34 +578,35 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         turned.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
 
-    def at(c: float, weights: Coefficients, twice: Coefficients) -> tuple[list[int], list[int]]:
-        """Return displacement and velocity at the fraction c of the step, from the accelerations a_k of the stages so far.
+    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
+        """Return displacement and velocity at a fraction c of the step, from the accelerations a_k of the stages so far.
 
-        The displacement is c h v + h^2 sum_k twice_k a_k, and the velocity is v + h sum_k weights_k a_k.
+        The displacement is c h v + h^2 sum_k of_position_k a_k, and the velocity is v + h sum_k of_velocity_k a_k.
         """
-        moved = b.along(b.times(b.times_h(c), v), b.times_h(1.0, 2), b.weighted(a, twice))
-        return moved, b.along(v, h, b.weighted(a, weights))
+        moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(a, of_position))
+        return moved, b.along(v, h, b.weighted(a, of_velocity))
 
-    for k in range(1, len(method.c)):
-        moved, stage_v = at(method.c[k], method.A[k], method.twice[k])
+    for k in range(1, len(c)):
+        moved, stage_v = at(c[k], A[k], twice[k])
         stage_q = b.plus(q, moved)
         rotate_sines(stage_q, moved)
-        a.append(b.acceleration(g.add(b.t, b.times_h(method.c[k])), stage_q, stage_v))
-    moved, v_new = at(1.0, method.b, method.end)
+        a.append(b.acceleration(g.add(b.t, b.times_h(c[k])), stage_q, stage_v))
+    moved, v_new = at(1.0, weights, weights @ A)
     q_new = b.plus(q, moved)
     pairs = rotate_sines(q_new, moved)
     b.limit([g.largest(turned)], reach.step)
     # the corrections use the Jacobian of the last stage, which is at the end of the step and near q_new
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, at=stage_q if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
-    return replace(step, error=_error(b, a, [*q, *v], [*q_new, *v_new])) if estimated else step
+    return replace(step, error=_error(b, a, A, [*q, *v], [*q_new, *v_new])) if estimated else step
 
 
-def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> int:
+def _error(b: Builder, a: list[list[int]], A: Array, old: list[int], new: list[int]) -> int:
     """Return the square of the ratio of a step's estimated error to the allowed error, by the formula of `dop853`.
 
     Args:
         a: (s, n) nodes of the accelerations at the stages.
+        A: (s, s) weights of the accelerations in the velocities of the stages.
         old, new: nodes of the states (2n,) before and after the step, y and y' in the formula of `dop853`.
     """
     g, squares = b.g, []  # squares: e5^2 and e3^2
@@ -646,9 +614,9 @@ def _error(b: Builder, a: list[list[int]], old: list[int], new: list[int]) -> in
     for x, y in zip(old, new, strict=True):
         larger = g.maximum(g.abs(y), g.abs(x))
         inverses.append(g.div(g.const(1.0), g.add(g.leaf("%atol"), g.mul(g.leaf("%rtol"), larger))))
-    for of_velocity, of_position in order_eight().estimates:
+    for e in dop853_estimates():
         # errors of q and v divided by h; the factor h^2 of the formula is in the last line
-        errors = [*b.times(b.h, b.weighted(a, of_position)), *b.weighted(a, of_velocity)]
+        errors = [*b.times(b.h, b.weighted(a, e @ A)), *b.weighted(a, e)]
         squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
@@ -678,14 +646,14 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     out_pivots = list(b.pivots)  # guards of the sample at q, v
     newton = b.newton(q, v, start, A) if free else None
 
-    def at(fraction: float, of_velocity: Coefficients, of_position: Coefficients) -> tuple[list[int], list[int]]:
+    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
         """Return position and velocity at a fraction of the step, from weighted sums of the accelerations `stages`."""
         moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(stages, of_position))
         return b.plus(q, moved), b.along(v, h, b.weighted(stages, of_velocity))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s  # accelerations (s, n), and their independent components (s, f)
     for _ in range(NATIVE_PASSES):
-        states = [at(c[i], A[i].tolist(), (A @ A)[i].tolist()) for i in range(s)]
+        states = [at(c[i], A[i], (A @ A)[i]) for i in range(s)]
         accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *states[i]) for i in range(s)]
         if newton is None:
             changes = [b.minus(a, old) for a, old in zip(accelerations, stages, strict=True)]
@@ -696,7 +664,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
         stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *states[i], accelerations[i], z[i]) for i in range(s)]
     b.limit(b.times(h, [x for change in changes for x in change]), CONVERGED)
-    q_new, v_new = at(1.0, weights.tolist(), (weights @ A).tolist())
+    q_new, v_new = at(1.0, weights, weights @ A)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)
 

@@ -24,7 +24,6 @@ computed by series of two terms, which are exact up to rounding errors if |z| is
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from gauss_bench.compiler.elimination.closing import ClosingProgram
 from gauss_bench.compiler.machine import trigonometry
@@ -40,36 +39,28 @@ TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than li
 LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b; the value n at the next sample follows them
 LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
 
+Sample = dict[str, list[int]]  # part of what is computed at one sample (`_write_sample`) -> its values, by their indices in a graph
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """One Newton correction, and the values that are computed at one sample; each is given by its index in a new graph.
+
+def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
+    """Write one Newton correction, and the values that are computed at one sample, into a new graph.
 
     The correction begins at q; `guess` is the q of the first correction. Leaves %s and %c are sine and cosine of an angle of q.
 
-    Attributes:
-        end: sine, cosine, sine, ... of the angles of the corrected position q + z.
-        closed: (n,) the corrected position q + z.
-        guards: (G,) the pivots of the constraint Jacobian at the corrected position.
-        following: (n,) the guess at the next sample.
-        stored: (R,) the numbers to be stored: positions, velocities and accelerations.
-        norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next sample.
-    """
+    Args:
+        plain: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
 
-    graph: Graph
-    start: list[int]
-    end: list[int]
-    closed: list[int]
-    guards: list[int]
-    following: list[int]
-    stored: list[int]
-    norms: list[int]
+    Returns:
+        The graph, and the values in it:
 
-
-def _write_sample(program: ClosingProgram, plain: bool) -> _Sample:
-    """Write the values at one sample into a graph.
-
-    `plain`: whether the code is written for C: with library calls of sine and cosine, and without regrouped arithmetic.
+            start: sine, cosine, sine, ... of the angles of the guess.
+            end: sine, cosine, sine, ... of the angles of the corrected position q + z.
+            closed: (n,) the corrected position q + z.
+            guards: (G,) the pivots of the constraint Jacobian at the corrected position.
+            following: (n,) the guess at the next sample.
+            stored: (R,) the numbers to be stored: positions, velocities and accelerations.
+            norms: two squared norms over the angles: of the correction z, and of the step from q + z to the guess at the next
+                sample.
     """
     g, n, K, angles = Graph(), program.driven.n, program.inputs, program.angles
 
@@ -96,7 +87,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> _Sample:
     if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
         g, moved = rewrite(g, [x for part in parts.values() for x in part])
         parts = {name: [moved[x] for x in part] for name, part in parts.items()}
-    return _Sample(g, **parts)
+    return g, parts
 
 
 def _leaves(g: Graph, name: str, count: int) -> list[int]:
@@ -104,7 +95,7 @@ def _leaves(g: Graph, name: str, count: int) -> list[int]:
     return [g.leaf(f"%{name}{k}") for k in range(count)]
 
 
-def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
+def _settle(g: Graph, program: ClosingProgram, sample: Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
     """Build the loop of Newton's corrections at one sample; it starts with the guess as q.
 
     The loop continues, for at most LIMIT iterations, as long as some lane is unsettled: all its samples so far were closed
@@ -115,14 +106,14 @@ def _settle(g: Graph, program: ClosingProgram, sample: _Sample, values: Sequence
     always, one = g.all(True), g.whole(1)
     near, j = g.make("mask", payload="%near"), g.count("%j")
     # near: no earlier correction of the sample was longer than REACH; j: number of corrections, counted from 1
-    correction_square, _ = sample.norms
+    correction_square, _ = sample["norms"]
     still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
     unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
     again = g.make("also", g.make("any", unsettled), g.make("below", j, g.whole(LIMIT)))
     leaves = [*_leaves(g, "q", program.driven.n), *(g.leaf(f"%{letter}{k}") for k in program.angles for letter in "sc")]
-    first = [*_leaves(g, "guess", program.driven.n), *sample.start]
+    first = [*_leaves(g, "guess", program.driven.n), *sample["start"]]
     # leaf -> its value in the first iteration of the loop, and in every further one
-    carried = dict(zip(leaves, zip(first, [*sample.closed, *sample.end], strict=True), strict=True))
+    carried = dict(zip(leaves, zip(first, [*sample["closed"], *sample["end"]], strict=True), strict=True))
     carried |= {near: (always, still_near), j: (one, g.make("sum", j, one))}
     return Loop(carried, [Compute(values)], again), still_near
 
@@ -132,32 +123,31 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
     It ends after the last sample, or when no lane of the group has a closed sample and a near guess at the next one.
     """
-    sample = _write_sample(program, plain)
-    g = sample.graph
+    g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
     first, guess, least = _leaves(g, "first", n), _leaves(g, "guess", n), _leaves(g, "least", program.guards)
 
     # all values of one sample, in the order in which they are computed; below they are divided into those that follow from the
     # guess, those of a correction, and all others
-    every = [*sample.start, *sample.end, *sample.closed, *sample.guards, *sample.following, *sample.stored, *sample.norms]
-    values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample.following)}, plain)
-    before = set(live(g, sample.start))  # computed once, from the guess
-    repeated = set(live(g, [*sample.closed, *sample.end, sample.norms[0]])) - before  # computed by every correction
+    every = [x for part in sample.values() for x in part]
+    values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample["following"])}, plain)
+    before = set(live(g, sample["start"]))  # computed once, from the guess
+    repeated = set(live(g, [*sample["closed"], *sample["end"], sample["norms"][0]])) - before  # computed by every correction
 
     # alive: all samples of the lane so far were closed, and the guess for this one is near the sample before
     # i: number of samples before this one; done: number of closed ones among them
     alive, i, done = g.make("mask", payload="%alive"), g.count("%i"), g.leaf("%done")
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
-    correction_square, advance_square = sample.norms
+    correction_square, advance_square = sample["norms"]
     # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
-    guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample.guards, least, strict=True)]
+    guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
     good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
     # the lane goes on to the next sample if the guess there is not far away
     goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
 
     # what an iteration of the loop over samples passes on to the next one: leaf -> first value, next value
     counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
-    carried = dict(zip(guess, zip(first, sample.following, strict=True), strict=True))
+    carried = dict(zip(guess, zip(first, sample["following"], strict=True), strict=True))
     carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
 
     # the loop over samples; the values n of the next sample follow in `inputs` after the levels u, w, b of this one
@@ -167,12 +157,12 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
         Compute([x for x in values if x in before]),
         corrections,
         Compute([x for x in values if x not in repeated]),
-        Scatter("out", sample.stored, g.make("times", i, payload=program.width), g.count("%block"), g.count("%last")),
+        Scatter("out", sample["stored"], g.make("times", i, payload=program.width), g.count("%block"), g.count("%last")),
     ]
     loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", later, g.count("%samples"))))
     loads = [Load(name, {x: k for k, x in enumerate(leaves)}) for name, leaves in (("q", first), ("least", least))]
 
-    statements: list[Statement] = [*loads, loop, Store("report", [counted, *sample.guards])]
+    statements: list[Statement] = [*loads, loop, Store("report", [counted, *sample["guards"]])]
     arrays = {"q": Array(n), "least": Array(program.guards), "inputs": Array(1, "shift"), "out": Array(0)}
     arrays["report"] = Array(1 + program.guards)
     counts = ("samples", "shift", "block", "last")

@@ -10,7 +10,6 @@ tries to close it; if that finds a limit of motion or a singular position, the m
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import IntEnum
 from math import ceil, sqrt
 from typing import Any
 
@@ -33,14 +32,6 @@ MANY = 8  # number of angles above which steps are shorter than STRIDE
 SUBDIVISIONS = (8, 64)  # numbers of parts of a step that could not be made at once
 FEW = 4  # least number of samples in a part
 LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the start; where it is less, `loop_closure` decides
-
-
-class Status(IntEnum):
-    """How the positions at a sample were found."""
-
-    CLOSED = 0  # by compiled code: the routine `follow`
-    LIBRARY = 1  # by `kinematics.loop_closure`
-    LOST = 2  # not at all: its numbers are NaN
 
 
 @dataclass(frozen=True)
@@ -122,17 +113,16 @@ class Tracker:
         """Return the largest change of an input between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
         return float((np.abs(u[1:] - u[:-1]) * self.per_stride).max(initial=0.0))
 
-    def track(self, levels: Array, stride: float, rows: Array, status: NDArray[np.int8]) -> Loss | None:
+    def track(self, levels: Array, stride: float, rows: Array) -> Loss | None:
         """Compute the motion at all samples; return where and why it ends before the last sample, or None if it does not.
 
         Args:
             levels: (k, 3, K) values, first and second time derivatives of the inputs at the samples.
             stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) array that receives q, v and a of every sample, NaN where the linkage is not closed.
-            status: (k,) array of `Status.CLOSED`, in which other ways to close a sample are marked.
         """
         samples_closed = self._follow_parts(levels, stride, rows)
-        return self._finish(levels, rows, status, samples_closed) if samples_closed < len(rows) else None
+        return self._finish(levels, rows, samples_closed) if samples_closed < len(rows) else None
 
     def _walk(self, u: Array) -> Array:
         """Return positions (m, n) at inputs u (m, K), computed in a single lane; NaN from the first input on that it cannot close.
@@ -171,7 +161,7 @@ class Tracker:
         incomplete = np.flatnonzero(valid < count)
         return int(begins[incomplete[0]] + valid[incomplete[0]]) if len(incomplete) else k
 
-    def _finish(self, levels: Array, rows: Array, status: NDArray[np.int8], at: int) -> Loss | None:
+    def _finish(self, levels: Array, rows: Array, at: int) -> Loss | None:
         """Compute the samples from index `at` on, the first sample at which a lane could not close the linkage in one step.
 
         Return where and why the motion ends before the last sample, or None if it does not.
@@ -184,9 +174,9 @@ class Tracker:
                 continue
             found = self._close_by_library(q, levels[at])
             if isinstance(found, Loss):
-                rows[at:], status[at:] = np.nan, Status.LOST
+                rows[at:] = np.nan
                 return replace(found, sample=at)
-            rows[at], status[at], at = found, Status.LIBRARY, at + 1
+            rows[at], at = found, at + 1
         return None
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
