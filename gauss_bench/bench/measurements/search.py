@@ -35,7 +35,6 @@ from gauss_bench.bench.ways import (
     Way,
     choice_of,
     evaluate_run,
-    has_samples,
     is_adaptive,
     loop_of,
     one_step,
@@ -48,6 +47,7 @@ from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.metrics import common_times
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
 from gauss_bench.runs.blocks import Block, Models
 from gauss_bench.runs.offers import Offer, in_python, offer
@@ -214,8 +214,9 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     reference = reference_of(linkage, scenario, run.until, store)
-    # number of sample times, at equal distances, at which errors are taken
-    sample_count = next((x for x in BEATS if has_samples(reference, run.until, x)), None)
+    # number of sample times, at equal distances, at which errors are taken: the reference has a sample at each of them
+    counts = (x for x in BEATS if common_times(reference.t, run.until / x * np.arange(x + 1))[1].all())
+    sample_count = next(counts, None)
     if sample_count is None:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
