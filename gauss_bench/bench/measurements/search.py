@@ -263,9 +263,9 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
     for wanted, engine in product(requirements(part), engines_of(part)):
-        by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}
+        by_loop_and_owner: dict[tuple[str, str | None], dict[Way, Trial]] = {}
         for way, trial in passing_ways(ladders, wanted, engine.name).items():
-            by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+            by_loop_and_owner.setdefault((loop_of(way), owners.get(without_size(way))), {})[way] = trial
         groups += by_loop_and_owner.values()
     return groups
 
@@ -334,11 +334,6 @@ def race_entries(
             yield x.way, partial(whole_run, run, x.way, x.steps, x.seconds, lead, models)
 
 
-def owner_of(way: Way, owners: Owners) -> str:
-    """Return the authors of an engine who sent in this setting, or an empty text if it is one of the suite's."""
-    return owners.get(without_size(way), "")
-
-
 def without_size(way: Way) -> Way:
     """Return the variant of a setting, as a `Way` of size 0."""
     return way._replace(size=0.0)
@@ -385,7 +380,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
             if r["status"] == Status.OK:
                 way = way_of(r)
                 r["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
-                r["owner"] = owner_of(way, owners)
+                r["owner"] = owners.get(without_size(way), "")
         winners += with_ratios(rows, measured, part)
         winners += [requirement | {"engine": engine} | lost[engine] for engine in lost if engine in searched]
         by_authors = [x for x in ended if any(way.engine == x for way in owners)]
