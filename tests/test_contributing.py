@@ -154,10 +154,9 @@ METRIC = '''def largest_acceleration(mechanism: Mechanism, trajectory: Trajector
 ONE_CASE = """
 from pathlib import Path
 from gauss_bench.bench.cases import Case
-from gauss_bench.runs.apart import is_unaltered
-from gauss_bench.bench.measurements.accuracy import accuracy
+from gauss_bench.bench.measure import measure
 from gauss_bench.tables import write_schema, write_table
-found = accuracy(Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1), "store", is_unaltered, 60.0)
+found = measure(Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1), "store")
 write_table("results", found["results"], Path("run"))
 write_schema(Path("run"))
 """
