@@ -69,7 +69,7 @@ lint: setup            ## style and types
 	$(BIN)/mypy
 
 drawings: setup        ## the drawings of mechanisms/ from the linkage files
-	$(BIN)/python -c "from pathlib import Path; from gauss_bench.report.drawings.drawing import write_drawings; write_drawings(Path('mechanisms'))"
+	for x in mechanisms/*.toml; do $(BIN)/gauss-bench show $$x --svg $${x%.toml}.svg --replace >/dev/null || exit 1; done
 
 setup: .venv/.ready
 

@@ -1,8 +1,8 @@
 """The gate passes what has not changed, fails a planted fault by name, and tells an improvement."""
 
+import re
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from gauss_bench.bench import gate
@@ -10,36 +10,34 @@ from gauss_bench.bench.cases import Case
 from gauss_bench.bench.gate import accept, compare, failures, figures_of, read_baseline
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
-from gauss_bench.tables import KEY
+from gauss_bench.report.rows import group_by
+from gauss_bench.tables import KEY, Row
 from gauss_bench.verbs import suites
 
 CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) for h in (1e-2, 5e-3)]
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def found(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     return figures_of(*measure_all(CASES, tmp_path_factory.mktemp("gate")))
 
 
 @pytest.fixture
-def baseline(found: pd.DataFrame, tmp_path: Path) -> Path:
+def baseline(found: list[Row], tmp_path: Path) -> Path:
     path = tmp_path / "a baseline.csv"
     accept(found, path, "first")
     return path
 
 
-def changed(found: pd.DataFrame, metric: str, factor: float) -> pd.DataFrame:
-    worse = found.copy()
-    here = worse["metric"] == metric
-    worse.loc[here, "value"] = [str(float(x) * factor) for x in worse.loc[here, "value"]]
-    return worse
+def changed(found: list[Row], metric: str, factor: float) -> list[Row]:
+    return [{**row, "value": str(float(row["value"]) * factor)} if row["metric"] == metric else row for row in found]
 
 
-def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: pd.DataFrame, baseline: Path) -> None:
+def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: list[Row], baseline: Path) -> None:
     assert accept(changed(found, "measured_error_t1", 3.0), baseline, "a longer lever") == (2, [])
-    accepted = read_baseline(baseline).set_index("metric")["accepted"]
-    assert accepted["measured_error_t1"].str.fullmatch(r"\d{4}-\d\d-\d\d a longer lever").all()
-    assert accepted["velocity_error"].str.endswith(" first").all()
+    accepted = group_by(read_baseline(baseline), "metric")
+    assert all(re.fullmatch(r"\d{4}-\d\d-\d\d a longer lever", row["accepted"]) for row in accepted["measured_error_t1"])
+    assert all(row["accepted"].endswith(" first") for row in accepted["velocity_error"])
 
 
 @pytest.mark.slow
@@ -57,18 +55,18 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
     baseline: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run: list[Case] = []
-    figures = read_baseline(baseline).assign(message="")
+    figures = read_baseline(baseline)
 
-    def measured(cases: list[Case], *rest: object) -> tuple[pd.DataFrame, pd.DataFrame]:
+    def measured(cases: list[Case], *rest: object) -> tuple[list[Row], list[Row]]:
         run.extend(cases)
-        return pd.DataFrame([CASE]), pd.DataFrame()
+        return [CASE], []
 
     monkeypatch.setattr(suites, "measure_all", measured)
     monkeypatch.setattr(gate, "figures_of", lambda *arguments: figures)
     assert main(["check", "four_bar", "--baseline", str(baseline)]) == 0
     assert {x.engine for x in run} == {"gauss"}
     assert "are not in the baseline and are not run" in capsys.readouterr().err
-    monkeypatch.setattr(gate, "figures_of", lambda *arguments: figures.assign(value="nan"))
+    monkeypatch.setattr(gate, "figures_of", lambda *arguments: [{**row, "value": "nan"} for row in figures])
     assert main(["check", "four_bar", "--engine", "gauss", "--baseline", str(baseline)]) == 1
     assert f"gauss-bench check four_bar --engine gauss --baseline '{baseline}' --accept 'REASON'" in capsys.readouterr().out
     run.clear()
@@ -77,20 +75,20 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
     assert not run
 
 
-def test_a_known_case_that_an_engine_no_longer_has_fails(found: pd.DataFrame, baseline: Path) -> None:
-    other = read_baseline(baseline).assign(engine="lost")
-    both = pd.concat([read_baseline(baseline), other])
-    part = gate.restrict(both, {"four_bar"}, {"gauss", "lost"})
+def test_a_known_case_that_an_engine_no_longer_has_fails(found: list[Row], baseline: Path) -> None:
+    kept = read_baseline(baseline)
+    other: list[Row] = [{**row, "engine": "lost"} for row in kept]
+    part = gate.restrict(kept + other, {"four_bar"}, {"gauss", "lost"})
     assert {v.case.split()[2] for v in failures(compare(found, part))} == {"lost"}
 
 
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
 
-def ended(status: str, message: str = "") -> pd.DataFrame:
+def ended(status: str, message: str = "") -> list[Row]:
     """The facts of one case that ended so."""
     figures = [{"metric": "position_error", "value": "1e-5", "message": ""}] if status == "ok" else []
-    return pd.DataFrame([CASE | x for x in [{"metric": "status", "value": status, "message": message}, *figures]])
+    return [CASE | x for x in [{"metric": "status", "value": status, "message": message}, *figures]]
 
 
 @pytest.mark.parametrize("status", ["nan", "crashed"])
@@ -105,10 +103,10 @@ def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Pat
     assert changed == 0
     assert "the engine's own words" in refused[0]
     assert path.read_bytes() == before
-    new = ended(status).assign(engine="lagrange")  # a case that the baseline does not know
-    _, refused = accept(pd.concat([ended("ok"), new]), path, "later")
+    new: list[Row] = [{**row, "engine": "lagrange"} for row in ended(status)]  # a case that the baseline does not know
+    _, refused = accept(ended("ok") + new, path, "later")
     assert len(refused) == 1
-    assert set(read_baseline(path)["engine"]) == {"gauss"}
+    assert {row["engine"] for row in read_baseline(path)} == {"gauss"}
     first = tmp_path / "first.csv"  # which takes failures of mathematics, not of processes, for what they are
     accept(ended(status), first, "first")
     found = [v.outcome for v in compare(ended(status), read_baseline(first))]

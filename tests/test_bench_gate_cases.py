@@ -64,8 +64,7 @@ def used(document: dict[str, Any], scenario: str) -> Iterator[str]:
 def gated() -> dict[str, set[str]]:
     """Member -> mechanisms in scenarios that use it, that the gate runs, and of which the baseline holds a run that ended well."""
     baseline = read_baseline(BASELINE)
-    ended = baseline[(baseline["metric"] == "status") & (baseline["value"] == "ok")]
-    known = set(zip(ended["mechanism"], ended["scenario"], strict=True))
+    known = {(x["mechanism"], x["scenario"]) for x in baseline if (x["metric"], x["value"]) == ("status", "ok")}
     found: dict[str, set[str]] = {}
     for part in read_suite("gate").accuracy:
         for linkage, scenario in part.linkages.items():

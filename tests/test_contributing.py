@@ -114,13 +114,10 @@ def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_
 
 
 LISTED_SHOWN_DRAWN = """
-from pathlib import Path
 from gauss_bench.cli import main
-from gauss_bench.report.drawings.drawing import write_drawings
 assert main(["list"]) == 0
 print("SHOWN")
-assert main(["show", "my_four_bar"]) == 0
-write_drawings(Path("drawn"))
+assert main(["show", "my_four_bar", "--svg", "my_four_bar.svg"]) == 0
 """
 
 
@@ -136,7 +133,7 @@ def test_a_new_linkage_is_one_file(tmp_path: Path) -> None:
     listed, shown = said_by(folder, "-c", LISTED_SHOWN_DRAWN).split("SHOWN")
     assert "my_four_bar" in listed
     assert "my_four_bar" in shown
-    assert (folder / "drawn" / "my_four_bar.svg").exists()
+    assert (folder / "my_four_bar.svg").exists()
     command = ("run", "my_four_bar", "--suite", "gate", "--engine", "gauss", "--steps", "0.01", "--until", "0.1", "--no-costs")
     said_by(folder, "-m", "gauss_bench", *command, "--out", "run")
     assert "my_four_bar" in (folder / "run" / "results.csv").read_text(encoding="utf-8")
@@ -154,10 +151,9 @@ METRIC = '''def largest_acceleration(mechanism: Mechanism, trajectory: Trajector
 ONE_CASE = """
 from pathlib import Path
 from gauss_bench.bench.cases import Case
-from gauss_bench.runs.apart import is_unaltered
-from gauss_bench.bench.measurements.accuracy import accuracy
+from gauss_bench.bench.measure import measure
 from gauss_bench.tables import write_schema, write_table
-found = accuracy(Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1), "store", is_unaltered, 60.0)
+found = measure(Case("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-2, 0.1), "store")
 write_table("results", found["results"], Path("run"))
 write_schema(Path("run"))
 """

@@ -17,7 +17,7 @@ from gauss_bench.formulations import CONTROLS
 def test_accelerations_at_the_same_state(engine: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     """Of the worst conditioned linkage; `test_engines_libraries.py` compares those of libraries."""
     case = Case("eight_bar", "torque", engine, "default", get(engine).integrators[0], "none", 1e-3, 0.05)
-    found = measure(case, str(tmp_path_factory.getbasetemp() / "references")).row
+    found = measure(case, str(tmp_path_factory.getbasetemp() / "references"))["results"][0]
     assert found["status"] == ("ok" if found["valid"] else "invalid"), found["message"]
     if engine in CONTROLS:
         assert found["acceleration_error_median"] > 5e-3
@@ -36,7 +36,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     monkeypatch.setattr("gauss_bench.runs.worker._kept", {})
     adapter = get(engine)
     case = Case("four_bar", "torque", engine, next(iter(adapter.settings)), adapter.integrators[0], "none", 1e-2, 0.02)
-    found = measure(case, str(tmp_path)).row
+    found = measure(case, str(tmp_path))["results"][0]
     assert found["status"] == "skip"
     assert "not installed" in found["message"]
 

@@ -130,7 +130,8 @@ def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
     text = render("simulate", run)
     assert re.search(r"^steps +- \(the engine does not count them\)$", text, re.MULTILINE)
     assert "step_time" not in text
-    row = measure(Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05), "nowhere").row
+    case = Case("four_bar", "torque", f"{FAULTY}:Chooser", "default", run.integrator, "none", 1e-3, 0.05)
+    row = measure(case, "nowhere")["results"][0]
     assert (row["status"], row["steps"]) == ("ok", None)
 
 

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from gauss_bench.bench.gate import compare
@@ -14,7 +13,7 @@ CASE: dict[str, Any] = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", 
 def outcome(metric: str, value: float | str, base: float | str, integrator: str = "rk4") -> str:
     """What the gate says of one figure against its baseline."""
     case = CASE | {"integrator": integrator}
-    found, kept = (pd.DataFrame([case | {"metric": metric, "value": str(x)}]) for x in (value, base))
+    found, kept = ([case | {"metric": metric, "value": str(x)}] for x in (value, base))
     (verdict,) = compare(found, kept)
     return verdict.outcome
 
@@ -61,6 +60,6 @@ def test_how_a_run_ended_is_kept_to_the_letter_and_a_figure_on_one_side_alone_fa
     for metric in ("status", "valid"):
         pairs = (("True", "True"), ("False", "True"), ("True", "False"))
         assert [outcome(metric, *x) for x in pairs] == ["ok", "fail", "fail"]
-    row = pd.DataFrame([CASE | {"metric": "position_error", "value": "1e-5"}])
-    assert [v.outcome for v in compare(row, row.iloc[:0])] == ["fail"]
-    assert [v.outcome for v in compare(row.iloc[:0], row)] == ["fail"]
+    row = [CASE | {"metric": "position_error", "value": "1e-5"}]
+    assert [v.outcome for v in compare(row, [])] == ["fail"]
+    assert [v.outcome for v in compare([], row)] == ["fail"]

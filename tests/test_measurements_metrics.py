@@ -178,7 +178,7 @@ def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, A
     store = str(tmp_path_factory.getbasetemp() / "references")
     with pytest.MonkeyPatch.context() as patched:
         replace_engine(patched, "mujoco", Clock(), Costs(), truth="gauss", **errors)
-        row = measure(Case("four_bar", "torque", "mujoco", "default", "rk4", "none", 1e-3, 1.0), store).row
+        row = measure(Case("four_bar", "torque", "mujoco", "default", "rk4", "none", 1e-3, 1.0), store)["results"][0]
     assert row["status"] == ("ok" if row["valid"] else "invalid")
     return dict(row)
 

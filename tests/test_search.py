@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, foreseen, over_processes, ratio, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, foreseen, gather_rounds, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
 from gauss_bench.bench.search import Scale, close, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
@@ -168,10 +169,12 @@ def test_a_ratio_is_that_of_the_times() -> None:
 
 def test_rounds_stand_by_the_process_that_they_were_in() -> None:
     """One entry ran in the first process and the third, the other in the second alone."""
-    found = over_processes({"a": {2: [3.0], 0: [1.0, 2.0]}, "b": {1: [5.0]}})
+    timed = [("a", 2, 0, 3.0), ("a", 0, 0, 1.0), ("a", 0, 1, 2.0), ("b", 1, 0, 5.0)]
+    rows = [dict(zip(("entry", "process", "round", "seconds"), x, strict=True)) for x in timed]
+    found = gather_rounds(rows, itemgetter("entry"))
     gap = np.nan
-    np.testing.assert_array_equal(found["a"], [[1.0, 2.0], [gap, gap], [3.0, gap]])
-    np.testing.assert_array_equal(found["b"], [[gap], [5.0], [gap]])
+    np.testing.assert_array_equal(found.of("a"), [[1.0, 2.0], [gap, gap], [3.0, gap]])
+    np.testing.assert_array_equal(found.of("b"), [[gap], [5.0], [gap]])
 
 
 def test_what_ran_in_no_process_has_its_reason() -> None:

@@ -99,7 +99,7 @@ def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_pa
         with path.open("w", newline="") as file:
             csv.writer(file).writerows([[*head, *(["format"] if more else [])], [*line, *more]])
         if read:
-            assert list(read_baseline(path)["value"]) == ["1e-9"]
+            assert [row["value"] for row in read_baseline(path)] == ["1e-9"]
         else:
             with pytest.raises(TableError, match=f"format {FORMAT + 1} is later"):
                 read_baseline(path)
@@ -172,9 +172,9 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     assert certificate["measured_end"] == 0.5
     assert (batch["steps"], batch["rival_steps"]) == (1000, 10)
     baseline = read_baseline(tmp_path / "baseline.csv")
-    assert list(baseline["metric"]) == ["measured_error_t1", "measured_t05"]
-    assert list(baseline["value"]) == ["1.5e-07", "0.123456789012345"]
-    assert list(baseline["accepted"]) == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
+    assert [row["metric"] for row in baseline] == ["measured_error_t1", "measured_t05"]
+    assert [row["value"] for row in baseline] == ["1.5e-07", "0.123456789012345"]
+    assert [row["accepted"] for row in baseline] == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
 
 
 def test_times_are_stored_apart_and_joined_when_read(tmp_path: Path) -> None:

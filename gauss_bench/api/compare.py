@@ -12,6 +12,7 @@ from gauss_bench.bench.tasks import CASE_LIMIT
 from gauss_bench.engines import names
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import ChoiceError, check_budget, duration, offers, usable_steps
+from gauss_bench.tables import TABLES
 
 
 def compare(
@@ -50,4 +51,5 @@ def compare(
     wanted = [x.name for x in offers(engines or names())]
     cases = list(cross({linkage: mechanism.scenario}, wanted, usable_steps(steps, end), end, asked=settings))
     with tempfile.TemporaryDirectory() as folder:
-        return measure_all(cases, Path(folder), jobs, limit=check_budget(budget, CASE_LIMIT))[0]
+        rows, _ = measure_all(cases, Path(folder), jobs, limit=check_budget(budget, CASE_LIMIT))
+    return pd.DataFrame(rows, columns=[*TABLES["results"].names])

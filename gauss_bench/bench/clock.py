@@ -21,7 +21,7 @@ import math
 import random
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -37,8 +37,6 @@ RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
 NO_KEY = None  # stands for the key of a block's entry until a race enters the block under a key
 
 Row = dict[str, Any]
-K = TypeVar("K", bound=Hashable)
-
 
 Watch = Callable[[Hashable], object]  # called with the key of an entry before the entry's code runs
 
@@ -172,7 +170,7 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
     Each row has the seconds of one entry in one round of one process, its `facts`, or the status and the reason of its failure.
     With `strict`, an entry that failed in one process counts as failed even if it has times in other processes.
     """
-    samples: dict[Hashable, dict[int, list[float]]] = {}
+    samples: dict[Hashable, dict[int, list[float]]] = {}  # key of an entry -> number of a process -> times of its rounds [s]
     failed: dict[Hashable, Failure] = {}
     facts: dict[Hashable, Row] = {}
     for r in sorted(rows, key=lambda r: r.get("round") or 0):
@@ -183,7 +181,9 @@ def gather_rounds(rows: Iterable[Row], key: Callable[[Row], Hashable] = key_of, 
         else:
             failed.setdefault(key(r), Missing(Status(r["status"]), r["message"]))
     kept = {k: x for k, x in samples.items() if not (strict and k in failed)}
-    return Measured(over_processes(kept), failed, facts)
+    processes = sorted({number for times in kept.values() for number in times})
+    padded = {k: pad([np.array(times.get(number, ())) for number in processes]) for k, times in kept.items()}
+    return Measured(padded, failed, facts)
 
 
 def pad(processes: Sequence[Array]) -> Array:
@@ -192,15 +192,6 @@ def pad(processes: Sequence[Array]) -> Array:
     for line, rounds in zip(table, processes, strict=True):
         line[: len(rounds)] = rounds
     return table
-
-
-def over_processes(samples: Mapping[K, Mapping[int, Sequence[float]]]) -> dict[Hashable, Array]:
-    """Return key of an entry -> its times [s] as an array (processes, rounds) filled up with NaN.
-
-    `samples` maps the key of an entry, and then the number of each process in which the entry ran, to the times of the rounds.
-    """
-    numbers = sorted({number for x in samples.values() for number in x})
-    return {key: pad([np.array(x.get(number, ())) for number in numbers]) for key, x in samples.items()}
 
 
 def quartiles(samples: Array) -> Array:

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from gauss_bench.bench.gate import Verdict, compare, figures_of
-from gauss_bench.bench.runner import frame
 from gauss_bench.checksums import require_unchanged
-from gauss_bench.tables import ENDS, TABLES, TableError, case_of, key_of, read_table
+from gauss_bench.tables import ENDS, TABLES, Row, TableError, case_of, key_of, read_table
 
 
 @dataclass(frozen=True)
@@ -40,22 +37,20 @@ def differences(here: Path, there: Path) -> Differences:
     """
     own, other = read_figures(here), read_figures(there)
     # every case has at least one figure: its status
-    own_cases, other_cases = (set(map(case_of, x.to_dict("records"))) for x in (own, other))
+    own_cases, other_cases = (set(map(case_of, x)) for x in (own, other))
     shared = own_cases & other_cases
-    metrics = set(own["metric"]) & set(other["metric"])  # a table of an earlier format may lack a metric
+    metrics = {row["metric"] for row in own} & {row["metric"] for row in other}  # a table of an earlier format may lack a metric
 
-    def select_shared(figures: pd.DataFrame) -> pd.DataFrame:
-        return figures[[case_of(row) in shared and row["metric"] in metrics for row in figures.to_dict("records")]]
-
-    verdicts = compare(select_shared(own), select_shared(other))
+    common = ([row for row in x if case_of(row) in shared and row["metric"] in metrics] for x in (own, other))
+    verdicts = compare(*common)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, count_cases(own_cases - shared), count_cases(other_cases - shared))
 
 
-def read_figures(folder: Path) -> pd.DataFrame:
+def read_figures(folder: Path) -> list[Row]:
     """Return the figures of the accuracy cases and of the references that are stored in a folder; errors as in `differences`."""
-    return figures_of(frame("results", accuracy_rows(folder)), frame("references", read_table("references", folder)))
+    return figures_of(accuracy_rows(folder), read_table("references", folder))
 
 
 def count_cases(keys: set[tuple[Any, ...]]) -> int:

@@ -5,14 +5,13 @@ as better if it is better by the same factor. A figure that is much better fails
 real improvement is accepted like any other change. A new baseline needs a reason, which is stored with the date.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from gauss_bench.atomic import write_text
 from gauss_bench.bench.cases import Case
@@ -20,7 +19,7 @@ from gauss_bench.judge import OFF_ACCELERATION, OFF_DRIFT
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import offer
-from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, csv_text, read_file, row_of
+from gauss_bench.tables import BASELINE_FORMAT, KEY, TABLES, Row, case_of, csv_text, read_file, row_of
 
 FIGURE = [*KEY, "metric"]  # columns that identify a figure
 Key = tuple[Any, ...]  # values of the columns FIGURE
@@ -86,15 +85,15 @@ class Verdict:
         return f"{self.outcome}: {self.case}: {cause}{self.metric} = {self.value}, limit {self.limit} (baseline {self.baseline})"
 
 
-def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+def figures_of(rows: Iterable[Row], references: Iterable[Row]) -> list[Row]:
     """Return the figures that the gate compares: one row for each case and metric, from the rows of results and of references.
 
     If a run has large errors, only its status, its validity and its acceleration error are taken, because its other figures differ
     between machines.
     """
-    figures: list[dict[str, Any]] = []
+    figures: list[Row] = []
     limits = {"acceleration_error_median": OFF_ACCELERATION, "position_drift": OFF_DRIFT, "position_error": LOST}
-    for row in rows.to_dict("records"):
+    for row in rows:
         key = {k: row[k] for k in KEY}
         figures.append(key | {"metric": "status", "value": row["status"], "message": row["message"]})
         ended = row["status"] in ENDED
@@ -103,31 +102,25 @@ def figures_of(rows: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
         repeatable = ended and all(row[metric] <= limit for metric, limit in limits.items())
         used = [*RULES, "observed_order"] if repeatable else ["acceleration_error_median"]
         figures += [key | {"metric": m, "value": f"{row[m]:.6g}"} for m in used if np.isfinite(row[m])]
-    for reference in references.to_dict("records"):
-        key = dict.fromkeys(KEY, "") | {"mechanism": reference["mechanism"], "scenario": reference["scenario"]}
-        key |= {"engine": "reference", "step": 0.0, "t_end": reference["t_end"]}
+    for reference in references:
+        place = {k: reference[k] for k in ("mechanism", "scenario", "t_end")}
+        key = {**dict.fromkeys(KEY, ""), **place, "engine": "reference", "step": 0.0}
         figures += [key | {"metric": m, "value": f"{reference[m]:.15g}"} for m in TRUTHS if np.isfinite(reference[m])]
-    return in_order(figures, [*FIGURE, "value", "message"]).fillna({"message": ""})
+    return figures
 
 
-def in_order(figures: list[dict[Any, Any]], columns: list[str]) -> pd.DataFrame:
-    """Return figures as a data frame, sorted by the columns of FIGURE."""
-    frame = pd.DataFrame(figures, columns=columns).astype({"step": float, "t_end": float})
-    return frame.sort_values(FIGURE, kind="stable", ignore_index=True)
+def key_of(figure: Row) -> Key:
+    """Return the values of the columns FIGURE, which identify a figure."""
+    return tuple(figure[k] for k in FIGURE)
 
 
-def by_key(figures: pd.DataFrame) -> dict[Key, dict[Any, Any]]:
-    """Return key -> row for a table of figures."""
-    return {tuple(r[k] for k in FIGURE): r for r in figures.to_dict("records")}
-
-
-def compare(figures: pd.DataFrame, baseline: pd.DataFrame) -> list[Verdict]:
+def compare(figures: Iterable[Row], baseline: Iterable[Row]) -> list[Verdict]:
     """Return a verdict for every figure of a run and of the baseline; a figure that is missing in one of the two fails.
 
     If the status of a case differs, its missing figures get no verdict, because the verdict on the status tells why they are
     missing.
     """
-    here, there = by_key(figures), by_key(baseline)
+    here, there = ({key_of(row): row for row in some} for some in (figures, baseline))
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
         status = (*key[:-1], "status")
@@ -183,16 +176,16 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
     return verdict(outcome, f"{x:.3g}", f"{limit:.3g}", f"{b:.3g}")
 
 
-def read_baseline(path: Path) -> pd.DataFrame:
+def read_baseline(path: Path) -> list[Row]:
     """Return the figures of a baseline, as `accept` wrote them: one row for each case and metric.
 
     Raises:
         TableError: the file is damaged, or has a newer format than this version can read.
     """
-    return pd.DataFrame(read_file("baseline", path), columns=[*FIGURE, "value", "accepted"]).astype({"step": float, "t_end": float})
+    return [*read_file("baseline", path)]
 
 
-def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[str]]:
+def accept(figures: Iterable[Row], path: Path, reason: str) -> tuple[int, list[str]]:
     """Write a new baseline, in which every figure that changed beyond its limits has today's date and the reason.
 
     The new baseline keeps the old figures of mechanisms and engines that were not measured, and of cases that are refused: those
@@ -203,7 +196,8 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
         The number of figures that changed, and a sentence for every case whose new figures were not accepted.
     """
     stamp = f"{datetime.now(UTC):%Y-%m-%d} {reason}"
-    old_rows, rows_by_key = by_key(read_baseline(path)) if path.exists() else {}, by_key(figures)
+    old_rows = {key_of(row): row for row in read_baseline(path)} if path.exists() else {}
+    rows_by_key = {key_of(row): row for row in sorted(figures, key=key_of)}
     refused: dict[Key, str] = {}  # key of a case (all columns of FIGURE but the last, the metric) -> sentence
     for key, row in rows_by_key.items():
         acceptable = [*ENDED, "skip", old_rows[key]["value"] if key in old_rows else ""]
@@ -216,22 +210,21 @@ def accept(figures: pd.DataFrame, path: Path, reason: str) -> tuple[int, list[st
         if key[:-1] in refused:
             continue
         same = key in old_rows and judge_figure(key, str(row["value"]), str(old_rows[key]["value"])).outcome == "ok"
-        rows.append(old_rows[key] if same else row | {"accepted": stamp})
+        rows.append(old_rows[key] if same else {**row, "accepted": stamp})
         changed += not same
-    ordered = in_order(rows, [*FIGURE, "value", "accepted"]).to_dict("records")
-    table = TABLES["baseline"]
-    typed = [row_of(table, {str(k): x for k, x in row.items()} | {"format": BASELINE_FORMAT}) for row in ordered]
+    table, columns = TABLES["baseline"], (*FIGURE, "value", "accepted")
+    typed = [row_of(table, {k: row[k] for k in columns} | {"format": BASELINE_FORMAT}) for row in sorted(rows, key=key_of)]
     write_text(path, csv_text(table.columns, typed))
     return changed, list(refused.values())
 
 
-def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
+def known_cases(cases: Sequence[Case], baseline: Iterable[Row]) -> list[Case]:
     """Return those cases whose figures a baseline has.
 
     An engine that cannot be used here has one case without integrator, which no baseline has. It is kept if the baseline has any
     case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
     """
-    known = {tuple(row) for row in baseline[[*KEY]].itertuples(index=False)}
+    known = {case_of(row) for row in baseline}
     pairs = {(row[0], row[2]) for row in known}  # linkage and engine
     kept = []
     for case in cases:
@@ -243,10 +236,9 @@ def known_cases(cases: Sequence[Case], baseline: pd.DataFrame) -> list[Case]:
     return kept
 
 
-def restrict(baseline: pd.DataFrame, mechanisms: set[str], engines: set[str]) -> pd.DataFrame:
+def restrict(baseline: Iterable[Row], mechanisms: set[str], engines: set[str]) -> list[Row]:
     """Return the figures of a baseline for the given mechanisms and engines, and for the references of these mechanisms."""
-    inside = baseline["mechanism"].isin(list(mechanisms)) & baseline["engine"].isin([*engines, "reference"])
-    return baseline[inside].reset_index(drop=True)
+    return [row for row in baseline if row["mechanism"] in mechanisms and row["engine"] in (*engines, "reference")]
 
 
 def failures(verdicts: list[Verdict]) -> Iterator[Verdict]:

@@ -2,17 +2,17 @@
 
 import json
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from gauss_bench import metrics
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.poses import poses
-from gauss_bench.bench.tasks import CASE_LIMIT, Rows
+from gauss_bench.bench.tasks import CASE_LIMIT, Tables, place_of
 from gauss_bench.formulations import CONTROLS
 from gauss_bench.judge import Evidence, judge, remark
 from gauss_bench.linkage.load import load
@@ -25,6 +25,7 @@ from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.questions import accelerations
 from gauss_bench.runs.scrutiny import LONGEST, at_samples, decides, evidence_of, has_sound_rates, repeat_finer, sample_spacing
+from gauss_bench.tables import KEY
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Samples, Status, Trajectory
 
@@ -66,23 +67,8 @@ def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference
         return str(error)
 
 
-class Measurement(NamedTuple):
-    """What was measured in a case.
-
-    Attributes:
-        row: the case's row in the table of results, without the columns that identify the case.
-        series, poses: rows of the report's curves and of the poses that the report plays, one row for each time.
-    """
-
-    row: dict[str, Any]
-    series: Rows
-    poses: Rows
-
-
-def measure(
-    case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False
-) -> Measurement:
-    """Run a case, judge the run, and return the case's row of results, its curves and its poses.
+def measure(case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
+    """Run a case and judge the run; return its row of results, and the rows of the report's curves and of the poses that it plays.
 
     The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
     accelerations are derivatives of its positions. The engine is also asked for its accelerations at states with known ones, if
@@ -95,11 +81,12 @@ def measure(
         posed: whether poses are computed, which takes a reference and a run that reached its end.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
-    row: dict[str, Any] = {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
+    key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism)
+    row: dict[str, Any] = key | {"control": case.engine in CONTROLS, "in_python": in_python(case.engine, mechanism, case.choice)}
 
-    def fail(status: Status, message: str) -> Measurement:
-        """Return the result of a case for which no numbers could be measured."""
-        return Measurement(row | {"status": str(status), "message": message}, [], [])
+    def fail(status: Status, message: str) -> Tables:
+        """Return the tables of a case for which no numbers could be measured."""
+        return {"results": [row | {"status": str(status), "message": message}], "series": [], "poses": []}
 
     if not offered.usable:
         return fail(offered.status, offered.reason)
@@ -132,7 +119,8 @@ def measure(
     row |= {"steps": run.trajectory.steps, "evaluations": run.trajectory.evaluations}
     row |= figures(mechanism, run.trajectory, evidence)
     shown = poses(mechanism, run.trajectory, reference) if posed and reference is not None else []
-    return Measurement(row, curves(run.trajectory, evidence), shown)
+    series = curves(run.trajectory, evidence)
+    return {"results": [row], "series": [key | x for x in series], "poses": [key | x for x in shown]}
 
 
 def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism, limit: float) -> tuple[Run | None, str]:

@@ -19,8 +19,6 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
-import pandas as pd
-
 from gauss_bench.atomic import write_text
 from gauss_bench.bench import measurements
 from gauss_bench.bench.cases import Case
@@ -29,7 +27,7 @@ from gauss_bench.bench.measurements import accuracy
 from gauss_bench.bench.measurements.certificates import certificates_digest
 from gauss_bench.bench.measurements.cost import BASELINE
 from gauss_bench.bench.provenance import environment
-from gauss_bench.bench.tasks import CASE_LIMIT, Context, Tables, Task, finish, gather
+from gauss_bench.bench.tasks import CASE_LIMIT, Context, Rows, Tables, Task, finish, gather
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
@@ -95,21 +93,17 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 
 def measure_all(
     cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Run accuracy cases, without times and without a journal; return the tables of results and of the references used.
+) -> tuple[Rows, Rows]:
+    """Run accuracy cases, without times and without a journal; return the rows of results and of the references used.
 
     References are kept in `folder`, where nothing else is written. `alter` plants a fault in the mechanism that engines are given,
     and one case may take `limit` [s].
     """
     context = Context(str(folder / ".run" / "references"), "", alter, limit=limit)
     tables = finish(accuracy.tasks(cases, context), jobs, "accuracy")
-    rows = accuracy.with_orders(sorted(tables.get("results", []), key=accuracy.in_order))
-    return frame("results", rows), frame("references", tables.get("references", []))
-
-
-def frame(name: str, rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Return rows of a table as a data frame with all columns of the table."""
-    return pd.DataFrame([row_of(TABLES[name], row) for row in rows], columns=list(TABLES[name].names))
+    tables["results"] = accuracy.with_orders(sorted(tables.get("results", []), key=accuracy.in_order))
+    results, references = ([row_of(TABLES[x], row) for row in tables.get(x, [])] for x in ("results", "references"))
+    return results, references
 
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:

@@ -90,13 +90,6 @@ def choice_of(way: Way, adaptive: bool, until: float) -> Choice:
     return Choice(way.settings, way.integrator, way.stabilization, step=way.size)
 
 
-def has_samples(truth: Reference, until: float, beats: int) -> bool:
-    """Tell whether the reference has samples at the ends of all parts of a run divided into `beats` equal parts."""
-    times = until / beats * np.arange(beats + 1)
-    near = np.minimum(np.searchsorted(truth.t, times - 1e-9), len(truth.t) - 1)
-    return bool((np.abs(truth.t[near] - times) < 1e-9).all())
-
-
 def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, adaptive: bool, beats: int) -> Trial:
     """Run one setting of an engine, and return its largest errors at those sample times that are ends of steps.
 

@@ -15,7 +15,6 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-import pandas as pd
 
 from gauss_bench import judge as judging
 from gauss_bench import metrics
@@ -35,7 +34,7 @@ from gauss_bench.reference.certificate import ARRAYS, as_reference, certificate_
 from gauss_bench.reference.verification import verify
 from gauss_bench.runs import blocks, one_run
 from gauss_bench.runs.offers import describe
-from gauss_bench.tables import KEY
+from gauss_bench.tables import KEY, Row
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Samples, Trajectory
 
@@ -123,11 +122,10 @@ def ask_gate(figures: Figures, baseline: Figures) -> str | None:
     # any values for the columns that identify a case; they are the same in both tables
     key = dict(zip(KEY, ("linkage", "scenario", "engine", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
-    def frame(some: Figures) -> pd.DataFrame:
-        texts = {k: x if isinstance(x, str) else f"{x:.15g}" for k, x in some.items()}
-        return pd.DataFrame([key | {"metric": k, "value": x, "message": "", "accepted": ""} for k, x in texts.items()])
+    def rows_of(some: Figures) -> list[Row]:
+        return [key | {"metric": k, "value": x if isinstance(x, str) else f"{x:.15g}"} for k, x in some.items()]
 
-    return next(map(str, gate.failures(gate.compare(frame(figures), frame(baseline)))), None)
+    return next(map(str, gate.failures(gate.compare(rows_of(figures), rows_of(baseline)))), None)
 
 
 # models

@@ -14,24 +14,18 @@ from matplotlib.lines import Line2D
 from gauss_bench.report.palette import INK
 
 STYLE = rc_params_from_file(Path(__file__).with_name("figure.mplstyle"), use_default_template=False)
-LEGEND = 2.1  # [inch] width of the legend at the right
 
 
 def panels(columns: int, rows: int = 1, height: float = 3.3) -> tuple[Figure, list[list[Axes]]]:
-    """Return a figure of rows x columns panels with room for a legend at the right, and the axes of its panels row by row.
+    """Return a figure of rows x columns panels, and the axes of its panels row by row.
 
     Args:
-        height: height of a panel [inch].
+        height: height of a panel and its labels [inch].
     """
-    left, bottom, top = 0.75, 0.6, 0.4  # [inch] margins
-    total = left + max(columns * 3.0, 5.2) + LEGEND  # [inch] width of the figure
-    tall = rows * height + bottom  # [inch] its height
+    size = max(columns * 3.0, 5.2) + 2.85, rows * height + 0.6  # [inch]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(total, tall))
-        axes = figure.subplots(rows, columns, squeeze=False)
-    edges = {"left": left / total, "right": 1 - LEGEND / total, "bottom": bottom / tall, "top": 1 - top / tall}
-    figure.subplots_adjust(**edges, wspace=0.3, hspace=0.24)
-    return figure, [list(row) for row in axes]
+        figure = Figure(figsize=size, layout="constrained")
+        return figure, figure.subplots(rows, columns, squeeze=False).tolist()
 
 
 def svg(figure: Figure) -> str:
@@ -51,13 +45,10 @@ def png(figure: Figure) -> bytes:
 
 
 def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draw a legend at the right; `entries` maps the name of a line to its style."""
-    width, height = figure.get_size_inches()
-    # the upper left corner, 0.12 inch to the right of the panels and 0.36 inch below the upper edge, as fractions of the figure
-    corner = (1 - (LEGEND - 0.12) / width, 1 - 0.36 / height)
+    """Draw a legend at the right of all panels; `entries` maps the name of a line to its style."""
     handles = [Line2D([], [], label=name, **style) for name, style in entries.items()]
     with matplotlib.rc_context(STYLE):
-        figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, fontsize=9)
+        figure.legend(handles=handles, loc="outside right upper", fontsize=9)
 
 
 def give_title(axes: Axes, text: str) -> None:

@@ -187,7 +187,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
         text = f"{options.baseline}: {changed} figures new or changed"
         return Answer(Accepted(changed, tuple(refused)), not refused, text, remarks)
     # restrict: figures of the baseline whose linkage or engine was not asked for are not compared
-    verdicts = gate.compare(figures, gate.restrict(baseline, set(rows["mechanism"]), {x.engine for x in asked}))
+    verdicts = gate.compare(figures, gate.restrict(baseline, {row["mechanism"] for row in rows}, {x.engine for x in asked}))
     failed = [*gate.failures(verdicts)]
     again = ["gauss-bench", "check", *options.linkages, *(x for name in options.engines or [] for x in ("--engine", name))]
     outcome = Checked(not failed, tuple(verdicts))

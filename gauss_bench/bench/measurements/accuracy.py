@@ -12,7 +12,6 @@ from gauss_bench.bench.poses import choose_played, keep, true_poses
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of
 from gauss_bench.mechanism.coordinates import value
 from gauss_bench.metrics import observed_order
-from gauss_bench.runs.apart import Alteration
 from gauss_bench.runs.offers import is_isolated
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import KEY
@@ -36,7 +35,7 @@ def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()
     for case in chosen:
         names = {k: x for k, x in asdict(case).items() if k not in ("linkage", "scenario")}
         arguments = (case, context.store, context.alter, context.limit, case in posed)
-        task = context.task("results", accuracy, arguments, case.linkage, case.scenario, **names)
+        task = context.task("results", measure, arguments, case.linkage, case.scenario, **names)
         listed.append(task._replace(limit=task.limit + JUDGING) if is_isolated(case.engine) else task)
     return listed
 
@@ -56,17 +55,6 @@ def reference(linkage: str, scenario: str, t_end: float, store: str) -> Tables:
     }
     row |= at_checkpoints("measured", truth.t, value(mechanism.measured.coordinate, truth.q))
     return {"references": [row], "motions": [place | x for x in true_poses(mechanism, truth)]}
-
-
-def accuracy(case: Case, store: str, alter: Alteration, limit: float, posed: bool = False) -> Tables:
-    """Measure a case; return its row of results, and the rows of the report's curves and of the poses that the report plays.
-
-    The arguments are those of `measure`.
-    """
-    key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism_of(case.linkage, case.scenario))
-    measured = measure(case, store, alter, limit, posed)
-    series, poses = ([key | row for row in rows] for rows in (measured.series, measured.poses))
-    return {"results": [key | measured.row], "series": series, "poses": poses}
 
 
 def complete(suite: Suite, tables: Tables) -> None:

@@ -35,7 +35,6 @@ from gauss_bench.bench.ways import (
     Way,
     choice_of,
     evaluate_run,
-    has_samples,
     is_adaptive,
     loop_of,
     one_step,
@@ -48,6 +47,7 @@ from gauss_bench.engines.authors import candidates_of
 from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
+from gauss_bench.metrics import common_times
 from gauss_bench.reach import UNITS, Kind, Requirement, Trial, reach, trial_of
 from gauss_bench.runs.blocks import Block, Models
 from gauss_bench.runs.offers import Offer, in_python, offer
@@ -214,8 +214,9 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     reference = reference_of(linkage, scenario, run.until, store)
-    # number of sample times, at equal distances, at which errors are taken
-    sample_count = next((x for x in BEATS if has_samples(reference, run.until, x)), None)
+    # number of sample times, at equal distances, at which errors are taken: the reference has a sample at each of them
+    counts = (x for x in BEATS if common_times(reference.t, run.until / x * np.arange(x + 1))[1].all())
+    sample_count = next(counts, None)
     if sample_count is None:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
@@ -262,9 +263,9 @@ def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
     ladders, owners = read_ladders(rows), owners_of(rows)
     groups: list[dict[Way, Trial]] = []
     for wanted, engine in product(requirements(part), engines_of(part)):
-        by_loop_and_owner: dict[tuple[str, str], dict[Way, Trial]] = {}
+        by_loop_and_owner: dict[tuple[str, str | None], dict[Way, Trial]] = {}
         for way, trial in passing_ways(ladders, wanted, engine.name).items():
-            by_loop_and_owner.setdefault((loop_of(way), owner_of(way, owners)), {})[way] = trial
+            by_loop_and_owner.setdefault((loop_of(way), owners.get(without_size(way))), {})[way] = trial
         groups += by_loop_and_owner.values()
     return groups
 
@@ -333,11 +334,6 @@ def race_entries(
             yield x.way, partial(whole_run, run, x.way, x.steps, x.seconds, lead, models)
 
 
-def owner_of(way: Way, owners: Owners) -> str:
-    """Return the authors of an engine who sent in this setting, or an empty text if it is one of the suite's."""
-    return owners.get(without_size(way), "")
-
-
 def without_size(way: Way) -> Way:
     """Return the variant of a setting, as a `Way` of size 0."""
     return way._replace(size=0.0)
@@ -384,7 +380,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
             if r["status"] == Status.OK:
                 way = way_of(r)
                 r["in_python"] = in_python(way.engine, run.mechanism, choice_of(way, is_adaptive(way), run.until))
-                r["owner"] = owner_of(way, owners)
+                r["owner"] = owners.get(without_size(way), "")
         winners += with_ratios(rows, measured, part)
         winners += [requirement | {"engine": engine} | lost[engine] for engine in lost if engine in searched]
         by_authors = [x for x in ended if any(way.engine == x for way in owners)]

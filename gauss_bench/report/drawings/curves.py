@@ -32,7 +32,6 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
     if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
         raise ValueError("needs a point, and a state of the mechanism at every time")
     figure, grid = panels(3, len(points), height=3.0)
-    figure.subplots_adjust(hspace=0.42)
     for point, (path, speed, push) in zip(points, grid, strict=True):
         give_title(path, point.name)
         draw_path(path, position(q, point))

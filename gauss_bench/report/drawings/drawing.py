@@ -5,19 +5,15 @@ A link is drawn once, in its own frame, with its guides and blocks. Pixels are r
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from gauss_bench.atomic import write_text
-from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.report.drawings.canvas import MARGIN, Canvas, Part, direction, make_part, page, path, stroke, turn_left
 from gauss_bench.report.drawings.forces import attachments, force_parts
 from gauss_bench.report.drawings.lettering import box_of, distance, lettering
-from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
 from gauss_bench.terms import Array
 
@@ -242,11 +238,3 @@ def draw_paths(points: Iterable[Point], trace: Array, canvas: Canvas) -> list[st
     """Return the SVG elements of the paths of points over states `trace` (k, n)."""
     style = f'fill="none" stroke="{TRACE}" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"'
     return [stroke(style, canvas.at(position(trace, p))) for p in points if p.link != GROUND]
-
-
-def write_drawings(folder: Path) -> list[Path]:
-    """Draw every built-in linkage to `folder`/NAME.svg, and return the paths."""
-    files = [folder / f"{name}.svg" for name in built_in()]
-    for file in files:
-        write_text(file, draw(*pose_links(file.stem)))
-    return files

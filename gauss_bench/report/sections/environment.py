@@ -4,10 +4,7 @@ from gauss_bench.report.content import Section, blocks_of
 from gauss_bench.report.rows import Run
 
 PLACE = 110
-FACTS = (
-    *("suite", "hours", "date", "commit", "dirty", "python", "platform", "cpu", "cores", "threads", "blas", "baseline_engine"),
-    "wall_time",
-)
+FACTS = ("suite", "hours", "date", "commit", "dirty", "python", "platform", "cpu", "cores", "threads", "blas", "baseline_engine")
 
 
 def section(run: Run) -> Section:
@@ -22,9 +19,7 @@ def section(run: Run) -> Section:
 
 
 def _print_fact(name: str, value: object) -> object:
-    """Return a fact as it is printed: a truth value becomes yes or no, and the run's duration in seconds becomes minutes."""
-    if name == "wall_time" and isinstance(value, (int, float)):
-        return f"{value / 60:.1f} min"
+    """Return a fact as it is printed: a truth value becomes yes or no."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return value
