@@ -3,13 +3,14 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from gauss_bench.report.build import all_findings, read_run
-from gauss_bench.report.content import Finding
+from gauss_bench.report.content import Finding, Section, Table
 from gauss_bench.report.rows import Run
 from tests.conftest import needs
 
@@ -24,6 +25,13 @@ def published() -> Run:
 @cache
 def published_findings() -> tuple[Finding, ...]:
     return tuple(all_findings(published()))
+
+
+def tables(sections: Sequence[Section]) -> Iterator[tuple[str, Table]]:
+    """Yield every table of sections and of their parts, with the title of its section."""
+    for section in sections:
+        yield from ((section.title, x) for x in section.blocks if isinstance(x, Table))
+        yield from tables(section.parts)
 
 
 def watch(page: Any, *own: str) -> list[str]:

@@ -11,7 +11,6 @@ import pytest
 import gauss_bench
 from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
-from gauss_bench.cli import main
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.judge import Subject, completeness, examine, judge
@@ -20,7 +19,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
-from gauss_bench.trajectory import Status, Trajectory
+from gauss_bench.trajectory import Trajectory
 
 
 @pytest.mark.parametrize(
@@ -88,17 +87,6 @@ def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run:
     verdicts = [completeness(y, x.t, n) for y in spoilt]
     assert [y.objections[0].subject for y in verdicts] == [Subject.COMPLETENESS] * 4 + [Subject.NUMBERS]
     assert "5 of 201 samples" in verdicts[0].sentence
-
-
-def test_simulate_does_not_call_ok_what_may_not_be_used(capsys: pytest.CaptureFixture[str]) -> None:
-    control = gauss_bench.simulate("four_bar", "yuan_ge_eq16", at=[0.1])
-    assert (control.status, control.valid, control.objections[0].subject) == (Status.INVALID, False, Subject.MODEL)
-    assert "accelerations off" in control.message
-    assert main(["simulate", "four_bar", "--integrator", "euler", "--step", "0.01", "--at", "1", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["status"] == "invalid"
-    assert {x["subject"] for x in found["objections"]} >= {"loops"}
-    assert found["t"] == [1.0]  # the motion is shown nevertheless
 
 
 def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> None:

@@ -47,7 +47,6 @@ def small() -> Suite:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_small_run_fails_nowhere(tmp_path: Path) -> None:
     run(small(), tmp_path, 2, name="kernel")
     tables = {name: read_table(name, tmp_path) for name in TABLES if name.startswith("kernel_")}

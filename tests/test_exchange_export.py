@@ -177,7 +177,6 @@ def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> N
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     search = Recommender.search

@@ -433,7 +433,6 @@ def test_every_published_fault_is_on_the_page_of_its_engine(path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path: Path) -> None:
     needs("llvmlite")
     suite = of_engines(read_suite("field"), ["gauss", "gauss-native"])

@@ -345,7 +345,6 @@ def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> 
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path) -> None:
     """A scheduler with two worker processes, one of which is killed in the middle of the run."""
     distributed = pytest.importorskip("distributed")
@@ -381,7 +380,6 @@ sys.exit(cli.command())
 """
 
 
-@pytest.mark.long("9-others", "9-its first task")
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]
