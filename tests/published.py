@@ -48,16 +48,7 @@ def build_guide(folder: Path) -> None:
     if find_spec("mkdocs") is None:
         needs("mkdocs")
     root = REPORTS.parent
-    command = [
-        sys.executable,
-        "-m",
-        "mkdocs",
-        "build",
-        "--quiet",
-        "-f",
-        str(root / "gauss_bench/docs/mkdocs.yml"),
-        "-d",
-        str(folder),
-    ]
+    files = ["-f", str(root / "gauss_bench/docs/mkdocs.yml"), "-d", str(folder)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", *files]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(root)})
     assert done.returncode == 0, done.stderr
