@@ -237,6 +237,13 @@ class Opposed(Reacting):
     sign = -1.0
 
 
+class Dice(Reacting):
+    """Returns zero for the forces of its joints, and adds other noise below 1e-9 to the samples of each run."""
+
+    sign = 0.0
+    told = staticmethod(lambda x: replace(x, q=x.q + 1e-9 * np.random.default_rng().random()))
+
+
 class Unprojected(Sound):
     """Sound, without projection: one run is enough for what follows."""
 
