@@ -11,15 +11,13 @@ import pytest
 import gauss_bench
 from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.judge import Subject, completeness, examine, judge
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
-from gauss_bench.trajectory import Trajectory
+from tests.engine_runs import by_gauss
 
 
 @pytest.mark.parametrize(
@@ -67,19 +65,10 @@ def test_how_long_and_by_which_steps() -> None:
     assert [(c.step, c.t_end) for c in as_asked([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
 
 
-@pytest.fixture(scope="module")
-def run() -> tuple[Evaluator, Trajectory]:
+def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run() -> None:
     mechanism = load("four_bar", "conservative")
-    model = Interpreted("gauss").build(mechanism, Choice("default", "rk4", "projection", 1e-3))
-    model.prepare(np.arange(201) * 1e-3)
-    model.run()
-    return Evaluator(mechanism), model.read()
-
-
-def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run: tuple[Evaluator, Trajectory]) -> None:
-    evaluator, x = run
-    n = evaluator.mechanism.n
-    assert judge(examine(evaluator, x, None, 0.0)).valid
+    n, x = mechanism.n, by_gauss(mechanism, np.arange(201) * 1e-3, integrator="rk4", stabilization="projection")
+    assert judge(examine(Evaluator(mechanism), x, None, 0.0)).valid
     shifts = {0.0: True, 0.5e-9: True, 2e-9: False}
     assert {by: completeness(replace(x, t=x.t + by), x.t, n).valid for by in shifts} == shifts
     lost = np.where(np.arange(201)[:, None] == 100, np.nan, x.q)

@@ -30,6 +30,7 @@ from gauss_bench.sweep.plan import dimension, plan
 from gauss_bench.sweep.run import Backend, Options, _batches, _choice, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
 from tests.conftest import DATA, needs
+from tests.engine_runs import ran
 from tests.faults import alive
 from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
@@ -151,10 +152,7 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     """Forces on pins and slides, the work of dampers and drivers, and its error bar are compared with the metrics."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
-    model = get("lagrange").build(mechanism, Choice("default", "rk4", step=5e-3))
-    model.prepare(5e-3 * np.arange(41))
-    model.run()
-    x = model.read()
+    x = ran(get("lagrange"), mechanism, 5e-3 * np.arange(41), integrator="rk4", step=5e-3)
     found, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], metrics.reactions(evaluator, x)[:, None])
     for name, force in metrics.joint_forces(evaluator, x).items():
         assert found[f"force.{name}"][0] == pytest.approx(np.hypot(force["fx"], force["fy"]).max(), rel=1e-9)
