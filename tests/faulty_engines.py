@@ -1,8 +1,12 @@
 """Adapters that each break one rule of engines; the rest is our own formulation."""
 
+import os
+import pickle
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +18,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.metrics import joint_forces
 from gauss_bench.terms import Array, Terms
-from gauss_bench.trajectory import Trajectory
+from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 
 def same(x: Any) -> Any:
@@ -231,3 +235,81 @@ class Opposed(Reacting):
     """Returns the forces on the first links of its joints, not those on the second links."""
 
     sign = -1.0
+
+
+class Dice(Reacting):
+    """Returns zero for the forces of its joints, and adds other noise below 1e-9 to the samples of each run."""
+
+    sign = 0.0
+    told = staticmethod(lambda x: replace(x, q=x.q + 1e-9 * np.random.default_rng().random()))
+
+
+class Unprojected(Sound):
+    """Sound, without projection: one run is enough for what follows."""
+
+    stabilizations = ("none",)
+
+
+class Judges(Unprojected):
+    """Stands still where it should move, and makes all that it can reach say that the run is good."""
+
+    told = staticmethod(lambda x: replace(x, q=0 * x.q + x.q[0], v=0 * x.v, a=0 * x.a))
+
+    def build(self, mechanism: Mechanism, choice: Choice) -> Any:
+        from gauss_bench import judge, metrics
+        from gauss_bench.bench import measure
+
+        good = judge.Judgement()
+        for room in (judge, measure):
+            vars(room).update(judge=lambda evidence: good, examine=lambda *arguments: None)
+        vars(judge).update(completeness=lambda *arguments: good, OFF_DRIFT=np.inf, OFF_ENERGY=np.inf, OFF_MOTION=np.inf)
+        nothing = dict.fromkeys(("state_errors", "drift"), lambda *arguments: None)
+        vars(metrics).update(nothing, energy_error=lambda evaluator, x: (0 * x.t, 0.0))
+        return super().build(mechanism, choice)
+
+
+class Sender:
+    """In the place of what writes answers in the worker: it sends these bytes instead."""
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+        vars(sys.modules["__main__"]).update(json=self, LENGTH=self)
+
+    def dumps(self, item: Any, default: Any) -> "Sender":
+        return self
+
+    def encode(self) -> bytes:
+        return self.content
+
+    def pack(self, length: int) -> bytes:
+        return b""
+
+
+class Harms:
+    """An object whose pickle leaves a file where it is read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (Path(os.environ["MARK"]),)
+
+
+class Pickles(Unprojected):
+    """Sends a pickle in the place of its answer."""
+
+    def told(self, x: Trajectory) -> Trajectory:
+        Sender(pickle.dumps(("ok", Harms())))
+        return x
+
+
+class Floods(Unprojected):
+    """Sends 128 MB in the place of its answer."""
+
+    def told(self, x: Trajectory) -> Trajectory:
+        Sender(bytes(1 << 27))
+        return x
+
+
+class Fine(Unprojected):
+    """Says that it failed well, and has nothing to show."""
+
+    def told(self, x: Trajectory) -> Trajectory:
+        raise RunFailure(Status.OK, "all is well")

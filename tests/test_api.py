@@ -11,16 +11,13 @@ import pytest
 import gauss_bench
 from gauss_bench.api.exchange import Export
 from gauss_bench.bench.cases import Case, as_asked
-from gauss_bench.cli import main
-from gauss_bench.engines.base import Choice
-from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.judge import Subject, completeness, examine, judge
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.build import sample_times
 from gauss_bench.runs.offers import ChoiceError, duration, usable_steps
 from gauss_bench.runs.one_run import sampling, sampling_through
-from gauss_bench.trajectory import Status, Trajectory
+from tests.engine_runs import by_gauss
 
 
 @pytest.mark.parametrize(
@@ -68,19 +65,10 @@ def test_how_long_and_by_which_steps() -> None:
     assert [(c.step, c.t_end) for c in as_asked([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
 
 
-@pytest.fixture(scope="module")
-def run() -> tuple[Evaluator, Trajectory]:
+def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run() -> None:
     mechanism = load("four_bar", "conservative")
-    model = Interpreted("gauss").build(mechanism, Choice("default", "rk4", "projection", 1e-3))
-    model.prepare(np.arange(201) * 1e-3)
-    model.run()
-    return Evaluator(mechanism), model.read()
-
-
-def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run: tuple[Evaluator, Trajectory]) -> None:
-    evaluator, x = run
-    n = evaluator.mechanism.n
-    assert judge(examine(evaluator, x, None, 0.0)).valid
+    n, x = mechanism.n, by_gauss(mechanism, np.arange(201) * 1e-3, integrator="rk4", stabilization="projection")
+    assert judge(examine(Evaluator(mechanism), x, None, 0.0)).valid
     shifts = {0.0: True, 0.5e-9: True, 2e-9: False}
     assert {by: completeness(replace(x, t=x.t + by), x.t, n).valid for by in shifts} == shifts
     lost = np.where(np.arange(201)[:, None] == 100, np.nan, x.q)
@@ -88,17 +76,6 @@ def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run(run:
     verdicts = [completeness(y, x.t, n) for y in spoilt]
     assert [y.objections[0].subject for y in verdicts] == [Subject.COMPLETENESS] * 4 + [Subject.NUMBERS]
     assert "5 of 201 samples" in verdicts[0].sentence
-
-
-def test_simulate_does_not_call_ok_what_may_not_be_used(capsys: pytest.CaptureFixture[str]) -> None:
-    control = gauss_bench.simulate("four_bar", "yuan_ge_eq16", at=[0.1])
-    assert (control.status, control.valid, control.objections[0].subject) == (Status.INVALID, False, Subject.MODEL)
-    assert "accelerations off" in control.message
-    assert main(["simulate", "four_bar", "--integrator", "euler", "--step", "0.01", "--at", "1", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["status"] == "invalid"
-    assert {x["subject"] for x in found["objections"]} >= {"loops"}
-    assert found["t"] == [1.0]  # the motion is shown nevertheless
 
 
 def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> None:

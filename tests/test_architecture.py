@@ -260,7 +260,10 @@ def modules_after(statement: str) -> set[str]:
     ("statement", "absent"),
     [
         ("import gauss_bench", {"numpy", "pandas", "scipy", *FOREIGN}),
-        ("import gauss_bench.cli as c; c.parser(c.ACTIONS)", {"numpy", "pandas", "jinja2", *FOREIGN}),
+        (
+            "import gauss_bench.__main__, gauss_bench.cli as c; c.parser(c.ACTIONS).format_help()",
+            {"numpy", "scipy", "pandas", "pyarrow", "matplotlib", "jinja2", *FOREIGN},
+        ),
         ("import gauss_bench.metrics", {"pandas", "scipy", *FOREIGN}),
         ("import gauss_bench.engines as e; [e.get(n) for n in e.names()]", set(FOREIGN)),
         ("import gauss_bench.report.build", set(FOREIGN)),

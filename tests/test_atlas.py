@@ -29,6 +29,7 @@ from gauss_bench.runs.one_run import Run, sampling, sampling_at
 from gauss_bench.runs.worker import Worker
 from gauss_bench.tables import read_table, write_table
 from gauss_bench.trajectory import Reference, Status, Trajectory
+from tests.engine_runs import by_gauss
 
 SVG = "{http://www.w3.org/2000/svg}"
 WAY = Way("gauss", "default", "rk4", "none")
@@ -115,10 +116,7 @@ def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) 
 def test_an_error_is_a_share_of_the_linkages_size() -> None:
     """The size of the four-bar is not one metre."""
     mechanism = load("four_bar", "conservative")
-    model = Interpreted("gauss").build(mechanism, surveying.Choice("default", "rk4"))
-    model.prepare(1e-3 * np.arange(11))
-    model.run()
-    x = model.read()
+    x = by_gauss(mechanism, 1e-3 * np.arange(11), integrator="rk4")
     truth = Reference.with_one_bar(x, "the run itself")
     assert mechanism.size < 0.8
     run = shifted(Run(Status.OK, "", x, None, sampling(1e-3, 0.01)), 0.5 * PASSES * mechanism.size)

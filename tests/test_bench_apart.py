@@ -2,7 +2,6 @@
 
 import pickle
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,119 +15,21 @@ from gauss_bench.runs.one_run import receive, sampling
 from gauss_bench.runs.worker import NoAnswer, pack_answer, unpack_answer
 from gauss_bench.trajectory import Samples, Status
 from tests.conftest import needs
-from tests.plugin import installed
 
-PLUGIN = '''
-import __main__ as answers  # the worker, which writes them
-import pathlib
-import pickle
-import numpy as np
-from gauss_bench import judge, metrics
-from gauss_bench.bench import measure
-from gauss_bench.runs import apart, one_run
-from gauss_bench.engines.interpreted import Interpreted
-from gauss_bench.trajectory import RunFailure, Trajectory
-
-
-class Engine(Interpreted):
-    """Stands still where it should move."""
-
-    integrators = ("rk4",)
-    stabilizations = ("none",)
-
-    def __init__(self):
-        super().__init__("gauss")
-        self.name = type(self).__name__.lower()
-
-    def build(self, mechanism, choice):
-        model = Interpreted("gauss").build(mechanism, choice)
-        read = model.read
-        model.read = lambda: self.told(read())
-        return model
-
-    def told(self, x):
-        return Trajectory(x.t, 0 * x.q + x.q[0], 0 * x.v, 0 * x.a, x.steps)
-
-
-class Judges(Engine):
-    """Makes all that it can reach say that the run is good."""
-
-    def build(self, mechanism, choice):
-        good = judge.Judgement()
-        for room in (judge, measure):
-            room.judge = lambda evidence: good
-            room.examine = lambda *arguments: None
-        judge.completeness = lambda *arguments: good
-        metrics.state_errors = metrics.drift = lambda *arguments: None
-        metrics.energy_error = lambda evaluator, x: (0 * x.t, 0.0)
-        judge.OFF_DRIFT = judge.OFF_ENERGY = judge.OFF_MOTION = float("inf")
-        return super().build(mechanism, choice)
-
-
-class Sender:
-    """In the place of what writes answers: it sends these bytes instead."""
-
-    def __init__(self, content):
-        self.content = content
-        answers.json = answers.LENGTH = self
-
-    def dumps(self, item, default):
-        return self
-
-    def encode(self):
-        return self.content
-
-    def pack(self, length):
-        return b""
-
-
-class Harms:
-    def __reduce__(self):
-        return pathlib.Path.touch, (pathlib.Path(MARK),)
-
-
-class Pickles(Engine):
-    def told(self, x):
-        Sender(pickle.dumps(("ok", Harms())))
-        return x
-
-
-class Floods(Engine):
-    def told(self, x):
-        Sender(bytes(1 << 27))
-        return x
-
-
-class Fine(Engine):
-    """Says that it failed well, and has nothing to show."""
-
-    def told(self, x):
-        raise RunFailure("ok", "all is well")
-
-'''
-NAMES = ("judges", "pickles", "floods", "fine")
-EXPECTED = {"judges": "invalid", "pickles": "crashed", "floods": "crashed", "fine": "error", "lagrange": "ok"}
-
-
-@pytest.fixture(scope="module")
-def mark(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where code that came through the pipe would leave a file; the engines above are installed meanwhile."""
-    folder = tmp_path_factory.mktemp("plugin")
-    environment = installed(folder, PLUGIN.replace("MARK", repr(str(folder / "mark"))), NAMES)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(folder))
-        patch.setenv("PYTHONPATH", environment["PYTHONPATH"])
-        yield folder / "mark"
+FAULTY = "tests.faulty_engines"
+EXPECTED = {"Judges": "invalid", "Pickles": "crashed", "Floods": "crashed", "Fine": "error"}
 
 
 @pytest.mark.slow
-def test_rows_are_judged_on_this_side_and_others_keep_their_judge(mark: Path) -> None:
-    rows = gauss_bench.compare("four_bar", [*NAMES, "lagrange"], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
-    assert rows["status"].to_dict() == EXPECTED
-    assert "from where it should be" in rows.loc["judges", "message"]
-    assert rows.loc["judges", "position_error"] > 1e-2  # of the truth, and not of what the engine made of it
+def test_rows_are_judged_on_this_side_and_others_keep_their_judge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MARK", str(tmp_path / "mark"))  # where code that came through the pipe would leave a file
+    expected = {f"{FAULTY}:{name}": status for name, status in EXPECTED.items()} | {"lagrange": "ok"}
+    rows = gauss_bench.compare("four_bar", [*expected], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
+    assert rows["status"].to_dict() == expected
+    assert "from where it should be" in rows.loc[f"{FAULTY}:Judges", "message"]
+    assert rows.loc[f"{FAULTY}:Judges", "position_error"] > 1e-2  # of the truth, and not of what the engine made of it
     assert not rows["valid"].fillna(value=False).drop("lagrange").any()
-    assert not mark.exists()
+    assert not (tmp_path / "mark").exists()
 
 
 def test_plain_data_comes_back_as_it_went() -> None:

@@ -23,6 +23,7 @@ from gauss_bench.suites.read import read_suite, restrict
 from gauss_bench.suites.schema import Suite
 from gauss_bench.tables import TABLES, read_table, write_table
 from gauss_bench.verbs.suites import format_run
+from tests.engine_runs import moved
 
 SUITE = read_suite("kernel")
 
@@ -47,7 +48,6 @@ def small() -> Suite:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_small_run_fails_nowhere(tmp_path: Path) -> None:
     run(small(), tmp_path, 2, name="kernel")
     tables = {name: read_table(name, tmp_path) for name in TABLES if name.startswith("kernel_")}
@@ -137,8 +137,7 @@ def test_the_chain_that_measures_the_processor_has_as_many_operations_as_it_says
 def test_a_batch_in_mujoco_steps_every_state_as_a_single_run_does() -> None:
     mechanism = load("crank_slider", "paper")
     model: Any = get("mujoco").build(mechanism, Choice("tuned", "rk4", "none", 1e-4))
-    model.prepare(np.array([0.0, 5e-3]))
-    model.run()
+    moved(model, [0.0, 5e-3])
     q, v = (np.tile(x, (3, 1)) for x in (mechanism.q0, mechanism.v0))
     ends = model.batch(q, v, 50)()
     for end in ends:

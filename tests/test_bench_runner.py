@@ -26,16 +26,6 @@ def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path)
     assert told == [("timeout", 1), ("timeout", 1), ("ok", 2), ("ok", 2)]
 
 
-@pytest.mark.long
-def test_a_run_is_judged_at_its_end_wherever_that_lies(tmp_path: Path) -> None:
-    rows = [
-        measure(Case("four_bar", "torque", "gauss-native", "default", "rk4", "none", step, 0.1234), str(tmp_path))["results"][0]
-        for step in (1e-3, 7e-4)
-    ]
-    assert [row["compared"] for row in rows] == [14, 3]  # every 0.01 s, or every 0.07 s, and the end
-    assert rows[0]["position_error"] > rows[1]["position_error"] > 0.0
-
-
 def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:
     case = Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "projection", 1e-3, 0.1)
     row = measure(case, str(tmp_path))["results"][0]

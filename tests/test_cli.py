@@ -2,7 +2,6 @@
 
 import json
 import shlex
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -23,15 +22,6 @@ REFUSED = tomllib.loads((DATA / "verbs" / "refused.toml").read_text(encoding="ut
 def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
     assert main(list(arguments)) == code
     return json.loads(capsys.readouterr().out)
-
-
-def test_help_loads_nothing_that_takes_long() -> None:
-    command = [sys.executable, "-X", "importtime", "-m", "gauss_bench", "--help"]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    assert "simulate" in done.stdout
-    loaded = {line.rsplit("|", 1)[-1].strip().partition(".")[0] for line in done.stderr.splitlines()}
-    assert "gauss_bench" in loaded
-    assert not loaded & {"numpy", "scipy", "pandas", "pyarrow", "matplotlib", "llvmlite", "casadi", "mujoco", "exudyn", "pinocchio"}
 
 
 class Interrupted:

@@ -478,24 +478,6 @@ def test_a_call_keeps_its_code_in_memory() -> None:
     assert call.arrays[1][0] == 9.0
 
 
-def test_open_parameters_differ_from_lane_to_lane() -> None:
-    m = mechanism("crank_slider")
-    names = ("links.crank.mass", "gravity.y")
-    code = compile_kernel(m, open_parameters=names)
-    assert code.parameters == names
-    p = np.array([[0.37 + 0.1 * k, -9.81 + k] for k in range(10)])
-    q, v = motion("crank_slider", 10)
-    together = np.concatenate(code.rollout(q, v, H, 100, parameters=p), axis=1)
-    alone = [np.concatenate(code.rollout(a, b, H, 100, parameters=x)) for a, b, x in zip(q, v, p, strict=True)]
-    np.testing.assert_array_equal(together, alone)
-    assert np.ptp(together[:, m.n + 2]) > 0
-    nominal = np.concatenate(code.rollout(q, v, H, 100), axis=1)
-    fixed = np.concatenate(kernel("crank_slider").rollout(q, v, H, 100), axis=1)
-    np.testing.assert_allclose(nominal, fixed, rtol=1e-11, atol=1e-11)  # the file's values, rounded in another order
-    with pytest.raises(ValueError, match="2 are open"):
-        code.rollout(q, v, H, 1, parameters=p[:, :1])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", exhaustive(["crank_slider", "parallelogram", "n_four_bar_3"], "crank_slider"))
 def test_code_that_compiles_sooner_computes_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -126,49 +126,6 @@ def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, m
     assert not list(tmp_path.iterdir())
 
 
-WITHOUT_PRIVILEGES = """
-import contextlib, ctypes, io, json, os, sys
-if os.geteuid() == 0:  # whom no mode keeps out of a folder, unless the two capabilities for it are gone
-    code = "import ctypes, os, sys; [ctypes.CDLL(None).prctl(24, x, 0, 0, 0) for x in (1, 2)]; "
-    code += "os.execv(sys.executable, sys.argv[1:])"
-    if "plain" not in sys.argv:
-        os.execv(sys.executable, [sys.executable, "-c", code, sys.executable, __file__, *sys.argv[1:], "plain"])
-from gauss_bench import cli
-found = []
-for arguments in json.loads(sys.argv[1]):
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = cli.main(arguments)
-    found.append([code, err.getvalue()])
-print(json.dumps(found))
-"""
-
-
-@pytest.mark.long
-def test_a_folder_that_may_not_be_written_is_told_before_anything_is_run(tmp_path: Path) -> None:
-    closed = tmp_path / "closed"
-    closed.mkdir()
-    closed.chmod(0o555)
-    (tmp_path / "verbs.py").write_text(WITHOUT_PRIVILEGES, encoding="utf-8")
-    asked = [
-        [*RUN[3:], "--out", str(closed / "run")],
-        ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--out", str(closed / "sweep")],
-        ["simulate", "four_bar", "--at", "0.01", "--out", str(closed / "x.csv")],
-        ["show", "four_bar", "--svg", str(closed / "x.svg")],
-        ["export", "four_bar", "--engine", "mujoco", "--out", str(closed / "x.xml")],
-        ["certify", "pendulum", "--out", str(closed / "x.npz")],
-        ["atlas", "--out", str(closed)],
-        ["atlas", "--out", str(closed / "atlas")],
-    ]
-    command = [sys.executable, str(tmp_path / "verbs.py"), json.dumps(asked)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    for arguments, (code, said) in zip(asked, json.loads(done.stdout), strict=True):
-        assert code == 2, arguments
-        assert str(closed) in said.splitlines()[-1]
-        assert " steps up to " not in said, "it was found out after the work"
-    assert not list(closed.iterdir())
-
-
 @pytest.mark.long
 def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: Path) -> None:
     """A limit on the size of files stands for the disk."""

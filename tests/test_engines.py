@@ -1,4 +1,4 @@
-"""All engines give right accelerations, and a row with a status and a reason where they cannot run a linkage."""
+"""An engine whose library is missing is a row with a status and a reason, and names the command that installs it."""
 
 import os
 import sys
@@ -8,22 +8,7 @@ import pytest
 
 from gauss_bench.bench.cases import Case
 from gauss_bench.bench.measure import measure
-from gauss_bench.engines import COMPILED, FOREIGN, OWN, MissingExtra, get, not_installed
-from gauss_bench.formulations import CONTROLS
-
-
-@pytest.mark.slow("gauss-native", "lagrange-native")
-@pytest.mark.parametrize("engine", [*OWN, *COMPILED])
-def test_accelerations_at_the_same_state(engine: str, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Of the worst conditioned linkage; `test_engines_libraries.py` compares those of libraries."""
-    case = Case("eight_bar", "torque", engine, "default", get(engine).integrators[0], "none", 1e-3, 0.05)
-    found = measure(case, str(tmp_path_factory.getbasetemp() / "references"))["results"][0]
-    assert found["status"] == ("ok" if found["valid"] else "invalid"), found["message"]
-    if engine in CONTROLS:
-        assert found["acceleration_error_median"] > 5e-3
-    else:
-        assert found["acceleration_error_median"] < 1e-11  # rounding at the condition of the eight-bar
-        assert found["valid"], found["flag"]
+from gauss_bench.engines import FOREIGN, MissingExtra, get, not_installed
 
 
 @pytest.mark.parametrize("engine", FOREIGN)

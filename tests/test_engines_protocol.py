@@ -216,7 +216,6 @@ def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accele
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
     sound, opposed, silent = (conformance(f"{FAULTY}:{x}")[-1] for x in ("Reacting", "Opposed", "Sound"))

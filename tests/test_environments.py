@@ -75,7 +75,6 @@ def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_on
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python: Path, engines: Path) -> None:
     engines.write_text(f'[trees]\nclass = "my_trees:Trees"\npython = "{python}"\n')
     checks = {x.name: x.passed for x in conformance("trees")}

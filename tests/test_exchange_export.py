@@ -21,7 +21,6 @@ import gauss_bench
 from gauss_bench.advice.recommending import Recommender
 from gauss_bench.advice.truth import NoTruth, Truth
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice
 from gauss_bench.engines.transcript import python
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
@@ -31,6 +30,7 @@ from gauss_bench.mechanism.model import Mechanism, Revolute
 from gauss_bench.terms import Array
 from tests.alone import BLOCKED, c_alone, needs_kind, python_alone, rows_of
 from tests.conftest import DATA, exhaustive
+from tests.engine_runs import ran
 
 END, STEP = 0.2, 1e-3
 QUICK = [("five_bar/spring", "exudyn"), ("four_bar/cycloid", "c")]
@@ -44,10 +44,8 @@ PLAIN_MUJOCO = DATA / "plain_mujoco.txt"
 def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tuple[Array, Array]:
     """Return q and v, both (k, n), of the suite's own run of the engine with the settings of the file."""
     k = KINDS[kind]
-    model = get(k.engine).build(mechanism, Choice(k.settings, k.integrator, k.stabilization, step))
-    model.prepare(times)
-    model.run()
-    found = model.read()
+    chosen = {"settings": k.settings, "integrator": k.integrator, "stabilization": k.stabilization}
+    found = ran(get(k.engine), mechanism, times, **chosen, step=step)
     return found.q, found.v
 
 
@@ -176,7 +174,6 @@ def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> N
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     search = Recommender.search

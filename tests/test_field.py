@@ -44,7 +44,6 @@ from gauss_bench.suites.schema import SameQuestions, Search, Suite
 from gauss_bench.tables import TABLES, files_of, row_of, write_schema, write_table
 from gauss_bench.trajectory import Trajectory
 from tests.conftest import needs
-from tests.test_environments import python as python  # a fixture
 
 REPORTS = Path(__file__).parents[1] / "reports"
 PLACE = {"mechanism": "four_bar", "scenario": "torque"}
@@ -57,27 +56,6 @@ PART = SameQuestions(
     position=(1e-4, 1e-6),
 )
 SEARCH = Search(linkages={"four_bar": "torque"}, own=("gauss",), until=0.1, budget=2, most_steps=9, rounds=1, lead=0.1, brief=True)
-
-DICE = """
-import os
-from dataclasses import replace
-from stand_in import Twin
-
-class Dice(Twin):
-    def build(self, mechanism, choice):
-        return Thrown(super().build(mechanism, choice))
-
-class Thrown:
-    def __init__(self, model):
-        self.model = model
-    def joint_forces(self, t, q, v):
-        return {self.model.mechanism.joints[0].name: [0.0, 0.0, 0.0]}
-    def __getattr__(self, name):
-        return getattr(self.model, name)
-    def read(self):
-        x = self.model.read()
-        return replace(x, q=x.q + 1e-9 * int.from_bytes(os.urandom(4), "big") / 2**32)
-"""
 
 
 def test_two_runs_agree_only_if_every_bit_does() -> None:
@@ -95,15 +73,11 @@ def test_two_runs_agree_only_if_every_bit_does() -> None:
     assert field.repeats(one, signed) == (False, 0.0)
 
 
-def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(python: Path, engines: Path, tmp_path: Path) -> None:
-    """Two engines of another environment: one adds noise below 1e-9 to its samples, one does not."""
-    (site,) = python.parents[1].glob("lib/python*/site-packages")
-    (site / "dice.py").write_text(DICE)
-    classes = {"steady": "stand_in:Twin", "dice": "dice:Dice"}
-    engines.write_text("".join(f'[{name}]\nclass = "{x}"\npython = "{python}"\n' for name, x in classes.items()))
-    rows = {}
-    for name in classes:
-        found = field.compare_runs("four_bar", "torque", name, ("default", "rk4", "none"), 1e-3, 0.05, str(tmp_path / "store"))
+def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(tmp_path: Path) -> None:
+    """Two engines: one adds noise below 1e-9 to its samples, one does not."""
+    steady, rows = "tests.faulty_engines:Sound", {}
+    for name, engine in {"steady": steady, "dice": "tests.faulty_engines:Dice"}.items():
+        found = field.compare_runs("four_bar", "torque", engine, ("default", "rk4", "none"), 1e-3, 0.05, str(tmp_path / "store"))
         (rows[name],) = found["field"]
         assert rows[name]["status"] == "ok", rows[name]["message"]
     assert (rows["steady"]["same_bits"], rows["steady"]["difference"]) == (True, 0.0)
@@ -112,7 +86,7 @@ def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(python: Path, engi
     assert rows["steady"]["force_error"] < 1e-3  # [N], of a step of order four
     assert math.isnan(rows["steady"]["told_force_error"])
     assert rows["dice"]["told_force_error"] > 1.0  # [N] of a pin that carries more than it tells, which is nothing
-    started = time_first_step("four_bar", "torque", "steady", 1e-3, START, 1)["samples"]
+    started = time_first_step("four_bar", "torque", steady, 1e-3, START, 1)["samples"]
     assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
 
 
@@ -432,7 +406,6 @@ def test_every_published_fault_is_on_the_page_of_its_engine(path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path: Path) -> None:
     needs("llvmlite")
     suite = of_engines(read_suite("field"), ["gauss", "gauss-native"])

@@ -66,6 +66,20 @@ def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
     assert difference(FORMULATIONS["gauss"](twice).a, exact(uneven)) < 1e-13
 
 
+@pytest.mark.parametrize("name", SOUND)
+@pytest.mark.parametrize("what", ["rows", "masses"])
+def test_small_is_not_dependent(name: str, what: str) -> None:
+    """Rows of another unit, 1e-5 of the others, and masses of 1e-10 still count: only rounding makes a row dependent."""
+    terms, unit = random_terms(11, 7, 4), np.array([1e-5, 1.0, 1.0, 1.0])
+    if what == "rows":
+        small = replace(terms, J=unit[:, None] * terms.J, gamma=unit * terms.gamma)
+    else:
+        small = replace(terms, M=np.diag([1.0, 1.0, 1.0, 1e-10, 1.0, 1e-10, 1.0]))
+    found = FORMULATIONS[name](small)
+    assert found.rank == 4
+    assert difference(found.a, exact(small)) < 1e-5
+
+
 @pytest.mark.parametrize("decades", [0, 4, 8, 12])
 @pytest.mark.parametrize("seed", range(4))
 def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int) -> None:

@@ -27,6 +27,7 @@ from gauss_bench.engines.compiled import CompiledModel
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Cost
+from tests.engine_runs import moved
 from tests.synthetic import Clock, Costs, charge, replace_engine, rolled
 
 Rows = list[dict[str, Any]]
@@ -240,7 +241,6 @@ def test_mujocos_rigid_setting_spends_no_more_iterations_than_three() -> None:
     """One already gives the motion to the digits that the closures' softness leaves: more would only cost the rival time."""
     mechanism = load("four_bar", "torque")
     model: Any = get("mujoco").build(mechanism, Choice("rigid", "rk4", "none", 1e-3))
-    model.prepare(np.array([0.0, 0.1]))
-    model.run()
+    moved(model, [0.0, 0.1])
     assert 1 <= model.data.solver_niter.max() <= 3
     assert model.model.opt.iterations == get("mujoco").settings["rigid"]["iterations"]

@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import pytest
 
 from gauss_bench.report.build import all_findings, read_run
-from gauss_bench.report.content import Section, Table
+from gauss_bench.report.content import Table
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 from gauss_bench.report.site.engine import cheapest_table, engine_names
 from gauss_bench.report.site.linkage import name_leaders
 from gauss_bench.report.site.settings import FORCES, POSITIONS, answers, scenarios
 from gauss_bench.report.summary import summary
+from tests.published import tables
 
 DENIED = re.compile(r"cannot|not reached|not tried|not determined|do not reach")
 ROOT = Path(__file__).parents[1]
@@ -68,7 +69,7 @@ def cells(run: Run) -> Iterator[Said]:
             for row in block.rows:
                 wanted = {block.title.split()[-1]: float(row[1].text.split()[0])}
                 yield Said("search", row[0].text, row[2].text.removesuffix(" (own)"), wanted, row[-1].text)
-    for block in tables(summary(run, ())):
+    for _, block in tables(summary(run, ())):
         if block.title.startswith("Within"):
             for row in block.rows:
                 wanted = {block.title.split()[4]: float(block.title.split()[1])}
@@ -81,12 +82,6 @@ def cells(run: Run) -> Iterator[Said]:
                 engine = clause.split("`")[1] if "`" in clause else ""
                 for name, words in re.findall(rf"\b({'|'.join(names)}) ((?:not|cannot|holds)[^)]*)", clause):
                     yield Said("finding", name, engine, wanted, words)
-
-
-def tables(sections: Sequence[Section]) -> Iterator[Table]:
-    for section in sections:
-        yield from (x for x in section.blocks if isinstance(x, Table))
-        yield from tables(section.parts)
 
 
 @pytest.mark.long

@@ -35,6 +35,7 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.alone import python_alone, rows_of
 from tests.conftest import DATA, needs
+from tests.engine_runs import by_gauss
 from tests.plugin import installed
 
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
@@ -70,10 +71,8 @@ def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
 @cache
 def moving(steps: int, opened: float = 0.0) -> Trajectory:
     """The crank-slider over SHORT by so many steps of order eight; its rod is moved along x by `opened` [m]."""
-    model = get("gauss").build(SHORT.mechanism, Choice("default", "dop853_fixed", step=SHORT.until / steps))
-    model.prepare(SHORT.until / steps * np.arange(steps + 1))
-    model.run()
-    x = model.read()
+    h = SHORT.until / steps
+    x = by_gauss(SHORT.mechanism, h * np.arange(steps + 1), integrator="dop853_fixed", step=h)
     q = x.q.copy()
     q[:, 3] += opened
     return replace(x, q=q)

@@ -188,7 +188,6 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> A
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     needs("heyoka")
     file = tmp_path / "double_pendulum.toml"

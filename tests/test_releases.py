@@ -338,7 +338,6 @@ def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_processes_of_its_own(
     made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,22 +1,15 @@
 """The summary beside the rows is short, begins with defeats, and follows from the rows."""
 
-from collections.abc import Sequence
-
 import pytest
 
-from gauss_bench.report.content import Finding, Section, Table
+from gauss_bench.report.content import Finding
 from gauss_bench.report.pages import markdown_page
 from gauss_bench.report.rows import Run
 from gauss_bench.report.summary import summary
 from tests.headlines import compared, with_raw_rows
-from tests.published import REPORTS, published, published_findings
+from tests.published import REPORTS, published, published_findings, tables
 
 LIMIT = 30_000  # bytes that a reviewer reads
-
-
-def tables(sections: Sequence[Section]) -> list[tuple[str, Table]]:
-    inside = [(s.title, b) for s in sections for b in s.blocks if isinstance(b, Table)]
-    return inside + [x for s in sections for x in tables(s.parts)]
 
 
 def test_the_published_summary_follows_from_the_published_rows() -> None:

@@ -12,7 +12,6 @@ import pytest
 
 from gauss_bench import judge, metrics
 from gauss_bench.api.simulate import simulate
-from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document, merge
@@ -23,7 +22,7 @@ from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
 from gauss_bench.runs.one_run import JUDGED, Run, draw_samples, sampling
 from gauss_bench.trajectory import Status, Trajectory, spread_evenly
-from tests.engine_runs import document
+from tests.engine_runs import by_gauss, document
 from tests.fuzz.files import toml
 from tests.fuzz.motions import over_motions
 
@@ -138,10 +137,7 @@ def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
 
 def ran(mechanism: Mechanism, count: int, step: float = 1e-3) -> Trajectory:
     """Return the motion of a linkage in so many samples, a millisecond apart."""
-    model = get("gauss").build(mechanism, Choice("default", "rk4", step=step))
-    model.prepare(1e-3 * np.arange(count))
-    model.run()
-    return model.read()
+    return by_gauss(mechanism, 1e-3 * np.arange(count), integrator="rk4", step=step)
 
 
 @cache

@@ -23,7 +23,6 @@ def test_faults_of_four_kinds_are_detected(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> None:
     found = gauss_bench.selftest()
     assert [x for x in found.findings if not x.seen] == []

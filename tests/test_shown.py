@@ -133,6 +133,7 @@ def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_i
     before = gauss_bench.simulate("crank_slider", step=0.05, at=[failing.trusted_until - 0.05])  # at times of the certificate
     after = gauss_bench.simulate("crank_slider", step=0.05, at=[failing.trusted_until + 0.05])
     assert (before.valid, after.valid) == (True, False)
+    assert len(after.t) == 1  # shown nevertheless
     gained = curve(failing, "energy.gained")
     assert np.isfinite(gained).sum() == round(failing.trusted_until / 0.05) + 1
     held = gauss_bench.simulate("crank_slider", stabilization="projection", step=0.1)
@@ -173,7 +174,6 @@ def test_names_stay_as_near_as_their_distance_allows() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing: Simulation, driven: Simulation) -> None:
     told, history = failing.told(), gauss_bench.history(failing)
     moving = film(".svg", told, history, failing.model, failing.trajectory).decode()

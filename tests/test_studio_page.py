@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from gauss_bench.cli import main
+from tests.published import watch
 from tests.studio import XY, Running, ended, started
 
 ROOT = Path(__file__).parents[1]
@@ -47,15 +48,10 @@ class Page:
         self.page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
         if sockets is not None:
             self.page.route_web_socket(re.compile("/socket"), sockets)
-        self.wrong: list[str] = []
         own = url.split("?")[0]
+        self.wrong = watch(self.page, own, "ws" + own[4:])
         if asked is not None:
             self.page.on("request", lambda r: asked.append(r.url + (r.post_data or "")))
-        self.page.on("console", lambda m: self.wrong.append(m.text) if m.type in ("error", "warning") else None)
-        self.page.on("pageerror", lambda e: self.wrong.append(str(e)))
-        self.page.on(
-            "request", lambda r: self.wrong.append(r.url) if not r.url.startswith((own, "ws" + own[4:], "data:", "blob:")) else None
-        )
         self.page.on("dialog", lambda d: d.accept())
         self.page.add_init_script("localStorage.setItem('studio.tour', 'seen')")
         self.page.goto(url)

@@ -30,6 +30,7 @@ from gauss_bench.sweep.plan import dimension, plan
 from gauss_bench.sweep.run import Backend, Options, _batches, _choice, sweep
 from gauss_bench.sweep.summary import _dependence, sensitivities, summary
 from tests.conftest import DATA, needs
+from tests.engine_runs import ran
 from tests.faults import alive
 from tests.fuzz.files import toml
 from tests.test_scrutiny import oscillator
@@ -151,10 +152,7 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     """Forces on pins and slides, the work of dampers and drivers, and its error bar are compared with the metrics."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
-    model = get("lagrange").build(mechanism, Choice("default", "rk4", step=5e-3))
-    model.prepare(5e-3 * np.arange(41))
-    model.run()
-    x = model.read()
+    x = ran(get("lagrange"), mechanism, 5e-3 * np.arange(41), integrator="rk4", step=5e-3)
     found, (evidence,) = figures(mechanism, {}, x.t, x.q[:, None], x.v[:, None], metrics.reactions(evaluator, x)[:, None])
     for name, force in metrics.joint_forces(evaluator, x).items():
         assert found[f"force.{name}"][0] == pytest.approx(np.hypot(force["fx"], force["fy"]).max(), rel=1e-9)
@@ -345,7 +343,6 @@ def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> 
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path) -> None:
     """A scheduler with two worker processes, one of which is killed in the middle of the run."""
     distributed = pytest.importorskip("distributed")
@@ -381,7 +378,6 @@ sys.exit(cli.command())
 """
 
 
-@pytest.mark.long("9-others", "9-its first task")
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]

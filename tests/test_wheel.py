@@ -60,7 +60,6 @@ def test_verbs_that_need_no_extra_work(verb: str, environment: Bare) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.slow
 def test_a_suite_runs_and_is_reported_and_says_what_was_left_out(environment: Bare) -> None:
     engines = [x for name in ("gauss", "mujoco", "gauss-native") for x in ("--engine", name)]
     short = ["--suite", "gate", "--until", "0.05", "--no-costs", "--jobs", "1"]

@@ -25,6 +25,7 @@ from gauss_bench.runs.scrutiny import as_truth, evidence_of
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.drawn_linkages import random_linkage
+from tests.engine_runs import moved
 from tests.fuzz.files import toml
 from tests.fuzz.limits import Motion, parts, shares
 from tests.fuzz.mechanics import Mechanics
@@ -58,9 +59,7 @@ class Drawn:
         choice = Choice("default", "rk4", step=step)
         model = self.model if document is None else get("gauss").build(read(document, self.folder), choice)
         model.choice = choice
-        model.prepare(times)
-        model.run()
-        x = model.read()
+        x = moved(model, times)
         return Motion(x.t, x.q, x.v, x.a)
 
 
