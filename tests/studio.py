@@ -1,6 +1,7 @@
 """What the tests of the studio share: drawing by requests without a socket, and servers in processes of their own."""
 
 import json
+import math
 import os
 import re
 import signal
@@ -116,9 +117,9 @@ def quick_return(folder: Path) -> Pen:
         pen.pin(*at, ground=True)
     crank = pen.bar((0.0, 0.3), (0.1, 0.3))
     lever = pen.bar((0.0, 0.0), (0.2, 0.6))
-    pen.ask("add_slide", pin=pen.at(0.1, 0.3), guide=lever, through=[0.0, 0.0])
+    pen.ask("add_slide", pin=pen.at(0.1, 0.3), guide=lever, through=[0.0, 0.0], angle_deg=math.degrees(math.atan2(0.3, 0.1)))
     pen.bar((0.2, 0.6), (0.4, 0.6))
-    pen.ask("add_slide", pin=pen.at(0.4, 0.6), guide="ground", angle_deg=0.0)
+    pen.ask("add_slide", pin=pen.at(0.4, 0.6), guide="ground", through=[0.4, 0.6], angle_deg=0.0)
     pen.ask("drive", coordinate=crank)
     return pen
 

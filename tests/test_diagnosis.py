@@ -42,12 +42,12 @@ def verdict(fault: Fault, where: tuple[str, str], step: float = 2e-3, until: flo
 def test_a_planted_fault_is_named(name: str) -> None:
     (fault,) = (x for x in ENGINES if x.name == name)
     found = diagnose_fault(fault)
-    assert found.cause is fault.cause, found.sentence
+    assert found.cause is fault.cause, found.verdict
     assert max(found.parts, key=lambda part: found.parts[part]) is fault.cause.part, found.parts
     if name == "inertia":
         best = found.explanations[0]
         assert (best.what, best.amount) == ("inertia of crank", pytest.approx(0.01, rel=1e-3))
-        assert "inertia of crank is 1 % too large" in found.sentence
+        assert "inertia of crank is 1 % too large" in found.verdict
 
 
 @pytest.mark.slow
@@ -91,10 +91,10 @@ def test_a_wrong_length_is_told_from_soft_constraints(stabilization: str) -> Non
     """The coupler is a millimetre too long, so that the loop is open by the file's dimensions, whatever the step and the force."""
     longer_one = of("length of coupler", Cause.LENGTH, linkage=partial(alter, joint="B", by=1e-3))
     found = verdict(longer_one, FOUR_BAR, stabilization=stabilization)
-    assert found.cause is Cause.LENGTH, found.sentence
+    assert found.cause is Cause.LENGTH, found.verdict
     assert found.cause.part is Part.MODEL
     assert max(found.parts, key=lambda part: found.parts[part]) is Part.MODEL
-    assert "of coupler is elsewhere than the file says, by [1.00e-03" in found.sentence
+    assert "of coupler is elsewhere than the file says, by [1.00e-03" in found.verdict
 
 
 @pytest.mark.slow
@@ -102,8 +102,8 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
     """The error of Euler's method at 2 ms is far larger than that of 1 % of the crank's inertia."""
     heavy = of("inertia", Cause.INERTIA, linkage=partial(alter, of="crank", inertia=1.01))
     found = verdict(heavy, FOUR_BAR, integrator="semi_implicit_euler")
-    assert found.cause is Cause.INTEGRATOR, found.sentence
-    assert "besides, the inertia of crank is 1 % too large" in found.sentence
+    assert found.cause is Cause.INTEGRATOR, found.verdict
+    assert "besides, the inertia of crank is 1 % too large" in found.verdict
     assert [x.what for x in found.candidates] == ["inertia of crank"]
 
 
@@ -113,7 +113,7 @@ def test_a_fault_smaller_than_the_integrators_error_is_told_beside_it() -> None:
 )
 def test_a_variation_of_a_fault_is_named_too(fault: Fault, where: tuple[str, str], choice: dict[str, object]) -> None:
     found = verdict(fault, where, **{"step": 4e-3, **choice})  # type: ignore[arg-type]
-    assert found.cause is fault.cause, found.sentence
+    assert found.cause is fault.cause, found.verdict
 
 
 def of_all_links(key: str, factor: float, mechanism: Mechanism) -> Mechanism:
@@ -160,8 +160,8 @@ NAMED = [
 def test_every_cause_that_reproduces_the_accelerations_is_named_and_no_other(fault: Fault, said: str) -> None:
     """The last fault makes the motion diverge, and is found in a shorter run."""
     found = verdict(fault, FOUR_BAR, step=4e-3)
-    assert found.cause is fault.cause, found.sentence
-    assert any(said in x.sentence for x in found.candidates), found.sentence
+    assert found.cause is fault.cause, found.verdict
+    assert any(said in x.sentence for x in found.candidates), found.verdict
     assert all(x.residual <= 1e-8 for x in found.candidates)
     assert len(found.candidates) == (3 if fault.name == "reversed" else 1)
 
@@ -202,7 +202,7 @@ def test_an_engine_that_does_not_run_has_its_reason() -> None:
     crashed, chosen = Run(Status.CRASHED, "it died", None, None, sampling(1e-3, 0.3)), ladder(Choice(step=1e-3), adaptive=False)
     found = diagnose_runs(lambda c, wanted: crashed, load(*FOUR_BAR), truth(FOUR_BAR, 0.3), chosen, 0.3)
     assert (found.cause, len(found.runs)) == (Cause.UNKNOWN, 1)
-    assert "crashed: it died" in found.sentence
+    assert "crashed: it died" in found.verdict
 
 
 @pytest.mark.long("mujoco-rigid-causes1", "pinocchio-default-causes2")

@@ -11,7 +11,7 @@ import pytest
 
 import gauss_bench
 import gauss_bench.bench.conformance as rules
-from gauss_bench.advice.recommending import work
+from gauss_bench.advice.recommending import TriedSetting
 from gauss_bench.api.telling import render
 from gauss_bench.bench import provenance
 from gauss_bench.bench.cases import Case
@@ -146,9 +146,10 @@ def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_ar
 
 
 def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted() -> None:
-    assert work("rk4", Trial(1e-3, {}, 100)) == 400
-    assert work("rk4", Trial(1e-6, {}, None)) == math.inf
-    assert work("rk4", Trial(1e-6, {}, None, evaluations=70)) == 70
+    way = Way("gauss", "default", "rk4", "none", 1e-6)
+    assert TriedSetting(way, Trial(1e-6, {}, 100)).work == 400
+    assert TriedSetting(way, Trial(1e-6, {}, None)).work == math.inf
+    assert TriedSetting(way, Trial(1e-6, {}, None, evaluations=70)).work == 70
     wanted = Requirement("position", 1e-6)
     uncounted = [Trial(x, {"position": 1e-3}, None) for x in (1e-3, 1e-4, 1e-5, 1e-6)]
     assert reach([uncounted], [wanted]).words == "not reached"

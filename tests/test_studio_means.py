@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     """Save a four-bar with a rod that slides on the ground, and return its folder."""
     pen = four_bar(tmp_path)
     pen.bar((0.3, 0.28), (0.6, 0.0))
-    pen.ask("add_slide", pin=pen.at(0.6, 0.0), guide="ground", angle_deg=0.0)
+    pen.ask("add_slide", pin=pen.at(0.6, 0.0), guide="ground", through=[0.6, 0.0], angle_deg=0.0)
     pen.ask("save", path=NAME)
     return tmp_path
 

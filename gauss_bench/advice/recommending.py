@@ -74,8 +74,13 @@ class TriedSetting(NamedTuple):
 
     @property
     def work(self) -> float:
-        """Number of acceleration evaluations of the trial run."""
-        return work(self.way.integrator, self.trial)
+        """Number of acceleration evaluations of the trial run.
+
+        If the engine does not count them, the steps times the evaluations in one step; infinity if it counts no steps either.
+        """
+        if self.trial.evaluations:
+            return float(self.trial.evaluations)
+        return math.inf if self.trial.steps is None else float(self.trial.steps * EVALUATIONS.get(self.way.integrator, 1))
 
 
 class _Over(Exception):
@@ -130,18 +135,18 @@ class _Engine:
         """Return the trials of all variants, in the order of the search."""
         return [trial for trials in self.trials.values() for trial in trials]
 
-    def passing(self) -> dict[Way, Trial]:
-        """Return setting -> trial run for the accurate settings (HALF), from the least work to the most.
+    def passing(self) -> list[TriedSetting]:
+        """Return the accurate settings (HALF), from the least work to the most.
 
         Each variant gives one setting: the one with its largest step or tolerance that is accurate.
         """
-        found = {way: trial for way, x in self.trials.items() if (trial := coarsest(x, HALF)) is not None}
-        by_work = sorted(found.items(), key=lambda pair: work(pair[0].integrator, pair[1]))
-        return {way._replace(size=trial.size): trial for way, trial in by_work}  # size: step or tolerance
+        found = [(way, coarsest(trials, HALF)) for way, trials in self.trials.items()]
+        accurate = [TriedSetting(way._replace(size=trial.size), trial) for way, trial in found if trial is not None]
+        return sorted(accurate, key=lambda x: x.work)
 
     def best(self) -> TriedSetting | None:
         """Return the setting with the least work that meets the requirement so far, or None."""
-        return next((TriedSetting(way, trial) for way, trial in self.passing().items()), None)
+        return next(iter(self.passing()), None)
 
     def nearest(self) -> TriedSetting | None:
         """Return the setting with the smallest SHARE; None if no run ended."""
@@ -155,16 +160,6 @@ class _Engine:
 
     def size_of(self, way: Way) -> dict[str, float]:
         return {"tolerance" if way.integrator in self.adaptive else "step": way.size}
-
-
-def work(integrator: str, trial: Trial) -> float:
-    """Return the number of acceleration evaluations of a run.
-
-    If the engine does not count them, return the steps times the evaluations in one step; infinity if it counts no steps either.
-    """
-    if trial.evaluations:
-        return float(trial.evaluations)
-    return math.inf if trial.steps is None else float(trial.steps * EVALUATIONS.get(integrator, 1))
 
 
 class Recommender:
@@ -459,10 +454,10 @@ class Recommender:
         """
         chosen: dict[str, TriedSetting] = {}  # title of an engine -> its setting
         for engine in self.engines.values():
-            ways = engine.passing()
-            if timed := {way: times[way] for way in ways if way in times}:
+            accurate = {x.way: x for x in engine.passing()}
+            if timed := {way: times[way] for way in accurate if way in times}:
                 winner, *_ = pick_winner(timed)
-                chosen[engine.title] = TriedSetting(winner, ways[winner])
+                chosen[engine.title] = accurate[winner]
             elif best := engine.best():
                 chosen[engine.title] = best
         fastest = min((times[x.way] for x in chosen.values() if x.way in times), key=time_of, default=None)
@@ -545,7 +540,7 @@ def choices(engine: _Engine) -> list[TriedSetting]:
     For each time loop that none of them uses, the setting with the least work in this loop is added. Adaptive integrators count as
     near, because their run time does not follow from the number of evaluations.
     """
-    settings = [TriedSetting(way, trial) for way, trial in engine.passing().items()]  # by increasing work
+    settings = engine.passing()  # by increasing work
     least = min((x.work for x in settings), default=0.0)
     near = [x for x in settings if x.work <= NEAR * least or x.way.integrator in engine.adaptive][:CHOICES]
     loops_covered = {engine.loop_of(x.way) for x in near}

@@ -13,8 +13,7 @@ from gauss_bench.api.simulate import OneRun, name_run
 from gauss_bench.api.telling import UNLESS_EMPTY, Told, nobody
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.diagnosis.causes import Cause, Part
-from gauss_bench.diagnosis.diagnosis import Ended, Numbers, Verdict, diagnose_runs, without_run
-from gauss_bench.diagnosis.explanations import Explained
+from gauss_bench.diagnosis.diagnosis import Ended, Verdict, diagnose_runs, without_run
 from gauss_bench.diagnosis.observations import checkpoints, ladder
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS
@@ -39,31 +38,18 @@ KNOWN = {"position": 1e-9, "angle": 1e-9}  # [m], [rad] largest error bars of th
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Diagnosis(OneRun):
+class Diagnosis(Verdict, OneRun):
     """The diagnosis of one engine on one linkage; the fields of OneRun name the run.
 
     Attributes:
         until: end of the run [s].
-        cause: dominant cause of the error; part: part of the error to which the cause belongs, or None.
-        verdict: the diagnosis in one sentence.
-        parts: name of a part of the error -> size of this part [m, rad].
-        numbers: figures that were measured in the runs; None if no run reached a checkpoint.
-        explanations: possible explanations of wrong accelerations, the best first.
-        candidates: those explanations that reproduce the engine's accelerations within their noise.
-        runs: status and message of each run of the engine.
+        part: part of the error to which the cause belongs, or None.
         reference: how the reference motion was made.
         remarks: sentences on the closures of a model file, on the engine's own joint forces, and on each required accuracy.
     """
 
     until: float
-    cause: Cause
     part: Part | None
-    verdict: str
-    parts: dict[Part, float]
-    numbers: Numbers | None
-    explanations: tuple[Explained, ...]
-    candidates: tuple[Explained, ...]
-    runs: tuple[Ended, ...]
     reference: str
     remarks: tuple[str, ...] = field(default=(), metadata=UNLESS_EMPTY)
 
@@ -225,15 +211,9 @@ def make_diagnosis(
     """Return the diagnosis: a verdict with the names of the run, the description of its reference, and remarks."""
     return Diagnosis(
         **name_run(mechanism, subject.name, replace(subject.choice, settings=subject.settings)),
+        **vars(verdict),
         until=end,
-        cause=verdict.cause,
         part=verdict.cause.part,
-        verdict=verdict.sentence,
-        parts=verdict.parts,
-        numbers=verdict.numbers,
-        explanations=verdict.explanations,
-        candidates=verdict.candidates,
-        runs=verdict.runs,
         reference=reference,
         remarks=tuple(remarks),
     )

@@ -1,10 +1,9 @@
 """Export linkages to other programs and import models from them: the objects that `export --json` and `import --json` print."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from dataclasses import replace as replace_fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -266,7 +265,7 @@ class Order:
             MissingExtra: a library is not installed.
         """
         if self.kind.writer:
-            return write_file(self.linkage, self.mechanism.scenario, self.name, choice, remarks, warning)
+            return write_file(self.mechanism, self.name, choice, remarks, warning)
         try:
             with Worker() as worker:
                 text = ask_program(worker, self.kind.engine, self.mechanism, choice, WRITING)
@@ -348,9 +347,7 @@ def name_missed(error: ProgramError, wanted: Mapping[str, float]) -> str:
     return ""
 
 
-def write_file(
-    linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = ""
-) -> Exported:
+def write_file(mechanism: Mechanism, kind: str, choice: Choice, remarks: tuple[str, ...] = (), warning: str = "") -> Exported:
     """Return an exported file of one of KINDS, with remarks and a warning in its header comment.
 
     Raises:
@@ -358,13 +355,9 @@ def write_file(
         MissingExtra: a library is not installed.
     """
     with Worker() as worker:
-        file = answer_in_worker(worker, write_there, (linkage, scenario, kind, choice, remarks, warning), WRITING, linkage)
+        arguments = (mechanism, kind, choice.step, remarks, choice, warning)
+        file = answer_in_worker(worker, export_linkage, arguments, WRITING, mechanism.source)
     return Exported(file["text"], tuple(file["left_out"]))
-
-
-def write_there(linkage: str, scenario: str, kind: str, choice: Choice, remarks: tuple[str, ...], warning: str) -> dict[str, Any]:
-    """Return the fields of `Exported` as plain data; this runs in a worker."""
-    return asdict(export_linkage(load(linkage, scenario), kind, choice.step, remarks, choice, warning))
 
 
 def import_model(
@@ -387,15 +380,10 @@ def import_model(
     path = writable(out, replace, suffix=".toml", source=model)
     told(f"{model}")
     with Worker() as worker:
-        linkage = answer_in_worker(worker, read_there, (str(model), path.stem, list(close)), READING, str(model))
+        linkage = answer_in_worker(worker, import_file, (Path(model), path.stem, list(close)), READING, str(model))
     write_text(path, linkage["text"])
     left_out, note = tuple(linkage["left_out"]), linkage["note"]
     return Import(str(model), linkage["kind"], str(path), path.stem, linkage["links"], linkage["dof"], left_out, note)
-
-
-def read_there(model: str, name: str, close: list[str]) -> dict[str, Any]:
-    """Return the fields of an imported linkage as plain data; this runs in a worker."""
-    return asdict(import_file(Path(model), name, close))
 
 
 def tune(order: Order, budget: float, told: Told) -> Tuning:

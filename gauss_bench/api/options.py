@@ -87,14 +87,6 @@ def numbers(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a list of numbers with commas between them") from error
 
 
-def times(text: str) -> list[float]:
-    """Return the numbers in a comma-separated text; each must be finite and not negative."""
-    found = numbers(text)
-    if not all(math.isfinite(x) and x >= 0 for x in found):
-        raise argparse.ArgumentTypeError("times must be numbers that are not negative")
-    return found
-
-
 def steps(text: str) -> list[float]:
     """Return the numbers in a comma-separated text; each must be finite and positive."""
     found = numbers(text)
@@ -108,7 +100,7 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
     "path": Path,
     "jobs": jobs,
-    "times": times,
+    "numbers": numbers,
     "steps": steps,
     "names": lambda text: text.split(","),
 }

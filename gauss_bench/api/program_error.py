@@ -174,17 +174,10 @@ def measure_program(
     return ProgramError(
         status=str(status),
         message=message,
-        settings=choice.settings,
-        integrator=choice.integrator,
-        stabilization=choice.stabilization,
-        step=choice.step,
-        tolerance=choice.tolerance,
-        until=end,
-        position=found.position,
-        angle=found.angle,
-        known=found.known,
-        reference=found.reference,
         measured_on=measured_on,
+        until=end,
+        **vars(choice),
+        **vars(found),
     )
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 from gauss_bench.api.in_worker import answer_plainly, read_answer
@@ -36,29 +36,11 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
         MissingExtra: the engine's library is missing; WorkerFailure: its process failed.
     """
     if engine in WRITERS:
-        arguments = (linkage, mechanism.scenario, mechanism.duration, engine, choice, remarks)
-        return str(read_answer(call(answer_plainly, (snippet_there, *arguments)), linkage)["text"])
+        arguments = (mechanism, linkage, engine, choice, mechanism.duration, remarks)
+        return str(read_answer(call(answer_plainly, (snippet, *arguments)), linkage))
     if writes_programs(engine):
         return with_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
     return snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
-
-
-def snippet_there(
-    linkage: str, scenario: str, until: float, engine: str, choice: Choice, remarks: tuple[str, ...]
-) -> dict[str, Any]:
-    """Return {"text": program} for an engine whose library is needed to write the program; this runs in a worker process."""
-    mechanism = load_until(linkage, scenario, until)
-    return {"text": snippet(mechanism, linkage, engine, choice, until, remarks)}
-
-
-@lru_cache(maxsize=32)
-def load_until(linkage: str, scenario: str, until: float) -> Mechanism:
-    """Return a linkage in a scenario with the duration `until` [s]; cached, because a report asks for the same one many times.
-
-    Raises:
-        LinkageError: the file has faults.
-    """
-    return replace(load(linkage, scenario), duration=until)
 
 
 class Wanted(NamedTuple):
@@ -89,7 +71,6 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
     Settings whose program cannot be written on this machine, or is too long for a report, are left out.
     """
     written: dict[tuple[Any, ...], str] = {}
-    load_until.cache_clear()  # a file may have changed since the last report
     with Worker() as worker:
         for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
             if not holds(x.engine, x.integrator, x.stabilization):
@@ -97,7 +78,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
             remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)
             try:
-                mechanism = load_until(x.linkage, x.scenario, x.until)
+                mechanism = replace(load(x.linkage, x.scenario), duration=x.until)
                 text = write_program(call, x.linkage, mechanism, x.engine, x.choice, remarks)
             except UNWRITTEN:
                 continue

@@ -279,7 +279,7 @@ def simulate(
     mechanism = load(linkage, scenario)
     at = sorted(set(at)) if at else [0.0, mechanism.duration]
     if not all(np.isfinite(x) and x >= 0 for x in at):
-        raise ChoiceError("times must be numbers that are not negative")
+        raise ChoiceError("--at: times must be numbers that are not negative")
     if not (np.isfinite(limit) and limit > 0):
         raise ChoiceError(f"the limit must be a positive number of seconds, not {limit}")
     # a report at single times needs no run beyond the last of them, but plots, tables and loads need the whole motion

@@ -62,15 +62,6 @@ class Axis:
     truth: Truth | None = None
 
 
-def ladder(first: float, last: float, digits: Sequence[float] = (1.0, 3.0)) -> tuple[float, ...]:
-    """Return the numbers d * 10^k between `first` and `last`, with d from `digits` and integer k; from first to last."""
-    low, high = sorted((first, last))
-    powers = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    rungs = [float(f"{digit:g}e{power}") for power in powers for digit in digits]
-    kept = [x for x in rungs if low * (1 - 1e-9) <= x <= high * (1 + 1e-9)]
-    return tuple(kept if first < last else reversed(kept))
-
-
 def scenario(duration: float, crank_deg: float, speed: float) -> Document:
     """Return the table of one scenario: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
     return {SCENARIO: {"duration": duration, "start": {"crank_deg": crank_deg, "speed": speed}}}
@@ -173,21 +164,15 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     return states
 
 
-def read_axis(name: str, values: Sequence[float] = (), step: float = STEP, unit: str = "", **table: Any) -> Axis:
-    """Return the axis that one table of `axes.toml` describes; keywords are the keys of the table.
+def read_axis(name: str, title: str, meaning: str, values: Sequence[float], step: float = STEP, unit: str = "") -> Axis:
+    """Return the axis that one table of `axes.toml` describes; arguments are the keys of the table.
 
-    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. Values
-    that are not listed follow from `ladder` (first and last) and `digits`. On the axis "step" the value itself is the step [s]. The
-    motion of the axis "size" is known exactly.
+    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. On the
+    axis "step" the value itself is the step [s]. The motion of the axis "size" is known exactly.
     """
-    if values:
-        rungs = tuple(values)
-    else:
-        first, last = table["ladder"]
-        rungs = ladder(first, last, table.get("digits", (1.0, 3.0)))
     document: Callable[[float], Document] = {"speed": four_bar, "step": lambda _: four_bar()}.get(name) or globals()[name]
     steps = (lambda value: value) if name == "step" else lambda _: step
-    return Axis(name, table["title"], table["meaning"], unit, rungs, document, steps, pendulum if name == "size" else None)
+    return Axis(name, title, meaning, unit, tuple(values), document, steps, pendulum if name == "size" else None)
 
 
 TABLES = tomllib.loads(Path(__file__).with_name("axes.toml").read_text(encoding="utf-8"))

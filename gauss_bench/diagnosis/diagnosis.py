@@ -107,19 +107,22 @@ class Ended:
     message: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Verdict:
     """The result of a diagnosis.
 
     Attributes:
-        parts: name of a part of the error -> its size [m, rad].
-        numbers: the measured figures, or None if no run reached its first checkpoint.
-        explanations: possible faults that would cause wrong accelerations, the one that fits best first.
-        candidates: those explanations that reproduce the wrong accelerations to within the numerical noise.
+        cause: dominant cause of the error.
+        verdict: the diagnosis in one sentence.
+        parts: name of a part of the error -> size of this part [m, rad].
+        numbers: figures that were measured in the runs; None if no run reached a checkpoint.
+        explanations: possible explanations of wrong accelerations, the best first.
+        runs: status and message of each run of the engine.
+        candidates: those explanations that reproduce the engine's accelerations within their noise.
     """
 
     cause: Cause
-    sentence: str
+    verdict: str
     parts: dict[Part, float]
     numbers: Numbers | None
     explanations: tuple[Explained, ...]

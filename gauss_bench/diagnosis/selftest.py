@@ -211,7 +211,7 @@ def diagnose_fault(fault: Fault, where: tuple[str, str] | None = None) -> Verdic
 def diagnose_sound(where: tuple[str, str]) -> str | None:
     """Return a sentence if the diagnosis of an engine without a fault names one on the linkage and scenario `where`."""
     verdict = diagnose_fault(CLEAN, where)
-    return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.sentence}"
+    return None if verdict.cause in SOUND else f"an engine without a fault: {verdict.verdict}"
 
 
 def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _: None) -> SelfTest:
@@ -239,7 +239,7 @@ def selftest(only: Sequence[str] = (), told: Callable[[str], object] = lambda _:
             findings.append(Finding(kind, fault.sentence, sentence is not None, sentence or "the check detects nothing"))
         for engine_fault in ENGINES if kind == ADAPTERS else ():
             verdict = diagnose_fault(engine_fault)
-            said = f"{verdict.cause}: {verdict.sentence}"
+            said = f"{verdict.cause}: {verdict.verdict}"
             findings.append(Finding(kind, engine_fault.sentence, verdict.cause is engine_fault.cause, said))
     sizes: tuple[Smallest, ...] = ()
     if "models" in kinds:

@@ -9,6 +9,7 @@ from gauss_bench.engines import MissingExtra
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS
 from gauss_bench.linkage.errors import LinkageError
+from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.shown import film
@@ -63,7 +64,7 @@ def _export_model(text: str, reading: Reading, kind: str, name: str) -> dict[str
     with temporary_file(text, name) as path:
         try:
             remarks = (NOT_MEASURED,) if KINDS[kind].is_program else ()
-            model = write_file(str(path), chosen, kind, KINDS[kind].choose(STEP), remarks)
+            model = write_file(load(str(path), chosen), kind, KINDS[kind].choose(STEP), remarks)
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{path}: ", "")) from error
         return {"name": f"{name}{KINDS[kind].suffix}", "text": model.text.replace(str(path), path.name)}

@@ -6,10 +6,11 @@ import zlib
 from functools import cache
 from pathlib import Path
 
-from gauss_bench.api.exchange import READING, read_there
+from gauss_bench.api.exchange import READING
 from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.atomic import write_text
 from gauss_bench.engines import MissingExtra
+from gauss_bench.exchange import imports
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, built_in
@@ -132,7 +133,7 @@ def import_file(text: str) -> tuple[str, list[str]]:
     with temporary_file(text, "model", ".xml") as model:
         try:
             with Worker() as worker:
-                linkage = answer_in_worker(worker, read_there, (str(model), "imported", []), READING, "the model")
+                linkage = answer_in_worker(worker, imports.import_file, (model, "imported", []), READING, "the model")
         except (ExchangeError, MissingExtra) as error:
             raise Refused(str(error).replace(f"{model}: ", "")) from error
         return str(linkage["text"]).replace(str(model), "model.xml"), [str(x) for x in linkage["left_out"]]

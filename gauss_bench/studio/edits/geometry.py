@@ -63,11 +63,8 @@ def _connect(d: Drawing, pins: list[Pin], word: str) -> None:
 
 
 def add_point(d: Drawing, message: Message) -> None:
-    """Add a point to a link or to the ground."""
+    """Add a point to a link."""
     link, at = message.get("link"), place(message.get("at"))
-    if link == "ground":
-        d.pin({"at": message.get("at"), "ground": True})
-        return
     d.link(link)
     reference = f"{link}.{d.letter(str(link))}"
     d.set_point(reference, at)
@@ -89,38 +86,24 @@ def add_slide(d: Drawing, message: Message) -> None:
     Keys of the message:
         guide: link that carries the axis, by default the ground.
         pin, or at: id of the pin at the block, or the place of a new pin.
-        angle_deg: direction of the axis in the world [deg]; by default from `through` to the pin, else along the guide's first bar,
-            else along its frame.
-        through: place on the axis; by default the pin on the ground, else the first point of the guide's first bar.
+        angle_deg: direction of the axis in the world [deg].
+        through: place on the axis.
     """
     guide = message.get("guide", "ground")
     pin = d.pin(message["pin"] if "pin" in message else {"at": message.get("at")})
-    bars = [] if guide == "ground" else sequence(d.link(guide), "bars")
+    if guide != "ground":
+        d.link(guide)  # refuses a link that is not there
     if guide in map(owner, pin.members):
         name = "the ground" if guide == "ground" else guide
         raise Refused(f"pin {pin.id} is on {name} itself, and cannot slide along it", (f"pins.{pin.id}",))
-    through = place(message["through"], "through") if "through" in message else None
-    _, guide_angle = d.poses[guide]
-    # the direction [rad] in the world: as given, else from the place `through` to the pin, else along the guide's first bar
-    if "angle_deg" in message:
-        angle = math.radians(number(message, "angle_deg"))
-    elif through is not None and abs(pin.at - through) > SAME:
-        angle = phase(pin.at - through)
-    elif bars:
-        a, b = (d.place(f"{guide}.{x}") for x in bars[0])
-        angle = phase(b - a)
-    else:
-        angle = guide_angle
-    # the axis goes through a point of the guide: at `through`, else at the pin on the ground, else the first point of the guide
-    if through is not None or guide == "ground":
-        point = _guide_point(d, guide, pin.at if through is None else through)
-    else:
-        point = str(bars[0][0]) if bars else next(iter(d.points(guide)), "")
-    # the distance of the pin from that axis, positive to the left of its direction
+    angle = math.radians(number(message, "angle_deg"))
+    point = _guide_point(d, guide, place(message.get("through"), "through"))
+    # the distance of the pin from the axis, positive to the left of its direction
     offset = ((pin.at - d.place(f"{guide}.{point}")) * rect(1.0, -angle)).imag
     block, slide = d.fresh("block", "links"), d.fresh("slide", "joints", "cylinders")
     d.add_link(block, pin.at, angle, {**BLOCK})
     at = d.attach(pin, block).members[-1]
+    _, guide_angle = d.poses[guide]
     degrees = round_digits(math.degrees(math.remainder(angle - guide_angle, 2 * math.pi)), DIGITS)
     joint = {"type": "prismatic", "guide": f"{guide}.{point}", "angle_deg": degrees, "block": at}
     if abs(offset) > SAME:

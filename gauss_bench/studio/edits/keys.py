@@ -1,14 +1,14 @@
 """Edits of tables by their keys: set, rename and delete entries; add forces; find the part that a message locks."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from gauss_bench.exchange.toml import GROUPS
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.linkage.schema import FORCES, FORMAT, SECOND
 from gauss_bench.studio import scene
-from gauss_bench.studio.document import Document, is_driven, split_path
+from gauss_bench.studio.document import Document, is_driven
 from gauss_bench.studio.edits.drawing import KG_PER_M, NAME, Drawing, owner, pair, round_digits, tail
 from gauss_bench.studio.edits.scenarios import RELEASED
 from gauss_bench.studio.messages import Message, Refused
@@ -29,22 +29,17 @@ TEXTS = ("title", "name", "format", "type", "law")  # keys of texts that name no
 def set_key(d: Drawing, message: Message) -> None:
     """Set the key at a path and remove a key that excludes it; delete the key if the value is null."""
     path, given = message.get("path"), message.get("value")
-    if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+|\[\d{1,4}\])*", path):
+    if not isinstance(path, str) or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", path):
         raise Refused("a path consists of keys separated by dots", field="path")
     if path in ("format", "scenarios"):
         raise Refused(f"{path} cannot be set", field=path)
-    *keys, last = split_path(path)
+    *keys, last = path.split(".")
     at: Any = d.document
     for key in keys:
-        if isinstance(at, dict) and isinstance(key, str):
-            at = at.setdefault(key, {})
-        else:
-            at = at[key] if isinstance(at, list) and isinstance(key, int) and key < len(at) else None
-    if isinstance(at, list) and isinstance(last, int) and last < len(at):
-        at[last] = given
-    elif not isinstance(at, dict) or isinstance(last, int):
+        at = at.setdefault(key, {}) if isinstance(at, dict) else None
+    if not isinstance(at, dict):
         raise Refused(f"there is no {path}", field=path)
-    elif given is None:
+    if given is None:
         at.pop(last, None)
     else:
         at[last] = given
@@ -73,7 +68,7 @@ def rewrite(x: Any, change: Callable[[str, str], str], key: str = "") -> Any:
 
 
 def rename(d: Drawing, message: Message) -> None:
-    """Rename the drawing (if `what` is "name"), or the part with the id `what`, and all references to it.
+    """Rename the part with the id `what`, and all references to it.
 
     Ids are those of the page: a slide is a joint of the file, and a cylinder has the id of a force.
     """
@@ -81,9 +76,6 @@ def rename(d: Drawing, message: Message) -> None:
     group, name = owner(id), tail(id)
     if not NAME.fullmatch(to) or len(to) > 60:
         raise Refused("a name has letters, digits and underscores", (id,), "to")
-    if id == "name":
-        d.document["name"] = to
-        return
     if group == "pins":
         _rename_pin(d, name, to)
         return
@@ -232,38 +224,23 @@ def add_force(d: Drawing, message: Message) -> None:
     word = str(message.get("type"))
     given = {k: x for k, x in message.items() if k not in ("id", "do", "type", "name", "a", "b")}
     if "a" in message or "b" in message:
-        a, b = (d.pin(x).id if isinstance(x, dict) else x for x in (message.get("a"), message.get("b")))
-        given["between"] = d.ends(a, b)
+        given["between"] = d.ends(message.get("a"), message.get("b"))
     if word == "cylinder":
         _add_cylinder(d, given)
         return
-    word = "spring" if word == "spring_damper" else word
     if word not in USUAL:
         raise Refused(f"there is no force {word[:40]!r}; there are {', '.join(FORCES)}, cylinder", field="type")
     for key in ("point", "origin"):
         if isinstance(given.get(key), str):
             given[key] = d.on_link(given[key])
-    if given.get("joint") in [*d.pins]:
-        given["joint"] = d.joint_of(d.pins[given["joint"]])
-    usual = dict(USUAL[word])
-    if word == "spring" and "rest" not in given and len(given.get("between", [])) == 2:
-        usual["rest"] = _apart(d, given)
-    if word == "coulomb_friction" and table(table(d.document, "joints"), str(given.get("joint"))).get("type") == "revolute":
-        usual["radius"] = 0.01
     name = d.fresh(word.partition("_")[0], "forces")
-    d.group("forces")[name] = usual | given
+    d.group("forces")[name] = USUAL[word] | given
     d.check()
     d.made.append(f"forces.{name}")
     for key, scenario in items(d.document, "scenarios"):
         if key == RELEASED or (RELEASED not in d.group("scenarios") and not is_driven(scenario)):
             scenario["forces"] = [*sequence(scenario, "forces"), name]
             break
-
-
-def _apart(d: Drawing, given: Mapping[str, Any]) -> float:
-    """Return the distance between the two points of `between` [m]."""
-    a, b = (d.place(str(x)) for x in given["between"])
-    return round_digits(abs(b - a))
 
 
 def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
@@ -273,8 +250,9 @@ def _add_cylinder(d: Drawing, given: dict[str, Any]) -> None:
     """
     if len(sequence(given, "between")) != 2:
         raise Refused("a cylinder lies between two points", field="a")
+    a, b = (d.place(str(x)) for x in given["between"])
     # barrel and rod overlap by a fifth of the distance of the points
-    part = {"length": round_digits(max(0.6 * _apart(d, given), 1e-3)), "kg_per_m": KG_PER_M}
+    part = {"length": round_digits(max(0.6 * abs(b - a), 1e-3)), "kg_per_m": KG_PER_M}
     name = d.fresh("cylinder", "cylinders", "joints")
     if d.document.get("format") == FORMAT:
         # the second edition damps a pin of three links in another way than the first

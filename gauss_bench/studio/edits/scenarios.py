@@ -22,7 +22,7 @@ from gauss_bench.studio.messages import Message, Refused, number
 from gauss_bench.studio.reading import Reading
 
 DRIVEN, RELEASED = "driven", "released"  # the scenarios that the studio writes
-FREE = 2.0  # [s] usual duration of "released"
+USUAL, FREE = 1.0, 2.0  # [s] usual durations of "driven" and "released"
 STROKE = 0.1  # default travel of a driven length, relative to the size of the linkage
 FOLLOWS = 1e-6  # [m, rad] a start value whose difference from the drawing is smaller changes with the drawing
 UNITS = {"_deg": math.degrees(1.0), "": 1.0}  # ending of a key for an angle -> value of the key for one radian
@@ -51,7 +51,7 @@ def drive(d: Drawing, message: Message) -> None:
         return
     # other drivers leave other coordinates free: `start_driven` writes a new start
     kept = {k: x for k, x in scenario.items() if k not in ("driver", "drivers", "start", "hold")}
-    duration = number(message, "duration", kept.get("duration") or max(_duration(x) for x in drivers))
+    duration = number(message, "duration", kept.get("duration") or USUAL)
     scenarios[DRIVEN] = {**kept, "duration": duration, "drivers": drivers}
     start_driven(d.document, d.reading, only=coordinate)
     d.check((f"scenarios.{DRIVEN}",))
@@ -73,18 +73,6 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
     if isinstance(name, str) and table(write_out(d.document).get("joints", {}), name).get("type") == "prismatic":
         return {"joint": name}
     raise Refused(f"there is no coordinate {str(name)[:60]!r} that can be driven", field="coordinate")
-
-
-def _duration(driver: Mapping[str, Any]) -> float:
-    """Return the duration of a driver's motion law [s]; for a law without an end the time of one turn of the link, or 1 s."""
-    if driver.get("law") == "constant":
-        speed = driver.get("speed")
-        if isinstance(speed, (int, float)) and speed != 0 and "link" in driver:
-            return round_digits(2 * math.pi / abs(speed))
-        return 1.0
-    rows = sequence(driver, "rows")
-    last = rows[-1][0] if rows and isinstance(rows[-1], list) and rows[-1] else driver.get("time", 1.0)
-    return float(last) if isinstance(last, (int, float)) else 1.0
 
 
 def coordinate_of(mechanism: Mechanism, driver: Mapping[str, Any]) -> Coordinate | None:
