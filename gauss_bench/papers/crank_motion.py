@@ -201,11 +201,20 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     """Tell whether the crank, started at rest at theta = 0, turns back before it completes a turn, and so comes to rest.
 
     Raises:
+        ArithmeticError: neither happens, see `first_turn`.
+    """
+    return first_turn(motion, rtol) is None
+
+
+def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] | None:
+    """Return time [s] and speed [rad/s] at the end of the first turn from rest at theta = 0; None if the crank turns back before.
+
+    Raises:
         ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:
-        return True
+        return None
 
     def undecided(t: float, y: Array) -> float:
         """Return a number that is 0 at the start, then positive, and falls to 0 when the crank turns back or completes a turn."""
@@ -215,7 +224,8 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     run = motion.run(LONGEST, rtol=rtol, event=undecided)
     if not run.stopped:
         raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
-    return bool(abs(run.theta[-1]) < np.pi * 2 * (1 - 1e-6))
+    has_turned = abs(run.theta[-1]) >= TURN * (1 - 1e-6)
+    return (float(run.t[-1]), float(run.w[-1])) if has_turned else None
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
@@ -252,24 +262,6 @@ def balance_speed(motion: CrankMotion) -> float:
     return TURN * motion.torque / (motion.c * integrate_slope(motion))
 
 
-def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
-    """Return time [s] and speed [rad/s] at the end of the first turn from rest.
-
-    Raises:
-        ArithmeticError: the crank does not complete the turn.
-    """
-
-    def angle_left(t: float, y: Array) -> float:
-        """Return the angle [rad] by which the crank still has to turn to complete its first turn; y has its angle and speed."""
-        return TURN - abs(float(y[0]))
-
-    angle_left.terminal = True  # type: ignore[attr-defined]
-    run = motion.run(10.0, rtol=rtol, event=angle_left)
-    if not run.stopped:
-        raise ArithmeticError("the crank does not complete a turn from rest")
-    return float(run.t[-1]), float(run.w[-1])
-
-
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
     """Return speed |w| [rad/s], time [s] and energy lost [J] in a turn from theta = 0 at speed w [rad/s], as an array (3, samples).
 
@@ -304,7 +296,9 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     Raises:
         ArithmeticError: the crank does not complete a turn, or its motion does not become periodic.
     """
-    first_time, first_speed = first_turn(motion, rtol)
+    if (first := first_turn(motion, rtol)) is None:
+        raise ArithmeticError("the crank does not complete a turn from rest")
+    first_time, first_speed = first
     direction = float(np.sign(first_speed))
 
     def gain(u: float) -> float:
