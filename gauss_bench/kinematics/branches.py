@@ -4,17 +4,13 @@ From randomly placed links Levenberg-Marquardt approaches the constraints, and G
 after PATIENCE starts without a new assembly, and may therefore miss assemblies.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
-from gauss_bench.kinematics.freedom import Freedom
+from gauss_bench.kinematics.freedom import Freedom, hold
 from gauss_bench.kinematics.root_finding import ExitFlag, levenberg_marquardt
 from gauss_bench.kinematics.topology import shared_angles
-from gauss_bench.mechanism.coordinates import value
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Mechanism
-from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.mechanism.spaces import angle_at, angles
+from gauss_bench.mechanism.model import GROUND, Angle, Mechanism
+from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array
 
 MOST = 300  # largest number of starts
@@ -63,12 +59,10 @@ def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:
         ValueError: the linkage has neither drivers nor a crank.
     """
     if mechanism.drivers:
-        still = tuple(replace(x, law=constant(float(value(x.coordinate, q)), 0.0)) for x in mechanism.drivers)
-        return replace(mechanism, drivers=still)
+        return hold(mechanism, q, [x.coordinate for x in mechanism.drivers])
     if mechanism.crank is None:
         raise ValueError(f"{mechanism.name} has neither a driver nor a crank that could be fixed")
-    crank = constant(float(angle_at(q, mechanism.crank)), 0.0)
-    return replace(mechanism, drivers=(AngleDriver("crank", crank, mechanism.crank),))
+    return hold(mechanism, q, [Angle(GROUND, mechanism.crank)])
 
 
 def _apart(freedom: Freedom, a: Array, b: Array) -> float:

@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.freedom import Freedom, Place
-from gauss_bench.mechanism.coordinates import arm, position, rotate, value, velocity
-from gauss_bench.mechanism.model import GROUND, AngleDriver, Joint, Mechanism, Point, Revolute, SlideDriver
-from gauss_bench.mechanism.motion_laws import constant
-from gauss_bench.mechanism.spaces import angle_at, angle_slot, place_at
+from gauss_bench.kinematics.freedom import Freedom, Place, hold
+from gauss_bench.mechanism.coordinates import arm, position, velocity
+from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechanism, Point
+from gauss_bench.mechanism.spaces import angle_slot
 from gauss_bench.terms import Array
+
+ORIGIN = Point(GROUND, np.zeros(2), "ground.")  # of the world
 
 # Lengths below are shares of the linkage's size.
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
@@ -76,42 +77,30 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
     Raises:
         ValueError: the linkage has no part with a name in `locks`.
     """
-    pins, drivers = [], []  # joints that fix points, and drivers that hold angles and slides at constant values
+    held: list[Coordinate] = []
     for reference in locks.points:
         point = find_point(mechanism, reference)
-        at = Point(GROUND, np.array(position(q, point)), f"ground at {reference}")
         if point.link != GROUND:  # a point on the ground keeps its place in any case
-            pins.append(Revolute(f"lock of {reference}", f"lock of {reference}", at, point))
+            held += [Along(ORIGIN, point, 0.0), Along(ORIGIN, point, 0.0, across=True)]
     for name in locks.joints:
-        own = [x for x in mechanism.joints if x.joint == name and x.ends_meet]
+        own = [x.motion for x in mechanism.joints if x.joint == name and x.ends_meet]
         _check_found(own, "pin joint", name)
-        pins += [_second_pin(mechanism, q, x) for x in own]
+        held += own
     for name in locks.links:
         _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
-        drivers.append(AngleDriver(f"lock of {name}", constant(float(angle_at(q, body)), 0.0), body))
+        held.append(Angle(GROUND, body))
     for name in locks.slides:
-        slide = mechanism.drivable.get(name)
-        if slide is None:
-            raise ValueError(f"no slide {name!r} that could be locked")
-        drivers.append(SlideDriver(f"lock of {name}", constant(float(value(slide.motion, q)), 0.0), slide))  # type: ignore[arg-type]
-    return replace(mechanism, joints=(*mechanism.joints, *pins), drivers=tuple(drivers))
+        own = [x.motion for x in mechanism.slides if x.name == name]
+        _check_found(own, "slide", name)
+        held += own
+    return hold(mechanism, q, held)
 
 
 def _check_found(found: list[Any], kind: str, name: str) -> None:
     """Raise ValueError if the list `found` of the parts with this name is empty."""
     if not found:
         raise ValueError(f"no {kind} {name!r} that could be locked")
-
-
-def _second_pin(mechanism: Mechanism, q: Array, joint: Joint) -> Revolute:
-    """Return a second pin that joins the two links of a pin at another point: two pins prevent a relative rotation."""
-    at = position(q, joint.ends[0]) + np.array([mechanism.size, 0.0])
-    ends = []
-    for link in (end.link for end in joint.ends):
-        local = rotate(at - place_at(q, link), -angle_at(q, link))
-        ends.append(Point(link, local, f"lock of {joint.joint}"))
-    return Revolute(f"lock of {joint.name}", f"lock of {joint.joint}", ends[0], ends[1])
 
 
 def find_point(mechanism: Mechanism, reference: str) -> Point:

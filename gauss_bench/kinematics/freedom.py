@@ -9,13 +9,15 @@ Here gamma = -(dJ/dt) v is the quadratic form that `Constraints` evaluates. Driv
 out, because they constrain velocities, not positions.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gauss_bench.mechanism.close import project
+from gauss_bench.mechanism.coordinates import value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import Mechanism
+from gauss_bench.mechanism.model import Coordinate, Mechanism
 from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
@@ -91,6 +93,20 @@ class Freedom:
         positions = np.tile(place.q, (len(directions), 1))
         gamma = self.constraints(0.0, positions, directions / self.scale).gamma
         return np.asarray(gamma @ place.inverse.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Locked:
+    """A coupling that holds coordinates at constant values."""
+
+    name: str
+    held: tuple[tuple[Coordinate, float], ...]
+
+
+def hold(mechanism: Mechanism, q: Array, coordinates: Iterable[Coordinate]) -> Mechanism:
+    """Return the linkage without its drivers, with coordinates held at their values in q (n,)."""
+    locked = Locked("locked", tuple((x, float(value(x, q))) for x in coordinates))
+    return replace(mechanism, drivers=(), couplings=(*mechanism.couplings, locked))
 
 
 def split_by_rank(J: Array) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gauss_bench.kinematics.link_units import MOVING, Way
-from gauss_bench.kinematics.topology import Levels, Passage, absolute_states, find_graph, shared_angles
+from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.close import Residual, minimum_norm, project
 from gauss_bench.mechanism.coordinates import position, value
@@ -71,21 +71,6 @@ class Matrices:
     B_rate: Array
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedWay:
-    """The path of a loop through a link, and the places of its variables in a state x (TU + TK,).
-
-    Attributes:
-        slides: indices in x of the coordinates s on this path.
-        factors: (C, TU + TK) matrices U and K of eqs. (9)-(10) side by side: row c has a 1 at the variable of column c of the
-            link's Jacobian.
-    """
-
-    way: Way
-    slides: list[int]
-    factors: Array
-
-
 class LoopEquations:
     """The equations of the L loops of a linkage, for states x (TU + TK,).
 
@@ -101,7 +86,8 @@ class LoopEquations:
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
         offsets: (TK,) driven angle of each input minus that of the root, which is the variable [rad]; 0 for lengths.
-        ways: for each loop the list of its paths through its links.
+        ways: for each loop a list of (path through a link, indices in x of its slides, indices in x of all variables of its
+            Jacobian, which are the columns of ones in U and K).
         lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
     Raises:
@@ -137,9 +123,9 @@ class LoopEquations:
         self.column = {x: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([isinstance(x, int) for x in self.variables])
         self.turning = np.array([[float(x == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._place(p) for p in loop.passages] for loop in self.graph.loops]
+        self.ways = [[self._place(way) for way in loop.ways] for loop in self.graph.loops]
         # length of the longest vector through a moving link [m]; 1 m if there is none
-        vectors = (p.way.leave.at - p.way.enter.at for loop in self.ways for p in loop if p.way.link != GROUND)
+        vectors = (way.leave.at - way.enter.at for loop in self.graph.loops for way in loop.ways if way.link != GROUND)
         size = max(map(abs, vectors), default=0.0) or 1.0
         self.lengths = np.where(self.is_angle, 1.0, size)[: len(self.unknown)]
 
@@ -154,14 +140,11 @@ class LoopEquations:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return variable
 
-    def _place(self, passage: Passage) -> PlacedWay:
-        """Return the path of a loop through one link, with the places of its variables in a state x."""
-        link = passage.link
-        way = Way(link, passage.enter.element(link), passage.leave.element(link), turns=self.roots[link] != GROUND)
+    def _place(self, way: Way) -> tuple[Way, list[int], list[int]]:
+        """Return the entry of `ways` for the path of a loop through one link."""
         slides = [self.column[name] for name in way.slides]
         # in the order of the columns of the link unit: the angle of the link's root, then slides
-        own = [self.column[self.roots[link]], *slides] if way.turns else slides
-        return PlacedWay(way, slides, np.eye(len(self.variables))[own])
+        return way, slides, [self.column[self.roots[way.link]], *slides] if way.turns else slides
 
     def input_levels(self, times: Array) -> Levels:
         """Return the TK inputs and their first and second time derivatives, (k, TK) each, at times (k,).
@@ -200,11 +183,11 @@ class LoopEquations:
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
         for l, ways in enumerate(self.ways):
             rows = slice(2 * l, 2 * l + 2)
-            for p in ways:
-                unit = p.way.units(theta[p.way.link], omega[p.way.link], x[p.slides], x_rate[p.slides])
+            for way, slides, own in ways:
+                unit = way.units(theta[way.link], omega[way.link], x[slides], x_rate[slides])
                 A[rows] += unit.vector
-                both[rows] += unit.J @ p.factors
-                both_rate[rows] += unit.J_rate @ p.factors
+                both[rows, own] += unit.J
+                both_rate[rows, own] += unit.J_rate
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
     def with_inputs(self, inputs: Array) -> Residual:

@@ -13,14 +13,14 @@ Source: Wang et al. (2010), sections 2.2 and 3.1. The paper does not say how loo
 breadth-first tree.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -39,39 +39,25 @@ class Pair:
         """Name of the pair."""
         return self.elements[0].pair
 
-    @property
-    def node(self) -> str:
-        """The name of the joint, the same for all pairs of a multiple joint."""
-        return self.elements[0].node
-
     def element(self, link: int) -> Element:
         """Return the half of this pair that belongs to a link, whose index is one of `links`."""
         return self.elements[self.links.index(link)]
 
 
 @dataclass(frozen=True)
-class Passage:
-    """The part of a loop that runs through one link: the loop enters the link at one pair and leaves it at another."""
-
-    link: int
-    enter: Pair
-    leave: Pair
-
-
-@dataclass(frozen=True)
 class Loop:
-    """A loop: its links in cyclic order, each with the two pairs at which the loop enters and leaves it.
+    """A loop: its paths through its links, in cyclic order.
 
     The first link is the one nearest to the frame; the loop leaves it by that of its two pairs that is earlier in the file.
     """
 
-    passages: tuple[Passage, ...]
+    ways: tuple[Way, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of the joints around the loop; a multiple joint has one name."""
         # a multiple joint gives several equal names in a row: drop repeats, also that of the last and the first name
-        nodes = [passage.leave.node for passage in self.passages]
+        nodes = [way.leave.node for way in self.ways]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
 
@@ -145,7 +131,9 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         tree.add_edge(parent, i, pair=first["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
     used = {pair.name for _, pair in edges.values()}
-    return LinkageGraph(links, pairs, edges, tuple(_loop(tree, pair, pairs) for pair in pairs if pair.name not in used))
+    still = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
+    loops = tuple(_loop(tree, pair, pairs, still) for pair in pairs if pair.name not in used)
+    return LinkageGraph(links, pairs, edges, loops)
 
 
 def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
@@ -172,8 +160,11 @@ def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     return mechanism
 
 
-def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
-    """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links."""
+def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -> Loop:
+    """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links.
+
+    The links `still` cannot turn.
+    """
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
     top = min(range(len(path)), key=lambda k: breadth_first.index(path[k]))  # the link nearest to the frame
@@ -183,7 +174,8 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair]) -> Loop:
     crossed[top] = chord  # even where the two links of the chord share an edge of the tree
     if pairs.index(crossed[0]) > pairs.index(crossed[-1]):  # reverse the loop: it leaves its first link by the earlier pair
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
-    return Loop(tuple(Passage(link, crossed[k - 1], crossed[k]) for k, link in enumerate(links)))
+    ends = [(link, crossed[k - 1].element(link), crossed[k].element(link)) for k, link in enumerate(links)]
+    return Loop(tuple(Way(link, enter, leave, turns=link not in still) for link, enter, leave in ends))
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:

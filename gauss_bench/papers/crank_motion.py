@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq, minimize_scalar, newton
+from scipy.optimize import bisect, brentq, minimize_scalar, newton
 
 from gauss_bench.mechanism.model import AxisSpringDamper, Mechanism, Torque
 from gauss_bench.papers.crank_slider import KEPT, derivative
@@ -41,7 +41,7 @@ TRUE, EQ_16, EQS_10_11 = "true", "(16) with Moore-Penrose inverses", "(10), (11)
 GRID = 720  # angles in a turn: the slope of the static torque changes sign only a few times in a turn
 LONGEST = 60.0  # [s] of a first turn; it takes less than 1 s, unless the data are within rounding of a bound
 WIDTH = 1e-9  # relative width of a bracket at which bisection ends, about the error of the integration
-MARGIN = 100.0  # distance from the last bracket at which the second search begins, in widths of the bracket
+MARGIN = 100.0  # distance from the first threshold at which the second search begins, in widths of the last bracket
 SECOND_TOLERANCE = 1e-2  # factor on the tolerance of a second search, which shows the error of the integration
 TURN = 2 * np.pi
 SAMPLES = 2001  # in a turn: extremes of speed are then found to (2 pi / 2000)^2 / 8, about 1e-6 of their change
@@ -201,11 +201,20 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     """Tell whether the crank, started at rest at theta = 0, turns back before it completes a turn, and so comes to rest.
 
     Raises:
+        ArithmeticError: neither happens, see `first_turn`.
+    """
+    return first_turn(motion, rtol) is None
+
+
+def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float] | None:
+    """Return time [s] and speed [rad/s] at the end of the first turn from rest at theta = 0; None if the crank turns back before.
+
+    Raises:
         ArithmeticError: neither happens within LONGEST [s]: the parameters lie, within rounding, on the boundary.
     """
     push = float(motion.static_torque(0.0))
     if push == 0.0:
-        return True
+        return None
 
     def undecided(t: float, y: Array) -> float:
         """Return a number that is 0 at the start, then positive, and falls to 0 when the crank turns back or completes a turn."""
@@ -215,7 +224,8 @@ def settles(motion: CrankMotion, rtol: float = RTOL) -> bool:
     run = motion.run(LONGEST, rtol=rtol, event=undecided)
     if not run.stopped:
         raise ArithmeticError(f"whether the crank comes to rest is not decided within {LONGEST:g} s")
-    return bool(abs(run.theta[-1]) < np.pi * 2 * (1 - 1e-6))
+    has_turned = abs(run.theta[-1]) >= TURN * (1 - 1e-6)
+    return (float(run.t[-1]), float(run.w[-1])) if has_turned else None
 
 
 def find_bound(make: Callable[[float], CrankMotion], settled: float, running: float, width: float = WIDTH) -> tuple[float, float]:
@@ -225,26 +235,18 @@ def find_bound(make: Callable[[float], CrankMotion], settled: float, running: fl
     distance plus the change of the threshold with a smaller tolerance of the integration.
 
     Raises:
-        ValueError: the crank does not come to rest with `settled`, or does with `running`.
+        ValueError: the crank comes to rest with both values, or with neither.
     """
-    low, high = bisect(make, settled, running, RTOL, width)
-    near = MARGIN * (high - low)
-    fine = bisect(make, low - near, high + near, SECOND_TOLERANCE * RTOL, width)
-    value = (fine[0] + fine[1]) / 2
-    return value, abs(fine[1] - fine[0]) / 2 + abs(value - (low + high) / 2)
 
+    def side(value: float, rtol: float) -> float:
+        """Return 1 if the crank comes to rest with this value of the parameter, else -1."""
+        return 1.0 if settles(make(value), rtol) else -1.0
 
-def bisect(make: Callable[[float], CrankMotion], settled: float, running: float, rtol: float, width: float) -> tuple[float, float]:
-    """Narrow the bracket (settled, running) of `find_bound` to a relative `width`, and return its last two values."""
-    if not settles(make(settled), rtol) or settles(make(running), rtol):
-        raise ValueError(f"no bound between {settled:g} and {running:g}")
-    while abs(running - settled) > width * max(abs(running), abs(settled)):
-        middle = (settled + running) / 2
-        if settles(make(middle), rtol):
-            settled = middle
-        else:
-            running = middle
-    return settled, running
+    ends = {"xtol": 1e-15, "rtol": width / 2}  # half the last bracket, whose middle `bisect` returns
+    coarse = bisect(side, settled, running, (RTOL,), **ends)
+    near = MARGIN * width * abs(coarse)
+    fine = bisect(side, coarse - near, coarse + near, (SECOND_TOLERANCE * RTOL,), **ends)
+    return float(fine), width * abs(fine) / 2 + abs(fine - coarse)
 
 
 def integrate_slope(motion: CrankMotion) -> float:
@@ -258,24 +260,6 @@ def integrate_slope(motion: CrankMotion) -> float:
 def balance_speed(motion: CrankMotion) -> float:
     """Return the constant crank speed [rad/s] at which the damper would take as much energy as the torque gives."""
     return TURN * motion.torque / (motion.c * integrate_slope(motion))
-
-
-def first_turn(motion: CrankMotion, rtol: float = RTOL) -> tuple[float, float]:
-    """Return time [s] and speed [rad/s] at the end of the first turn from rest.
-
-    Raises:
-        ArithmeticError: the crank does not complete the turn.
-    """
-
-    def angle_left(t: float, y: Array) -> float:
-        """Return the angle [rad] by which the crank still has to turn to complete its first turn; y has its angle and speed."""
-        return TURN - abs(float(y[0]))
-
-    angle_left.terminal = True  # type: ignore[attr-defined]
-    run = motion.run(10.0, rtol=rtol, event=angle_left)
-    if not run.stopped:
-        raise ArithmeticError("the crank does not complete a turn from rest")
-    return float(run.t[-1]), float(run.w[-1])
 
 
 def turn(motion: CrankMotion, w: float, rtol: float = RTOL, samples: int = 2) -> Array:
@@ -312,7 +296,9 @@ def regime(motion: CrankMotion, rtol: float = RTOL) -> dict[str, float]:
     Raises:
         ArithmeticError: the crank does not complete a turn, or its motion does not become periodic.
     """
-    first_time, first_speed = first_turn(motion, rtol)
+    if (first := first_turn(motion, rtol)) is None:
+        raise ArithmeticError("the crank does not complete a turn from rest")
+    first_time, first_speed = first
     direction = float(np.sign(first_speed))
 
     def gain(u: float) -> float:

@@ -6,10 +6,8 @@ motion has a closed form, it gives the values, and both computed motions are com
 motions agree to fewer digits than are to be certified, or where one of them stops.
 """
 
-import io
 import json
 import platform
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from decimal import Decimal
@@ -21,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.atomic import atomically
 from gauss_bench.linkage.load import decimal_document, load, merge
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.certificate import ARRAYS, FORMAT, Certificate
@@ -29,6 +26,7 @@ from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import extend_motion
 from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.sensitivity import floors
+from gauss_bench.reference.store import write_arrays
 from gauss_bench.reference.taylor.forces import KNOWN
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.terms import Array
@@ -229,16 +227,5 @@ def _certified_part(truth: Motion, bars: dict[str, Array], pipelines: Sequence[M
 def write_certificate(certificate: Certificate, path: Path) -> None:
     """Write the file atomically; the same certificate gives the same bytes."""
     header = {x.name: getattr(certificate, x.name) for x in fields(certificate) if x.name not in ARRAYS}
-    header_text = json.dumps({"format": FORMAT, **header}, sort_keys=True)
-
-    def write(temporary: Path) -> None:
-        """Write the header and all arrays in numpy's format .npz."""
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
-            arrays = {"header": np.array(header_text)} | {name: getattr(certificate, name) for name in ARRAYS}
-            for name, array in arrays.items():
-                content = io.BytesIO()
-                np.save(content, array, allow_pickle=False)
-                # unlike in a file by np.savez, the entry's date is fixed, so that the bytes do not depend on the time of writing
-                archive.writestr(zipfile.ZipInfo(f"{name}.npy"), content.getvalue(), zipfile.ZIP_DEFLATED)
-
-    atomically(path, write)
+    arrays = {name: getattr(certificate, name) for name in ARRAYS}
+    write_arrays(path, header=json.dumps({"format": FORMAT, **header}, sort_keys=True), **arrays)

@@ -1,15 +1,15 @@
 """The store of references: a certificate that holds, or else a built reference that is kept under a hash of its inputs."""
 
-import hashlib
 import sys
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.atomic import atomically
-from gauss_bench.linkage.digest import source_digest
+from gauss_bench.linkage.digest import content_digest, source_digest
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certificate import find_certified
@@ -28,22 +28,27 @@ def load_stored(mechanism: Mechanism, t_end: float, folder: Path) -> Reference:
         return certified
     # the name has a hash of all that a built reference depends on
     sources = source_digest("reference", "linkage", "mechanism", "terms.py")
-    made_of = f"{mechanism.sha256} {mechanism.scenario} {t_end!r} {np.__version__} {sources}"
-    path = folder / f"{mechanism.name}.{mechanism.scenario}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}.npz"
+    made_of = content_digest(mechanism.sha256, mechanism.scenario, t_end, np.__version__, sources)
+    path = folder / f"{mechanism.name}.{mechanism.scenario}.{made_of[:16]}.npz"
     if path.exists():
         if stored := read_reference(path):
             return stored
         print(harmless(f"warning: {path}: is not as it was written; the reference is built again"), file=sys.stderr)
     reference = build_reference(mechanism, t_end)
+    arrays = {name: getattr(reference, name) for name in FIELDS}
+    write_arrays(path, digest=content_digest(reference), method=reference.method, **arrays)
+    return reference
+
+
+def write_arrays(path: Path, **arrays: Any) -> None:
+    """Write named arrays and texts to a file .npz atomically; the same arrays give the same bytes."""
 
     def write(part: Path) -> None:
-        """Write the reference with its digest; given a path instead of a file, numpy would append .npz to its name."""
+        """Write the incomplete file; given a path instead of a file, numpy would append .npz to its name."""
         with part.open("wb") as file:
-            arrays = {name: getattr(reference, name) for name in FIELDS}
-            np.savez_compressed(file, digest=_digest(reference), method=reference.method, **arrays)
+            np.savez_compressed(file, **arrays)
 
     atomically(path, write)
-    return reference
 
 
 def read_reference(path: Path) -> Reference | None:
@@ -51,15 +56,6 @@ def read_reference(path: Path) -> Reference | None:
     try:
         with np.load(path) as data:
             reference = Reference(**{name: data[name] for name in FIELDS}, method=str(data["method"]))
-            return reference if str(data["digest"]) == _digest(reference) else None
+            return reference if str(data["digest"]) == content_digest(reference) else None
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error):
         return None
-
-
-def _digest(reference: Reference) -> str:
-    """Return a hash of a reference's method and arrays."""
-    hashed = hashlib.sha256(reference.method.encode())
-    for name in FIELDS:
-        x = np.ascontiguousarray(getattr(reference, name))
-        hashed.update(f"{name} {x.shape} {x.dtype}".encode() + x.tobytes())
-    return hashed.hexdigest()

@@ -194,7 +194,7 @@ def status(reading: Reading) -> dict[str, Any]:
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
     found = find_graph(pin_loose_links(mechanism)).loops
-    loops = [[mechanism.link_name(p.link) for p in loop.passages if p.link != GROUND] for loop in found]
+    loops = [[mechanism.link_name(way.link) for way in loop.ways if way.link != GROUND] for loop in found]
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - reading.rank,

@@ -27,7 +27,7 @@ from gauss_bench.papers import crank_slider
 from gauss_bench.papers.audit import worst
 from gauss_bench.papers.crank_slider import Number, derivative, gradient
 from gauss_bench.papers.forms import problems
-from gauss_bench.papers.forms.problems import CRANK, Problem, Trial, count_off, relative
+from gauss_bench.papers.forms.problems import CRANK, Problem, count_off, draw, relative
 from gauss_bench.terms import Array
 
 RCOND = 1e-10  # relative to the largest singular value: rounding leaves 1e-15, the problems have 1e-4 or more
@@ -79,18 +79,18 @@ def stationary(form: Form, p: Problem, a: Array | None = None) -> float:
     return float(np.abs(projector(p) @ full).max() / np.abs(full).max())
 
 
-def same_function(form: Form, x: Trial) -> float:
+def same_function(form: Form, p: Problem) -> float:
     """Compare a formula for Gauss's function with eq. (1) at random accelerations."""
-    a = x.rng.normal(size=x.p.n)
-    return abs(float(form(x.p, a) / gauss_function(x.p, a)) - 1)
+    a = draw().normal(size=p.n)
+    return abs(float(form(p, a) / gauss_function(p, a)) - 1)
 
 
-def stationary_with(form: Form, x: Trial) -> float:
+def stationary_with(form: Form, p: Problem) -> float:
     """Return the slope (`stationary`) of form(p, a, extra), eq. (3), at the true motion under random forces `extra` (n,).
 
     Constraint forces that do work act like applied forces: the true motion is that with Q + extra.
     """
-    p, extra = x.p, x.rng.normal(size=x.p.n)
+    extra = draw().normal(size=p.n)
     true = problems.solve_problem(p.M, p.f, p.Q + extra, p.J, p.g, p.rank).a
     return stationary(lambda p, a: form(p, a, extra), p, true)
 
@@ -124,13 +124,14 @@ def general_solution(p: Problem, J_inverse: Array, h: Array) -> Array:
     return J_inverse @ p.g + (np.eye(p.n) - J_inverse @ p.J) @ h
 
 
-def every_solution(form: Form, x: Trial) -> float:
+def every_solution(form: Form, p: Problem) -> float:
     """Return the larger error of two statements on form(p, X, h), a formula for eq. (8) with a random generalised inverse X of J.
 
     For a random h the result satisfies J a = g, and for the true accelerations h = p.a it is p.a itself.
     """
-    p, X = x.p, some_inverse(x.p.J, x.rng)
-    a = form(p, X, x.rng.normal(size=p.n))
+    rng = draw()
+    X = some_inverse(p.J, rng)
+    a = form(p, X, rng.normal(size=p.n))
     return worst([np.abs(p.J @ a - p.g).max() / np.abs(p.J @ p.a).max(), relative(form(p, X, p.a), p.a)])
 
 
@@ -139,12 +140,12 @@ def least_squares_residual(A: Array, x: Array, b: Array) -> float:
     return float(np.abs(A.T @ (A @ x - b)).max() / np.abs(A.T @ b).max())
 
 
-def contradicting_rows(form: Form, x: Trial) -> float:
+def contradicting_rows(form: Form, p: Problem) -> float:
     """Return the least-squares residual of redundant rows J a = g that contradict each other, for the accelerations of eq. (8).
 
     Random numbers of a tenth of the largest g are added to g. `form` computes the generalised inverse.
     """
-    p, rng = x.p, x.rng
+    rng = draw()
     noisy = replace(p, g=p.g + 0.1 * np.abs(p.g).max() * rng.normal(size=len(p.g)))
     a = general_solution(noisy, form(p.J, rng), rng.normal(size=p.n))
     return least_squares_residual(p.J, a, noisy.g)
@@ -197,9 +198,9 @@ def half_square(A: Array, b: Array, h: Array) -> float:
     return float(r @ r / 2)
 
 
-def square_off(form: Callable[[Array, Array, Array], float], x: Trial) -> float:
+def square_off(form: Callable[[Array, Array, Array], float], p: Problem) -> float:
     """Return the relative difference of form(A, b, h) = |A h - b|^2 / 2 from Gauss's function, for a random vector h (n,)."""
-    p, h = x.p, x.rng.normal(size=x.p.n)
+    h = draw().normal(size=p.n)
     G = gauss_function(p, general_solution(p, pinv(p.J), h))
     return abs(form(matrix(p), vector(p), h) / float(G) - 1)
 
@@ -224,11 +225,11 @@ def sides_off(form: Callable[[Array, Array, Array], tuple[Array, Array]], p: Pro
     return relative(*form(matrix(p), vector(p), p.a))
 
 
-def minimum_missed(form: Form, x: Trial) -> float:
+def minimum_missed(form: Form, p: Problem) -> float:
     """Return the least-squares residual of h = A^- b + (I - A^- A) w, eq. (13), with A^- by `form` and a random w."""
-    p, A, b = x.p, matrix(x.p), vector(x.p)
-    X = form(A, x.rng)
-    h = X @ b + (np.eye(p.n) - X @ A) @ x.rng.normal(size=p.n)
+    A, b, rng = matrix(p), vector(p), draw()
+    X = form(A, rng)
+    h = X @ b + (np.eye(p.n) - X @ A) @ rng.normal(size=p.n)
     return least_squares_residual(A, h, b)
 
 
@@ -245,9 +246,9 @@ def last_member_alone(p: Problem, w: Array) -> Array:
     return np.asarray(projector(p) @ pinv(A) @ A @ w)
 
 
-def with_any_w(form: Form, x: Trial) -> float:
+def with_any_w(form: Form, p: Problem) -> float:
     """Return the relative error of the accelerations form(p, w) for a random vector w, ten times as large as the accelerations."""
-    return relative(form(x.p, 10 * np.abs(x.p.a).max() * x.rng.normal(size=x.p.n)), x.p.a)
+    return relative(form(p, 10 * np.abs(p.a).max() * draw().normal(size=p.n)), p.a)
 
 
 def crank_at_start(form: Form) -> float:

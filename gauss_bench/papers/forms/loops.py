@@ -127,8 +127,8 @@ def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], lis
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
     for ways in equations.ways:
-        units = [p.way.units(theta[p.way.link], 0.0, linkage.x[p.slides], linkage.rate[p.slides]).J for p in ways]
-        factors = [np.asarray(p.factors) for p in ways]
+        units = [way.units(theta[way.link], 0.0, linkage.x[slides], linkage.rate[slides]).J for way, slides, _ in ways]
+        factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in ways]
         loops.append((units, [f[:, : linkage.unknowns] for f in factors], [f[:, linkage.unknowns :] for f in factors]))
     return loops
 
@@ -177,11 +177,11 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
     leaves it.
     """
     errors = []
-    for p in chain.from_iterable(linkage.equations.ways):
-        kinds = [p.way.enter.kind, p.way.leave.kind]
+    for way, slides, _ in chain.from_iterable(linkage.equations.ways):
+        kinds = [way.enter.kind, way.leave.kind]
         guides = sum(kind in MOVING for kind in kinds)
-        unit = p.way.units(0.0, 0.0, linkage.x[p.slides], linkage.rate[p.slides])  # its shape does not depend on the angle 0.0
-        errors.append(count_off(form, (int(p.way.turns), guides, kinds.count("block")), unit.J.shape[1]))
+        unit = way.units(0.0, 0.0, linkage.x[slides], linkage.rate[slides])  # its shape does not depend on the angle 0.0
+        errors.append(count_off(form, (int(way.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
 

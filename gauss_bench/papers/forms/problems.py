@@ -10,7 +10,6 @@ crank angle, without J and lambda.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -97,27 +96,14 @@ def all_problems() -> tuple[Problem, ...]:
     return (*random_problems(), *crank_problems())
 
 
-class Trial(NamedTuple):
-    """A problem p and a generator of random numbers, which all trials in one list share."""
-
-    p: Problem
-    rng: np.random.Generator
+def redundant_problems() -> list[Problem]:
+    """Return the random problems with redundant rows."""
+    return [p for p in random_problems() if len(p.J) > p.rank]
 
 
-def all_trials() -> list[Trial]:
-    """Return each problem with a generator of random numbers."""
-    rng = np.random.default_rng(SEED)
-    return [Trial(p, rng) for p in all_problems()]
-
-
-def random_trials() -> list[Trial]:
-    """Return each random problem with a generator of random numbers."""
-    return all_trials()[: len(random_problems())]
-
-
-def redundant_trials() -> list[Trial]:
-    """Return each random problem with redundant rows and a generator of random numbers."""
-    return [x for x in random_trials() if len(x.p.J) > x.p.rank]
+def draw() -> np.random.Generator:
+    """Return a generator of the random vectors and inverses with which forms are tested on a problem."""
+    return np.random.default_rng(SEED + 2)  # not the numbers of which the problems are made
 
 
 @cache
