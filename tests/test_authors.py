@@ -80,7 +80,7 @@ def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path:
     most = len(read_variants(ROOMS / "minimal").space)
     assert read_settings(SOUND).most == most == 3
     third = '[settings.third]\nintegrator = "dop853"\ndop853_rtol = 1e-10\n'
-    assert len(read_settings(saved(tmp_path, TEXT + third)).candidates) == 3
+    assert len(read_settings(saved(tmp_path, TEXT + third)).settings) == 3
     with pytest.raises(SettingsFault, match=r"settings: 4 settings; there may be 3"):
         read_settings(saved(tmp_path, TEXT + third + third.replace("third", "fourth")))
 

@@ -11,7 +11,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench.engines.bullet.accelerations import Accelerations
-from gauss_bench.engines.bullet.adapter import VARIANTS, step_through
+from gauss_bench.engines.bullet.adapter import Bullet, step_through
 from gauss_bench.engines.bullet.translate import body_forces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST, BodyWorld, TreeWorld, list_joints
 from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
@@ -153,11 +153,11 @@ class Recorder:
 
 def tree_world(recorder: Any) -> TreeWorld | BodyWorld:
     mechanism = load("four_bar", "torque")
-    return TreeWorld(recorder, mechanism, spanning_tree(mechanism), VARIANTS.settings["default"])
+    return TreeWorld(recorder, mechanism, spanning_tree(mechanism), Bullet.settings["default"])
 
 
 def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base() -> None:
-    for build in (tree_world, lambda x: BodyWorld(x, load("four_bar", "torque"), VARIANTS.settings["default"])):
+    for build in (tree_world, lambda x: BodyWorld(x, load("four_bar", "torque"), Bullet.settings["default"])):
         recorder = Recorder()
         build(recorder)
         changes = recorder.of("changeDynamics")

@@ -7,7 +7,7 @@ import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import Readout, verify
-from gauss_bench.engines.exudyn.adapter import VARIANTS, Exudyn, library, simulation_settings
+from gauss_bench.engines.exudyn.adapter import Exudyn, library, simulation_settings
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -42,7 +42,7 @@ def test_default_settings_are_the_shipped_ones():
     assert str(own) == str(shipped)
 
 
-@pytest.mark.parametrize("settings", VARIANTS.settings)
+@pytest.mark.parametrize("settings", Exudyn.settings)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_law_that_begins_with_a_jump_is_met_from_the_first_sample_on(integrator, settings):
     content = document_of("four_bar")[0]

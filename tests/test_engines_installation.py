@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from gauss_bench.cli import main
-from gauss_bench.engines import ELSEWHERE, FILE, environment_of, installation, read_environments
+from gauss_bench.engines import ELSEWHERE, FILE, environment_of, home, installation, interpreter_in, read_environments
 from tests.plugin import link_numpy
 from tests.test_environments import STAND_IN
 
@@ -85,11 +85,11 @@ def write_wheel(folder: Path, tmp_path: Path) -> Path:
 
 def left() -> list[str]:
     """Names of all that lies in the folder of environments."""
-    return sorted(x.name for x in installation.home().iterdir()) if installation.home().exists() else []
+    return sorted(x.name for x in home().iterdir()) if home().exists() else []
 
 
 @pytest.mark.slow
-def test_an_engine_is_installed_used_and_removed_and_other_entries_stay(
+def test_an_engine_is_installed_used_and_removed_and_the_users_file_stays(
     engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["engines", "install", "twin", "--yes"]) == 0
@@ -97,7 +97,7 @@ def test_an_engine_is_installed_used_and_removed_and_other_entries_stay(
     assert "with numpy alone" in said.out
     for words in ("none of anybody", "0.1 MB to download", "Successfully installed twin-1.0"):
         assert words in said.err
-    assert engines.read_text().startswith(OWN)
+    assert engines.read_text() == OWN
     assert [*read_environments()] == ["heun", "twin"]
     assert left() == ["twin"]
     assert main(["engines", "install", "twin", "--yes"]) == 2
@@ -150,7 +150,7 @@ def test_an_interrupted_installation_ends_pip_and_leaves_nothing_and_a_killed_on
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-@pytest.mark.parametrize("step", ["run_program", "_enter", "after"])
+@pytest.mark.parametrize("step", ["run_program", "after"])
 def test_an_interrupt_at_any_step_leaves_nothing(
     step: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,20 +165,24 @@ def test_an_interrupt_at_any_step_leaves_nothing(
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-def test_what_killed_installations_left_is_replaced_and_removed(engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installation, "run_program", lambda *_: None)
-    old = installation.home() / "twin"
-    old.mkdir(parents=True)
-    (old / installation.MADE).touch()
-    (old / "half").touch()
-    hidden = old.with_name(".twin.part-x")
-    hidden.mkdir()  # of an installation that was killed before
-    installation.install("twin", lambda _: "", lambda _: None)
+def test_what_killed_installations_left_is_removed(engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = home() / ".twin.part-x"
+    hidden.mkdir(parents=True)  # of an installation that was killed before
+    install_without_packages(monkeypatch)
     assert installation.is_installed_here("twin")
-    assert (left(), (old / "half").exists()) == (["twin"], False)
+    assert left() == ["twin"]
     hidden.mkdir()
     assert main(["engines"]) == 0
     assert left() == ["twin"]
+
+
+def test_an_environment_that_is_there_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installation, "run_program", lambda *_: None)
+    place = tmp_path / "twin"
+    place.mkdir()
+    (place / "half").touch()
+    installation.make_environment(place, lambda folder: None, lambda _: None)
+    assert ([x.name for x in tmp_path.iterdir()], (place / "half").exists()) == (["twin"], False)
 
 
 def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
@@ -196,7 +200,7 @@ def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
 def test_what_was_not_installed_here_is_neither_removed_nor_replaced(
     engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = installation.home() / "twin"
+    folder = home() / "twin"
     folder.mkdir(parents=True)
     (folder / "of mine").touch()
     assert main(["engines", "remove", "twin"]) == 2
@@ -216,8 +220,8 @@ def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_eng
     engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(installation, "run_program", lambda *_: pytest.fail("it began"))
-    installation.home().mkdir(parents=True)
-    other = os.open(installation.home(), os.O_RDONLY)
+    home().mkdir(parents=True)
+    other = os.open(home(), os.O_RDONLY)
     try:
         fcntl.flock(other, fcntl.LOCK_EX)
         assert main(["engines", "install", "twin", "--yes"]) == 2
@@ -227,41 +231,42 @@ def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_eng
         os.close(other)
 
 
-PYTHON = Path('/home/me/it\'s "here"/bin/python')
+def install_without_packages(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Make an environment of the engine twin without packages, and return its interpreter."""
+    monkeypatch.setattr(installation, "run_program", lambda *_: None)
+    installation.install("twin", lambda _: "", lambda _: None)
+    return str(interpreter_in(home() / "twin"))
 
 
-@pytest.mark.parametrize("before", ["", OWN.rstrip("\n"), OWN + "\n# an end\n"])
-def test_an_entry_comes_and_goes_and_the_rest_of_the_file_stays(before: str, engines: Path, twin: Path) -> None:
+@pytest.mark.parametrize("before", ["", OWN, OWN + "[twin]\nmemory = 3\n", '[twin]\npython = "/p"\n' + OWN])
+def test_an_installed_engine_is_found_by_its_folder_and_the_users_file_stays(
+    before: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    python = install_without_packages(monkeypatch)
     engines.write_text(before) if before else engines.unlink()
-    installation._enter("twin", PYTHON)
-    environment = environment_of("twin")
-    assert (environment.python, environment.class_name) == (str(PYTHON), "stand_in:Twin")
-    assert before in engines.read_text()
-    installation._take_out("twin")
-    assert (engines.read_text() if engines.exists() else "").strip() == before.strip()
+    found = environment_of("twin")
+    own, limit = "/p" if "/p" in before else python, 3 << 30 if "memory" in before else 0
+    assert (found.python, found.class_name, found.memory) == (own, "stand_in:Twin", limit)
+    assert sorted(read_environments()) == (["heun", "twin"] if before else ["twin"])
+    installation.remove("twin")
+    assert (environment_of("twin") is not None, left()) == (own == "/p", [])
+    assert (engines.read_text() if engines.exists() else "") == before
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("[twin]", '  [ "twin" ]  # moved'),
-        ("python = ", "memory = 3\npython = "),
-        ("[twin]", OWN.replace("heun", "later") + "[twin]"),
-    ],
-)
-def test_an_entry_that_the_user_has_edited_goes_alone(old: str, new: str, engines: Path, twin: Path) -> None:
-    installation._enter("twin", PYTHON)
-    before, entry, after = engines.read_text().rpartition("[twin]")
-    engines.write_text(before + (entry + after).replace(old, new))
-    others = {name: x for name, x in read_environments().items() if name != "twin"}
-    installation._take_out("twin")
-    assert read_environments() == others
-    assert "# engines of mine" in engines.read_text()
+def test_a_table_that_an_earlier_version_entered_is_of_no_consequence(
+    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(2):
+        python = install_without_packages(monkeypatch)
+        engines.write_text(OWN + f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
+        assert installation.is_installed_here("twin")
+        installation.remove("twin")
+        assert [*read_environments()] == ["heun"]
 
 
-def test_an_entry_that_cannot_be_taken_out_by_itself_is_left(engines: Path, twin: Path) -> None:
-    text = OWN + '[twin]\nclass = "stand_in:Twin"\n# mine\npython = "/p"\n'
-    engines.write_text(text)
-    with pytest.raises(installation.InstallationFault, match="by hand"):
-        installation._take_out("twin")
-    assert engines.read_text() == text
+def test_only_what_was_removed_is_left_out(engines: Path, twin: Path) -> None:
+    """An environment of the user in the place where `install` would make one."""
+    (home() / "twin").mkdir(parents=True)
+    engines.write_text(f'[twin]\npython = "{interpreter_in(home() / "twin")}"\n')
+    assert [*read_environments()] == ["twin"]
+    assert not installation.is_installed_here("twin")

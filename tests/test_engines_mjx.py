@@ -17,10 +17,9 @@ import gauss_bench.bench.conformance as rules
 from gauss_bench.bench.conformance import conformance
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjx import adapter
-from gauss_bench.engines.mjx.adapter import VARIANTS, Mjx
+from gauss_bench.engines.mjx.adapter import Mjx
 from gauss_bench.engines.mjx.xla import Evaluated, Libraries
-from gauss_bench.engines.mujoco.adapter import VARIANTS as MUJOCO
-from gauss_bench.engines.mujoco.adapter import MujocoModel
+from gauss_bench.engines.mujoco.adapter import Mujoco, MujocoModel
 from gauss_bench.linkage.load import load
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
@@ -113,7 +112,7 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
 
 def test_settings_are_those_of_mujoco_under_their_names() -> None:
     for label in ("default", "tuned"):
-        assert VARIANTS.options(label) == MUJOCO.options(label)
+        assert Mjx.file.options(label) == Mujoco.file.options(label)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
-from gauss_bench.engines.mujoco.adapter import AGREEMENT, VARIANTS, Mujoco
+from gauss_bench.engines.mujoco.adapter import AGREEMENT, Mujoco
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_model import verify
 from gauss_bench.formulations.gauss import gauss
@@ -120,7 +120,7 @@ def test_a_feature_that_a_model_uses_stays_on():
     assert model.opt.disableflags == bits.mjDSBL_AUTORESET  # as shipped, but for that
     for limited, expected in ((False, True), (True, False)):
         model.jnt_limited[0], model.opt.disableflags = limited, 0
-        configure(mujoco, model, VARIANTS.settings["tuned"], 1e-3)
+        configure(mujoco, model, Mujoco.settings["tuned"], 1e-3)
         assert bool(model.opt.disableflags & bits.mjDSBL_LIMIT) is expected
         assert model.opt.disableflags & bits.mjDSBL_ISLAND
 

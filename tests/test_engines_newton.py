@@ -10,7 +10,7 @@ import pytest
 from gauss_bench.bench.agreement import KINDS
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.newton import adapter, kernels
-from gauss_bench.engines.newton.adapter import VARIANTS, Newton
+from gauss_bench.engines.newton.adapter import Newton
 from gauss_bench.engines.newton.kernels import Libraries
 from gauss_bench.engines.newton.sample import sample_linkage
 from gauss_bench.engines.newton.world import World
@@ -95,7 +95,7 @@ def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
     evaluator = Evaluator(mechanism)
     left = []
     for alpha in (0.0, 0.2):
-        world = World(STAND_IN, mechanism, {**VARIANTS.options("default"), "alpha": alpha})
+        world = World(STAND_IN, mechanism, {**Newton.file.options("default"), "alpha": alpha})
         world.put(q, np.zeros(mechanism.n))
         world.step(np.zeros(mechanism.n), 1e-4)
         left.append(evaluator.constraints(0.0, world.state()[0], mechanism.v0).phi)
@@ -104,7 +104,7 @@ def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
 
 def test_each_copy_has_room_for_one_contact_and_each_size_of_steps_in_single_precision_one_recording() -> None:
     for copies in (1, 6):
-        world = World(STAND_IN, load("four_bar", "torque"), VARIANTS.options("default"), copies)
+        world = World(STAND_IN, load("four_bar", "torque"), Newton.file.options("default"), copies)
         assert world.solver.model.rigid_contact_max == copies
         for h in (1e-3, 1e-3 * (1 + 1e-12), 5e-4):
             world.step(np.zeros(9 * copies), h)
@@ -146,10 +146,10 @@ def test_kernels_are_compiled_once_for_each_release(cache: Path, monkeypatch: py
     monkeypatch.setattr(adapter, "compile_kernels", lambda options: tried.append(options["dynamics_solver"]))
     assert newton.unbuilt("default").startswith("Newton's kernels")
     newton.build_once()
-    assert sorted(tried) == sorted({x["dynamics_solver"] for x in VARIANTS.settings.values()})
+    assert sorted(tried) == sorted({x["dynamics_solver"] for x in Newton.settings.values()})
     assert newton.unbuilt("default") == ""
     monkeypatch.setattr(kernels, "version", lambda package: "1.1")
     assert newton.unbuilt("default").startswith("Newton's kernels")
     monkeypatch.undo()
     monkeypatch.setattr(adapter, "load_libraries", lambda: STAND_IN)
-    adapter.compile_kernels(VARIANTS.settings["default"])  # by a step that the sample linkage can take
+    adapter.compile_kernels(Newton.settings["default"])  # by a step that the sample linkage can take

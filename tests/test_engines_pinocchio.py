@@ -18,7 +18,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.engines.pinocchio import compiled
-from gauss_bench.engines.pinocchio.adapter import VARIANTS, Pinocchio, PinocchioModel
+from gauss_bench.engines.pinocchio.adapter import Pinocchio, PinocchioModel
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.formulations.gauss import gauss
@@ -52,7 +52,7 @@ def ran(mechanism: Mechanism, times: Array, **choice: Any) -> Trajectory:
     return ran_in(ENGINE, mechanism, times, **choice)
 
 
-@pytest.mark.parametrize("settings", VARIANTS.settings)
+@pytest.mark.parametrize("settings", Pinocchio.settings)
 @pytest.mark.parametrize("name", exhaustive(["everything", "redundant", *MORE], "everything", "redundant"))
 def test_accelerations_of_closed_states_are_those_of_gauss(name: str, settings: str) -> None:
     mechanism = made(name)
@@ -89,7 +89,7 @@ def test_only_forces_that_bend_with_the_state_are_evaluated_each_time() -> None:
         assert build(load(name)).forces.others == ()
 
 
-@pytest.mark.parametrize("settings", VARIANTS.settings)
+@pytest.mark.parametrize("settings", Pinocchio.settings)
 def test_redundant_rows_that_part_end_the_run_and_projection_keeps_them_together(settings: str) -> None:
     """The three cranks of a parallelogram drift until they lock each other: no answer is better than that one."""
     mechanism, times = made("parallelogram"), np.linspace(0.0, 2.0, 5)

@@ -27,7 +27,7 @@ from gauss_bench.bench.clock import interleave, time_of
 from gauss_bench.bench.ways import Run, Way, judge_trial
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mujoco.adapter import VARIANTS
+from gauss_bench.engines.mujoco.adapter import Mujoco
 from gauss_bench.engines.mujoco.own_model import compare_models
 from gauss_bench.exchange.edit_mjcf import write_settings
 from gauss_bench.exchange.errors import ExchangeError
@@ -48,8 +48,8 @@ REFERENCE = 0.5  # share of the budget for the reference
 ACCEPTED_SHARE = HALF.limit  # largest error of an accepted setting, relative to the required error
 SAMPLES = 200  # largest number of samples of a run
 HALVINGS = 10  # number of timesteps that are tried, each half of the one before
-STIFF = VARIANTS.settings["tuned"]  # settings that make closures as stiff as documented options can
-UNWRITABLE = {"body_invweight0": VARIANTS.settings["rigid"]["body_invweight0_factor"]}
+STIFF = Mujoco.settings["tuned"]  # settings that make closures as stiff as documented options can
+UNWRITABLE = {"body_invweight0": Mujoco.settings["rigid"]["body_invweight0_factor"]}
 IN_OPTION = ("timestep", "integrator", "tolerance", "iterations")  # attributes of <option>; the others are those of closures
 RACING, ROUNDS = 60.0, 7  # [s] time limit of the timing of both models side by side, and its number of rounds
 

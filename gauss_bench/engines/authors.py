@@ -32,7 +32,7 @@ from gauss_bench.engines import ELSEWHERE, get
 from gauss_bench.engines.base import CHOSEN, Variant
 from gauss_bench.engines.own_options import OptionError, write_options
 from gauss_bench.engines.variants import FILE as VARIANTS_FILE
-from gauss_bench.engines.variants import MIN_REASON_LENGTH, VariantError, Variants, read_variants, require
+from gauss_bench.engines.variants import MIN_REASON_LENGTH, VariantError, Variants, read_tables, read_variants, require
 from gauss_bench.untrusted import BadInput, harmless, parse_toml, read_bytes
 
 ROOMS = Path(__file__).parent  # holds the folders of all engines
@@ -51,36 +51,42 @@ class SettingsFault(BadInput, ValueError):
 
 
 @dataclass(frozen=True)
-class Reason:
-    """The address of a knob's documentation (`source`), and the authors' reason for its value, a sentence (`why`)."""
+class CheckedSetting:
+    """A setting that an engine's authors contributed.
 
-    source: str
-    why: str
+    Attributes:
+        settings: text of the setting, in the form that `simulate --settings` accepts.
+        integrator, stabilization: names as the engine offers them.
+        options: name of a knob (an option of the engine) -> value, for every knob of the engine.
+    """
+
+    settings: str
+    integrator: str
+    stabilization: str
+    options: dict[str, Any]
 
 
 @dataclass(frozen=True)
-class AuthorsSettings:
+class CheckedSettings:
     """A file of settings that has passed all checks.
 
     Attributes:
-        authors, contact: names and address of the owners.
-        date: day on which the owners wrote the settings.
-        most: largest number of settings that the file may have: the number of variants in the suite's own search.
-        knobs: name of a knob -> the authors' reason for its value.
-        candidates: name of a setting in the file -> candidate of the search.
+        engine: name of the engine; authors, contact: owners of the settings, and their address; date: date of the file.
+        most: largest number of settings, equal to the number of variants in the suite's own search.
+        knobs: name of a knob (an option of the engine) -> address of the knob's documentation.
+        settings: name of a setting in the file -> setting.
     """
 
-    path: str
     engine: str
     authors: str
     contact: str
     date: str
     most: int
-    knobs: Mapping[str, Reason]
-    candidates: Mapping[str, Variant]
+    knobs: dict[str, str]
+    settings: dict[str, CheckedSetting]
 
 
-def read_settings(path: Path) -> AuthorsSettings:
+def read_settings(path: Path) -> CheckedSettings:
     """Read a file of settings and check it.
 
     Raises:
@@ -88,7 +94,7 @@ def read_settings(path: Path) -> AuthorsSettings:
         OSError: the file cannot be read.
     """
     try:
-        return _read(path, parse_toml(read_bytes(path, LARGEST).decode("utf-8")))
+        return _read(parse_toml(read_bytes(path, LARGEST).decode("utf-8")))
     except (SettingsFault, VariantError) as fault:
         raise SettingsFault(f"{path}: {fault}") from fault
     except ValueError as error:
@@ -108,15 +114,16 @@ def candidates_of(engine: str, files: Sequence[str | Path] = ()) -> list[Variant
     own = ROOMS / engine / FILE
     known: dict[tuple[str, str, str], Variant] = {}
     for path in (*([own] if own.is_file() else []), *files):
-        settings = read_settings(Path(path))
-        if settings.engine != engine:
+        file = read_settings(Path(path))
+        if file.engine != engine:
             continue
-        for x in settings.candidates.values():
-            known.setdefault((x.name, x.integrator, x.stabilization), x)
+        for x in file.settings.values():
+            chosen = x.settings, x.integrator, x.stabilization
+            known.setdefault(chosen, Variant(*chosen, x.options, file.authors))
     return [*known.values()]
 
 
-def _read(path: Path, file: Line) -> AuthorsSettings:
+def _read(file: Line) -> CheckedSettings:
     """Check a parsed file table by table, and return its content."""
     for key in file:
         require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
@@ -133,23 +140,23 @@ def _read(path: Path, file: Line) -> AuthorsSettings:
     require(name in there, "engine", f"{name!r} has no {VARIANTS_FILE}; the engines that have one are {', '.join(there)}")
     engine = resolve_name(ELSEWHERE[name])() if name in ELSEWHERE else get(name)  # the library need not be installed
     variants = read_variants(ROOMS / name)
-    knobs = {key: _read_reason(f"knobs.{key}", line) for key, line in _table_of_tables(file, "knobs").items()}
+    knobs = {key: _read_source(f"knobs.{key}", line) for key, line in read_tables(file, "knobs").items()}
     for key in knobs:
         require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
-    lines, most = _table_of_tables(file, "settings"), len(variants.space)
+    lines, most = read_tables(file, "settings"), len(variants.space)
     allowed = f"there may be {most}, as many as the search has variants of {name}"
     require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
-    candidates = {key: _read_candidate(f"settings.{key}", line, engine, variants, authors) for key, line in lines.items()}
+    settings = {key: _read_setting(f"settings.{key}", line, engine, variants) for key, line in lines.items()}
     for key, line in lines.items():
         for knob in line:
             require(knob in (BASE, *knobs), f"settings.{key}.{knob}", f"has no source: there is no table knobs.{knob}")
     for key in knobs:
         require(any(key in line for line in lines.values()), f"knobs.{key}", "no setting names it")
-    return AuthorsSettings(str(path), name, authors, contact, str(written), most, knobs, candidates)
+    return CheckedSettings(name, authors, contact, str(written), most, knobs, settings)
 
 
-def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, owner: str) -> Variant:
-    """Check one table [settings.NAME], called `place` in messages, and return it as a variant of these owners."""
+def _read_setting(place: str, line: Line, engine: Any, variants: Variants) -> CheckedSetting:
+    """Check one table [settings.NAME], called `place` in messages, and return the setting with the values of all knobs."""
     base = line.get(BASE, next(iter(variants.settings)))
     require(base in variants.settings, f"{place}.{BASE}", f"no settings {base!r}; there are {', '.join(variants.settings)}")
     offered = engine.integrators
@@ -170,25 +177,17 @@ def _read_candidate(place: str, line: Line, engine: Any, variants: Variants, own
         require(in_range, f"{place}.{key}", f"must be in the range {least:g} to {most:g}, not {line[key]!r}")
     require(bool(changes), place, "changes no knob, so that it is a setting of the suite already")
     text = write_options(base, changes)
-    return Variant(text, **chosen, options=variants.options(text), owner=owner)
+    return CheckedSetting(text, **chosen, options=dict(variants.options(text)))
 
 
-def _read_reason(place: str, line: Line) -> Reason:
-    """Check a table [knobs.NAME]: it must have the address of the knob's documentation, and a sentence that gives the reason."""
+def _read_source(place: str, line: Line) -> str:
+    """Return the address in a table [knobs.NAME], which must also have a sentence that gives the reason for the knob's value."""
     for key in line:
         require(key in ("source", "why"), f"{place}.{key}", "no such field; there are source, why")
     source, why = (_read_text(line, key, f"{place}.{key}") for key in ("source", "why"))
     require(source.startswith("https://"), f"{place}.source", "must be an address: https://...")
     require(len(why) >= MIN_REASON_LENGTH, f"{place}.why", f"must be a sentence of {MIN_REASON_LENGTH} characters at least")
-    return Reason(source, why)
-
-
-def _table_of_tables(file: Line, name: str) -> Mapping[str, Line]:
-    """Return the entry `name` of a file: a table with at least one entry, all of whose entries are tables; else a SettingsFault."""
-    lines = file.get(name)
-    if not (isinstance(lines, dict) and lines and all(isinstance(x, dict) for x in lines.values())):
-        raise SettingsFault(f"{name}: a table of tables is wanted")
-    return lines
+    return source
 
 
 def _read_text(line: Line, key: str, place: str) -> str:

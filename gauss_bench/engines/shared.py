@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice, EngineDefaults
 from gauss_bench.engines.base import LibraryCall as LibraryCall  # plug-ins import it from here
 from gauss_bench.engines.tree import Tree, spanning_tree, turning
-from gauss_bench.engines.variants import Variants
+from gauss_bench.engines.variants import Variants, read_variants
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import (
@@ -37,14 +38,22 @@ End = TypeVar("End")
 
 
 class LibraryEngine(EngineDefaults):
-    """The members that adapters to libraries have in common: class Adapter(LibraryEngine, file=VARIANTS of its `variants.toml`)."""
+    """The members that adapters to libraries have in common.
+
+    `class Adapter(LibraryEngine, beside=__file__)` reads the `variants.toml` beside the adapter's own file; `file` may have its
+    content instead, as `read_variants` returns it.
+    """
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
+    file: Variants
 
-    def __init_subclass__(cls, file: Variants | None = None) -> None:
+    def __init_subclass__(cls, file: Variants | None = None, beside: str = "") -> None:
+        if beside:
+            file = read_variants(Path(beside).parent)
         if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
             return
+        cls.file = file
         cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
         cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 

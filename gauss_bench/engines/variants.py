@@ -128,10 +128,10 @@ def _read(file: Mapping[str, Any]) -> Variants:
     Raises:
         VariantError: a table or field has a fault.
     """
-    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in _table_of_tables(file, "knobs").items()}
-    settings, soft = _read_settings(_table_of_tables(file, "settings"), [name for name in knobs if name not in CHOSEN])
+    knobs = {name: _read_knob(f"knobs.{name}", line) for name, line in read_tables(file, "knobs").items()}
+    settings, soft = _read_settings(read_tables(file, "settings"), [name for name in knobs if name not in CHOSEN])
     space: dict[str, Variant] = {}
-    for name, line in _table_of_tables(file, "variants").items():
+    for name, line in read_tables(file, "variants").items():
         label = line.get("settings", next(iter(settings)))
         for variant in _read_line(name, line, label, settings, knobs):
             taken = variant.name in space or variant.name in settings
@@ -157,11 +157,11 @@ def _read(file: Mapping[str, Any]) -> Variants:
     return Variants(knobs, settings, space, first, soft, unfinished)
 
 
-def _table_of_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
+def read_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
     good = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-    require(good and (bool(lines) or name == "variants"), name, "a table of inline tables is wanted")
+    require(good and (bool(lines) or name == "variants"), name, "a table of tables is wanted")
     return lines or {}
 
 

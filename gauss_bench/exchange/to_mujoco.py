@@ -17,13 +17,13 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         ImportError: MuJoCo is not installed.
     """
     from gauss_bench.engines.mjcf.document import write_document
-    from gauss_bench.engines.mujoco.adapter import VARIANTS, MujocoModel
+    from gauss_bench.engines.mujoco.adapter import Mujoco, MujocoModel
 
     built = MujocoModel(mechanism, choice)
     # edited: the script itself adds motion laws and scales MuJoCo's inverse weights, which a document cannot express
     root = write_document(built, edited=True).root
     indent(root)
-    options, angles, laws = VARIANTS.options(choice.settings), turning(built.tree), name_laws(mechanism)
+    options, angles, laws = Mujoco.file.options(choice.settings), turning(built.tree), name_laws(mechanism)
     return write_program(
         "mujoco.py.jinja",
         mechanism,

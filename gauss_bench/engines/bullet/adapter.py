@@ -7,7 +7,6 @@ at the new positions the velocities of a run miss them by the change over one st
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,20 +29,18 @@ from gauss_bench.engines.shared import (
     undriven,
 )
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.terms import Array
 
-VARIANTS = read_variants(Path(__file__).parent)
 UNDAMPED = {"damping": 0.0, "substeps": 0}  # options of worlds that are compared with the linkage
 SHORT = 1e-3  # [s] length of the step that verifies free bodies
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
 
 
-class Bullet(LibraryEngine, file=VARIANTS):
+class Bullet(LibraryEngine, beside=__file__):
     """Bullet with the semi-implicit Euler method, the only one that PyBullet offers."""
 
     name = "bullet"
@@ -59,7 +56,7 @@ class Bullet(LibraryEngine, file=VARIANTS):
         return f"pybullet {version('pybullet')}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        options = VARIANTS.options(choice.settings)
+        options = self.file.options(choice.settings)
         if reason := beyond_a_tree(mechanism, "Bullet"):
             return reason
         if options["coordinates"] == "bodies":
@@ -72,11 +69,11 @@ class Bullet(LibraryEngine, file=VARIANTS):
         return "a call for every step, and the forces, which Bullet forgets after every step"
 
     def build(self, mechanism: Mechanism, choice: Choice) -> Model:
-        has_bodies = VARIANTS.options(choice.settings)["coordinates"] == "bodies"
+        has_bodies = self.file.options(choice.settings)["coordinates"] == "bodies"
         return FreeBodies(mechanism, choice) if has_bodies else JointModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        return write(mechanism, choice, VARIANTS.options(choice.settings))
+        return write(mechanism, choice, self.file.options(choice.settings))
 
 
 def step_through(
@@ -127,7 +124,7 @@ class JointModel(TreeModel):
         """Build the model, after its open tree has been compared with the linkage."""
         import pybullet
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Bullet.file.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
@@ -178,7 +175,7 @@ class FreeBodies(BodyModel):
         """Build the model, after Bullet's forces on free bodies have been compared with the linkage's, over one step of SHORT."""
         import pybullet
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Bullet.file.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = body_forces(mechanism), Evaluator(mechanism)
         q, v = mechanism.q0, mechanism.v0

@@ -15,7 +15,6 @@ Sources: Gear, Leimkuhler and Gupta, Automatic integration of Euler-Lagrange equ
 """
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,14 +24,12 @@ from gauss_bench.engines.c_code import METHODS
 from gauss_bench.engines.casadi.equal_steps import EqualSteps
 from gauss_bench.engines.casadi.functions import reason_to_refuse
 from gauss_bench.engines.shared import LibraryEngine, finite, finite_acceleration
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-VARIANTS = read_variants(Path(__file__).parent)
 # Absolute tolerance of algebraic variables, so large that Newton's convergence test ignores them. In index 2 their errors grow like
 # 1/h. At a state that was just projected they are exact already, and IDAS' iteration for them fails.
 LOOSE = 1e9
@@ -48,7 +45,7 @@ REASONS = {  # end of a SUNDIALS error code -> its meaning
 }
 
 
-class Casadi(LibraryEngine, file=VARIANTS):
+class Casadi(LibraryEngine, beside=__file__):
     """CasADi's symbolic equations, integrated by SUNDIALS, or with equal steps in generated C."""
 
     name = "casadi"
@@ -76,7 +73,7 @@ class Casadi(LibraryEngine, file=VARIANTS):
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CasadiModel | EqualSteps":
         if choice.integrator in METHODS:
-            return EqualSteps(mechanism, choice, VARIANTS.options(choice.settings))
+            return EqualSteps(mechanism, choice, self.file.options(choice.settings))
         return CasadiModel(mechanism, choice)
 
 
@@ -98,7 +95,7 @@ class CasadiModel:
         from gauss_bench.engines.casadi.equations import equations, solution
 
         self.ca: Any = casadi
-        self.mechanism, self.choice, self.options = mechanism, choice, VARIANTS.options(choice.settings)
+        self.mechanism, self.choice, self.options = mechanism, choice, Casadi.file.options(choice.settings)
         self.evaluator = Evaluator(mechanism)
         e = equations(mechanism)
         self.solve = casadi.Function("solve", [e.t, e.q, e.v], [*solution(e)])  # reported accelerations have no Baumgarte terms

@@ -8,7 +8,6 @@ keeps the gaps of the loops, or reduces them by the share `erp`:
 So DART computes no accelerations of closed loops; the adapter finds them from differences of velocities over short steps.
 """
 
-from pathlib import Path
 from typing import Any
 
 from gauss_bench.engines.base import Choice
@@ -17,18 +16,16 @@ from gauss_bench.engines.dart.program import write
 from gauss_bench.engines.dart.translate import World, forces_of
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, drivers_by_coordinate, joint_tree, undriven
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-VARIANTS = read_variants(Path(__file__).parent)
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 INSTANT = 1e-300  # [s] step so short that implicit springs and dampers change nothing
 WATCHED = 100  # largest number of steps between two checks of DART's messages
 SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps from which accelerations are found: rounding leaves 1e-11
 
 
-class Dart(LibraryEngine, file=VARIANTS):
+class Dart(LibraryEngine, beside=__file__):
     """DART's world, stepped from Python, because DART has no call for several steps."""
 
     name = "dart"
@@ -43,11 +40,11 @@ class Dart(LibraryEngine, file=VARIANTS):
         return f"DART {dartpy.__version__}"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
+        tree = joint_tree(mechanism, self.file.options(choice.settings))
         return beyond_a_tree(mechanism, "DART") or undriven(mechanism, tree, "DART")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
-        options = VARIANTS.options(choice.settings)
+        options = self.file.options(choice.settings)
         forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
         changing = {"motion laws": bool(mechanism.drivers), "forces that are none of DART's own": not forces.are_constant}
         names = [name for name, is_there in changing.items() if is_there]
@@ -57,7 +54,7 @@ class Dart(LibraryEngine, file=VARIANTS):
         return DartModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        return write(mechanism, choice, VARIANTS.options(choice.settings))
+        return write(mechanism, choice, self.file.options(choice.settings))
 
 
 class DartModel(TreeModel):
@@ -75,7 +72,7 @@ class DartModel(TreeModel):
         """Build the worlds, after DART's model of the open tree has been compared with the linkage."""
         import dartpy
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Dart.file.options(choice.settings))
         self.dartpy: Any = dartpy
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
         self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}

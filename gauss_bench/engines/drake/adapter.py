@@ -11,7 +11,6 @@ periods of the bushing's vibration.
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,10 @@ from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, load
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory, in_a_sentence, with_accelerations
 
-VARIANTS = read_variants(Path(__file__).parent)
 SAP = "sap"  # the step of a discrete plant; the other integrators are for continuous plants
 ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
 SCHEMES = {"runge_kutta3": "runge_kutta3", "radau3": "radau3"}  # integrator -> Drake's name of its scheme
@@ -36,7 +33,7 @@ SCHEMES |= {f"{name}{ADAPTIVE}": scheme for name, scheme in SCHEMES.items()}
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-15, a wrong sign or factor about 1
 
 
-class Drake(LibraryEngine, file=VARIANTS):
+class Drake(LibraryEngine, beside=__file__):
     """Drake's discrete plants with constraints, and its integrators of continuous plants with bushings."""
 
     name = "drake"
@@ -55,7 +52,7 @@ class Drake(LibraryEngine, file=VARIANTS):
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if reason := beyond_a_tree(mechanism, "Drake") or unsteady(mechanism, "Drake"):
             return reason
-        options = VARIANTS.options(choice.settings)
+        options = self.file.options(choice.settings)
         tree = joint_tree(mechanism, options)
         if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
             return f"Drake supports constraints in discrete plants only: use the integrator {SAP}, or bushings as closures"
@@ -65,7 +62,7 @@ class Drake(LibraryEngine, file=VARIANTS):
         return DrakeModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        options = VARIANTS.options(choice.settings)
+        options = self.file.options(choice.settings)
         tree = joint_tree(mechanism, options)
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
         return write(mechanism, tree, choice, choose_closure(tree, options), SCHEMES.get(choice.integrator, ""), accuracy)
@@ -91,7 +88,7 @@ class DrakeModel(TreeModel):
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         """Compare the open tree with the linkage, at states at which the loops are open; then build the plants."""
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Drake.file.options(choice.settings))
         self.drake = load_library()
         open_tree = Stepper(self._build(0.0, Closure()))  # a continuous plant without closures
 

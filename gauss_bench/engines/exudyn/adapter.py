@@ -16,7 +16,6 @@ second derivative of a motion law is not zero.
 import contextlib
 import os
 import sys
-from pathlib import Path
 from tempfile import mkstemp
 from typing import IO, Any
 
@@ -27,14 +26,12 @@ from gauss_bench.engines.exudyn import across_releases
 from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
 from gauss_bench.engines.exudyn.items import System, reason_to_refuse
 from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite, finite_acceleration
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-VARIANTS = read_variants(Path(__file__).parent)
 KKT = "KKT system"  # value of the knob `acceleration`
 SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "TrapezoidalIndex2"}
 FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the linkage's size, or this angle [rad]
@@ -43,7 +40,7 @@ FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the 
 def library() -> tuple[Any, Any]:
     """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console."""
     if not hasattr(sys, "exudynFast"):  # must be set before the first import: it selects the fast module without range checks
-        setattr(sys, "exudynFast", VARIANTS.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
+        setattr(sys, "exudynFast", Exudyn.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
     with contextlib.redirect_stdout(None):
         import exudyn
     from exudyn import itemInterface
@@ -52,7 +49,7 @@ def library() -> tuple[Any, Any]:
     return exudyn, itemInterface
 
 
-class Exudyn(LibraryEngine, file=VARIANTS):
+class Exudyn(LibraryEngine, beside=__file__):
     """Exudyn with its implicit integrators, in absolute coordinates."""
 
     name = "exudyn"
@@ -83,7 +80,7 @@ class Exudyn(LibraryEngine, file=VARIANTS):
 
 def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     """Return Exudyn's simulation settings for a choice; each run sets the start, the end and the number of steps."""
-    options = VARIANTS.options(choice.settings)
+    options = Exudyn.file.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
     solver = linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
@@ -169,7 +166,7 @@ class ExudynModel:
             self.system.last = np.inf  # every force has its value at t
             # Exudyn's initial accelerations ignore the second derivative of a law and the time of a force.
             varies = any(law(t)[2] != 0 for law in self.readout.laws) or self.mechanism.varying
-            kkt = varies or VARIANTS.options(self.choice.settings)["acceleration"] == KKT
+            kkt = varies or Exudyn.file.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
         except across_releases.solver_errors(self.exu, np.linalg.LinAlgError) as error:
             raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error

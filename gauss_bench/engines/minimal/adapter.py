@@ -9,7 +9,6 @@ replaces the present one when the opening of one of its dyads falls below `least
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +22,6 @@ from gauss_bench.engines.minimal.equation import Equation, write_equation
 from gauss_bench.engines.minimal.machine import Machine, compile_function
 from gauss_bench.engines.minimal.structure import Links, NoWay, ways
 from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import EVALUATIONS, Equal, equal_runs
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -32,7 +30,6 @@ from gauss_bench.mechanism.spaces import angle_at, angles, places
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "dop853"
 # The opening of a dyad is the sine or cosine of an angle, which is zero at the dead centre.
 STATES = 64  # number of states of the motion at which the openings of the dyads are evaluated
@@ -50,7 +47,7 @@ class Key(NamedTuple):
     signs: tuple[float, ...]
 
 
-class Minimal(LibraryEngine, file=VARIANTS):
+class Minimal(LibraryEngine, beside=__file__):
     """The equation of motion in one coordinate, generated and compiled."""
 
     name = "minimal"
@@ -308,7 +305,7 @@ class MinimalModel:
     def _run_adaptive(self) -> None:
         """Take adaptive steps; where the coordinate can no longer be used, store a `Segment` and go on in another coordinate."""
         times, row, t = self.times, 0, float(self.times[0])
-        options = VARIANTS.options(self.choice.settings)
+        options = Minimal.file.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
             machine = self._machine(self.now)

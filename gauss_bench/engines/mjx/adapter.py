@@ -12,8 +12,6 @@ The accelerations of MJX and MuJoCo agree at rest, but not in motion: in MJX onl
 closed. So the errors of a motion fall with the step size only if k and b rise.
 """
 
-from pathlib import Path
-
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import compile_model
@@ -22,16 +20,14 @@ from gauss_bench.engines.mjx.program import write
 from gauss_bench.engines.mjx.xla import Device, load_libraries
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, undriven, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-VARIANTS = read_variants(Path(__file__).parent)
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
 
 
-class Mjx(LibraryEngine, file=VARIANTS):
+class Mjx(LibraryEngine, beside=__file__):
     """MJX, with the integrators and settings of MuJoCo that MJX supports."""
 
     name = "mjx"
@@ -47,7 +43,7 @@ class Mjx(LibraryEngine, file=VARIANTS):
         return f"mujoco-mjx {version('mujoco-mjx')} (mujoco {version('mujoco')}, jax {version('jax')})"
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
+        tree = joint_tree(mechanism, self.file.options(choice.settings))
         if reason := beyond_a_tree(mechanism, "MJX") or unsteady(mechanism, "MJX"):
             return reason
         # constant speeds only, because MJX cannot call Python at the stages of a step
@@ -57,7 +53,7 @@ class Mjx(LibraryEngine, file=VARIANTS):
         return MjxModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        return write(mechanism, choice, VARIANTS.options(choice.settings))
+        return write(mechanism, choice, self.file.options(choice.settings))
 
 
 class MjxModel(TreeModel):
@@ -73,7 +69,7 @@ class MjxModel(TreeModel):
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
         """Compile the model, compare it with the linkage (both without drivers), and copy it for the chosen step to the device."""
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Mjx.file.options(choice.settings))
         self.libraries = load_libraries()
         try:
             self.draft = Draft(self.libraries.mujoco, mechanism, self.tree)

@@ -7,7 +7,6 @@ random tree states; the softness of the closures is not, because the settings va
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,17 +19,15 @@ from gauss_bench.engines.mjcf.forces import refuse_forces
 from gauss_bench.engines.mjcf.settings import configure, copy_to_evaluate
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, driven_coordinates, finite, joint_tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
 AGREEMENT = 1e-10  # relative: rounding causes about 1e-14, a wrong sign or factor about 1
-VARIANTS = read_variants(Path(__file__).parent)
 
 
-class Mujoco(LibraryEngine, file=VARIANTS):
+class Mujoco(LibraryEngine, beside=__file__):
     """MuJoCo, with settings that make its closures softer or more rigid."""
 
     name = "mujoco"
@@ -46,7 +43,7 @@ class Mujoco(LibraryEngine, file=VARIANTS):
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         if reason := beyond_a_tree(mechanism, "MuJoCo"):
             return reason
-        tree = joint_tree(mechanism, VARIANTS.options(choice.settings))
+        tree = joint_tree(mechanism, self.file.options(choice.settings))
         if None in driven_coordinates(mechanism, tree):
             return "MuJoCo needs a pin between a driven link and the ground, by which the link hangs in the tree of joints"
         return refuse_forces(mechanism, tree)
@@ -78,7 +75,7 @@ class MujocoModel(TreeModel):
         """Compile the model, compare it with the linkage, and then add the drives, whose large armatures change the mass matrix."""
         import mujoco
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Mujoco.file.options(choice.settings))
         self.mujoco: Any = mujoco
         draft = Draft(mujoco, mechanism, self.tree)
         model, _ = compile_model(mujoco, draft, choice, self.options, driven=False)

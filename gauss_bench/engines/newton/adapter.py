@@ -5,7 +5,6 @@ Kamino computes no accelerations; `accelerations.py` finds them from steps.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,12 @@ from gauss_bench.engines.newton.kernels import PACKAGES, are_compiled, load_libr
 from gauss_bench.engines.newton.sample import sample_linkage
 from gauss_bench.engines.newton.world import World
 from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite_acceleration
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-VARIANTS = read_variants(Path(__file__).parent)
 
-
-class Newton(LibraryEngine, file=VARIANTS):
+class Newton(LibraryEngine, beside=__file__):
     """The library Newton with its solver Kamino, whose only method for models without collisions is semi-implicit Euler."""
 
     name = "newton"
@@ -56,7 +52,7 @@ class Newton(LibraryEngine, file=VARIANTS):
         return "" if are_compiled() else "Newton's kernels, which takes minutes"
 
     def build_once(self) -> None:
-        for options in VARIANTS.settings.values():
+        for options in self.settings.values():
             compile_kernels(options)
         mark_compiled()
 
@@ -78,7 +74,7 @@ class NewtonModel(BodyModel):
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Newton.file.options(choice.settings))
         self.libraries = load_libraries()
         self.forces = AppliedForces(replace(mechanism, gravity=np.zeros(2))).generalised  # Newton itself adds gravity
         self.accelerations = Accelerations(self.libraries, mechanism)

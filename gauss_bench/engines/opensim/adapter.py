@@ -6,7 +6,6 @@ their steps are equal.
 
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,10 @@ from gauss_bench.engines.opensim.program import write
 from gauss_bench.engines.opensim.translate import Built, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
-VARIANTS = read_variants(Path(__file__).parent)
 ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
 METHODS = {"rk_merson": "RungeKuttaMerson", "rk3": "RungeKutta3", "verlet": "Verlet", "semi_explicit_euler2": "SemiExplicitEuler2"}
 METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "RungeKutta3"}
@@ -30,7 +27,7 @@ MEMBER = "IntegratorMethod_"  # beginning of the names of methods in OpenSim's M
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 
 
-class OpenSim(LibraryEngine, file=VARIANTS):
+class OpenSim(LibraryEngine, beside=__file__):
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
     Simbody's integrator CPodes is not offered: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of
@@ -51,13 +48,13 @@ class OpenSim(LibraryEngine, file=VARIANTS):
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         reason = beyond_a_tree(mechanism, "OpenSim") or unsteady(mechanism, "OpenSim")
-        return reason or refusal(mechanism, joint_tree(mechanism, VARIANTS.options(choice.settings)))
+        return reason or refusal(mechanism, joint_tree(mechanism, self.file.options(choice.settings)))
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "OpenSimModel":
         return OpenSimModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        options, method = VARIANTS.options(choice.settings), choice.integrator or OpenSim.integrators[0]
+        options, method = self.file.options(choice.settings), choice.integrator or OpenSim.integrators[0]
         # OpenSim has one accuracy and no absolute tolerance; only integrators that choose their steps have the setting's tolerance
         accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
         member = f"{MEMBER}{METHODS[method]}"
@@ -72,7 +69,7 @@ class OpenSimModel(TreeModel):
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import opensim
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, OpenSim.file.options(choice.settings))
         self.opensim: Any = opensim
         opensim.Logger.setLevelString("Off")
         open_tree = Built(opensim, mechanism, self.tree, constrained=False)

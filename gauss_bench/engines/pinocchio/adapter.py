@@ -11,7 +11,6 @@ proximal iterations do not converge, and the run ends with this as the reason. P
 
 from collections.abc import Callable
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,18 +23,16 @@ from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics, 
 from gauss_bench.engines.pinocchio.tree import Multibody, verify
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, finite
 from gauss_bench.engines.tree_model import TreeModel
-from gauss_bench.engines.variants import read_variants
 from gauss_bench.integrate import STABILIZATIONS
 from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 
-VARIANTS = read_variants(Path(__file__).parent)
 NO_GAINS = (0.0, 0.0)
 
 
-class Pinocchio(LibraryEngine, file=VARIANTS):
+class Pinocchio(LibraryEngine, beside=__file__):
     """Pinocchio's constrained dynamics with the suite's integrators."""
 
     name = "pinocchio"
@@ -56,7 +53,7 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
         if choice.integrator == "dop853" and choice.stabilization == "projection":
             return "projection between steps needs a fixed-step integrator"
         if is_compiled(choice.settings):
-            options = VARIANTS.options(choice.settings)
+            options = self.file.options(choice.settings)
             return unsupported_by_compiled_loop(mechanism, choice, options) or building.missing()
         return None
 
@@ -77,7 +74,7 @@ class Pinocchio(LibraryEngine, file=VARIANTS):
 
 def is_compiled(settings: str) -> bool:
     """Tell whether the compiled loop takes the steps under these settings; otherwise Python does."""
-    return bool(VARIANTS.options(settings)["loop"] == "compiled")
+    return bool(Pinocchio.file.options(settings)["loop"] == "compiled")
 
 
 class PinocchioModel(OwnSteps, TreeModel):
@@ -88,7 +85,7 @@ class PinocchioModel(OwnSteps, TreeModel):
     def __init__(self, mechanism: Mechanism, choice: Choice):
         import pinocchio
 
-        super().__init__(mechanism, choice, VARIANTS.options(choice.settings))
+        super().__init__(mechanism, choice, Pinocchio.file.options(choice.settings))
         self.pin: Any = pinocchio
         self.evaluator = evaluator_of(mechanism)
         self.start = self.y0, self.dy0
