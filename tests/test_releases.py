@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.cli import main
 from gauss_bench.engines import FILE, bars, read_environments
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.installation import InstallationFault
 from gauss_bench.reference.build import build_reference
 from gauss_bench.releases import asking, compare, costs, environments, library, probes
 from gauss_bench.releases.asking import Answers, distrust, read_accelerations
-from gauss_bench.releases.cases import SHIFTS, STATES, find_mechanism, linkage_of, states_of
+from gauss_bench.releases.cases import SHIFTS, STATES, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
 from gauss_bench.releases.costs import Cost, find_changes, judge_ratio, null_width, ratio_of, split
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, read_available
@@ -95,8 +97,8 @@ def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str,
 
     monkeypatch.setattr(verb, "read_library", lambda engine: TWIN)
     monkeypatch.setattr(verb, "install_release", install)
-    case = asking.Case(asking.FIRST, "", "default", "rk4", "none")
-    truth = build_reference(find_mechanism(case.linkage, ""), 0.05)
+    case = (asking.FIRST, "", Choice(integrator="rk4"))
+    truth = build_reference(mechanism_of(asking.FIRST, ""), 0.05)
     for name, value in {"list_cases": lambda offer: [case], "SAMPLES": [0.0, 0.05], "truth_of": lambda *_: truth}.items():
         monkeypatch.setattr(asking, name, value)
     return made
@@ -160,7 +162,7 @@ def test_every_list_of_releases_is_in_order_and_has_hashes() -> None:
         for version in found.releases:  # at least the file for this machine
             assert any(name.startswith(f"{found.package}-{version}-") for name in found.sha256)
         for place, *_ in found.raced:
-            assert find_mechanism(*linkage_of(place)).dof >= 1
+            assert mechanism_of(*linkage_of(place)).dof >= 1
 
 
 def figure(values: np.ndarray, shifted: np.ndarray | None = None, **more: object) -> Figure:

@@ -14,9 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from gauss_bench.bench.clock import NO_KEY, Race, foreseen, quartiles
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.releases.asking import FOLDERS, LONGEST
-from gauss_bench.releases.cases import STEP, find_mechanism, linkage_of
+from gauss_bench.releases.cases import STEP, linkage_of
 from gauss_bench.releases.environments import Release, second_name
 from gauss_bench.releases.library import Library
 from gauss_bench.runs.blocks import block_elsewhere, running
@@ -89,7 +90,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
         linkage: "LINKAGE:SCENARIO".
         entrants: version -> name of its engine; the version NULL is the second timing of the newest release.
     """
-    mechanism = find_mechanism(*linkage_of(linkage))
+    mechanism = mechanism_of(*linkage_of(linkage))
     rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
     failed: dict[str, str] = {}
     for _ in range(PROCESSES):
