@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.cli import main
 from gauss_bench.engines import FILE, bars, read_environments
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.installation import InstallationFault
 from gauss_bench.reference.build import build_reference
 from gauss_bench.releases import asking, compare, costs, environments, library, probes
 from gauss_bench.releases.asking import Answers, distrust, read_accelerations
-from gauss_bench.releases.cases import SHIFTS, STATES, find_mechanism, linkage_of, states_of
+from gauss_bench.releases.cases import SHIFTS, STATES, linkage_of, states_of
 from gauss_bench.releases.compare import Figure, compare_figures, compare_releases, relative_difference
-from gauss_bench.releases.costs import Cost, find_changes, judge_ratio, null_width, ratio_of, split
+from gauss_bench.releases.costs import find_changes, judge_ratio, list_costs, null_width, ratio_of, split
 from gauss_bench.releases.environments import BY_VERSION, CHECKED, Release, as_engines, check_hash, read_available
 from gauss_bench.releases.library import Library, choose_releases, read_library
 from gauss_bench.releases.table import NAMES, make_tables, write_tables
@@ -95,8 +97,8 @@ def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str,
 
     monkeypatch.setattr(verb, "read_library", lambda engine: TWIN)
     monkeypatch.setattr(verb, "install_release", install)
-    case = asking.Case(asking.FIRST, "", "default", "rk4", "none")
-    truth = build_reference(find_mechanism(case.linkage, ""), 0.05)
+    case = (asking.FIRST, "", Choice(integrator="rk4"))
+    truth = build_reference(mechanism_of(asking.FIRST, ""), 0.05)
     for name, value in {"list_cases": lambda offer: [case], "SAMPLES": [0.0, 0.05], "truth_of": lambda *_: truth}.items():
         monkeypatch.setattr(asking, name, value)
     return made
@@ -160,7 +162,7 @@ def test_every_list_of_releases_is_in_order_and_has_hashes() -> None:
         for version in found.releases:  # at least the file for this machine
             assert any(name.startswith(f"{found.package}-{version}-") for name in found.sha256)
         for place, *_ in found.raced:
-            assert find_mechanism(*linkage_of(place)).dof >= 1
+            assert mechanism_of(*linkage_of(place)).dof >= 1
 
 
 def figure(values: np.ndarray, shifted: np.ndarray | None = None, **more: object) -> Figure:
@@ -321,11 +323,21 @@ def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
     quiet = np.array([1.0, 1.001, 0.999, 1.002, 0.998])
     measured = {"1.0": 2 * quiet, "2.0": quiet, "3.0": quiet[::-1], "null": quiet}
     (change,) = find_changes(["1.0", "2.0", "3.0"], measured, "null")
-    assert (change.other, change.version) == ("1.0", "2.0")
-    assert change.ratio == pytest.approx(0.5, rel=1e-3)
+    assert (change["before"], change["version"]) == ("1.0", "2.0")
+    assert change["ratio"] == pytest.approx(0.5, rel=1e-3)
     assert find_changes(["1.0", "2.0"], {"1.0": 2 * quiet, "2.0": quiet}, "null") == []  # without a null nothing is named
     noisy = {"1.0": 2 * quiet, "2.0": quiet, "null": np.array([0.4, 2.5, 1.0, 0.5, 2.0])}
     assert find_changes(["1.0", "2.0"], noisy, "null") == []
+
+
+def test_a_release_that_could_not_be_timed_has_the_reason_in_place_of_a_verdict() -> None:
+    versions, times = ["1.0", "2.0", costs.NULL], {"2.0": np.ones(5), costs.NULL: np.ones(5)}
+    failed, *_ = list_costs(versions, times, {"1.0": "no step in /home/me/adapter.py"})
+    assert failed["verdict"] == "no step in adapter.py"
+    assert np.isnan([failed[x] for x in ("seconds", "ratio", "ratio_low", "ratio_high")]).all()
+    without_newest, *_ = list_costs(versions, {"1.0": np.ones(5)}, {"2.0": "it stopped", costs.NULL: "it stopped"})
+    assert (without_newest["seconds"], without_newest["verdict"]) == (1.0, "")
+    assert np.isnan(without_newest["ratio"])
 
 
 def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
@@ -346,12 +358,12 @@ def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_process
     some = [made["1.0"], made["3.0"]]
     with as_engines(TWIN, some):
         found, _ = costs.race_releases(TWIN, some, lambda sentence: None)
-    rows = {(x.version, x.work): x for x in found}
+    rows = {(x["version"], x["work"]): x for x in found}
     assert {x for x, _ in rows} == {"1.0", "3.0", costs.NULL}
-    assert all(x.seconds > 0 for x in found if x.work == costs.STEP_TIME)
-    assert rows["3.0", costs.STEP_TIME].ratio == 1.0
-    assert rows["1.0", costs.STEP_TIME].verdict in ("slower", "faster", "same")
-    assert rows[costs.NULL, costs.STEP_TIME].verdict == ""
+    assert all(x["seconds"] > 0 for x in found if x["work"] == costs.STEP_TIME)
+    assert rows["3.0", costs.STEP_TIME]["ratio"] == 1.0
+    assert rows["1.0", costs.STEP_TIME]["verdict"] in ("slower", "faster", "same")
+    assert rows[costs.NULL, costs.STEP_TIME]["verdict"] == ""
 
 
 def test_releases_are_engines_and_answer_in_their_environments_while_they_are_compared(
@@ -403,8 +415,9 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
         answers_of("2.0", 1.0, left_out=9),
         Answers("3.0", status="skip", message="pip finds no wheel"),
     ]
-    cost = Cost("1.0", "2.0", "four_bar", "default rk4", costs.STEP_TIME, 2e-6, 1.5, 1.4, 1.6, "slower")
-    changed = replace(cost, version="2.0", other="1.0", ratio=0.67, ratio_low=0.6, ratio_high=0.7)
+    what = {"case": "four_bar", "setting": "default rk4", "work": costs.STEP_TIME}
+    cost = what | {"version": "1.0", "seconds": 2e-6, "ratio": 1.5, "ratio_low": 1.4, "ratio_high": 1.6, "verdict": "slower"}
+    changed = cost | {"version": "2.0", "before": "1.0", "ratio": 0.67, "ratio_low": 0.6, "ratio_high": 0.7}
     for engine in ("twin", "other", "twin"):
         write_tables(make_tables(engine, answers, [cost], [changed], "abc", "2026-01-01"), engine, tmp_path)
     tables = {name: read_table(name, tmp_path) for name in NAMES}

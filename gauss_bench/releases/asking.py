@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.engines.base import Choice
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.mechanism.evaluate import evaluator_of
 from gauss_bench.metrics import drift, state_errors
 from gauss_bench.releases.cases import (
@@ -22,7 +22,6 @@ from gauss_bench.releases.cases import (
     STATES,
     STEP,
     Case,
-    find_mechanism,
     list_cases,
     states_of,
     truth_of,
@@ -131,19 +130,20 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     They are the accelerations at states in motion and at rest, and on the linkage FIRST also those of `read_motion`. If a
     computation failed, its figure has the status and the message of the run.
     """
-    mechanism, states = find_mechanism(case.linkage, case.scenario), states_of(case.linkage, case.scenario)
-    choice = Choice(case.settings, case.integrator, case.stabilization, STEP)
-    wanted = sampling_at(STEP, SAMPLES if case.linkage == FIRST else [0.0, STEP])  # other runs only ask for accelerations
+    linkage, scenario, choice = case
+    mechanism, states = mechanism_of(linkage, scenario), states_of(linkage, scenario)
+    wanted = sampling_at(STEP, SAMPLES if linkage == FIRST else [0.0, STEP])  # other runs only ask for accelerations
     ask = partial(accelerations, states.t, states.q, states.v)
     request = Request(mechanism.name, mechanism.scenario, name, choice, wanted, ask, answers=states.q.size)
     run = run_apart(request, mechanism, LIMIT, worker)
-    place = mechanism.name, case.setting  # the fields `case` and `setting` of every figure
+    setting = " ".join(x for x in (choice.settings, choice.integrator, choice.stabilization) if x != "none")
+    place = mechanism.name, setting  # the fields `case` and `setting` of every figure
     if isinstance(run.answer, np.ndarray) and run.answer.shape == states.q.shape:
         yield from read_accelerations(*place, run.answer, states.a)
     else:
         for quantity in (MOVING, RESTING):
             yield Figure(quantity, *place, str(run.status), run.message)
-    if case.linkage != FIRST:
+    if linkage != FIRST:
         return
     if run.trajectory is None:
         yield Figure(MOTION, *place, str(run.status), run.message)
@@ -152,15 +152,15 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
     for seed in range(SHIFTS):
         again = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
         shifted.append(run_apart(again, mechanism, LIMIT, worker))
-    yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], case.integrator in offered.adaptive)
+    yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
 
 
 def read_accelerations(case: str, setting: str, answer: Array, true: Array) -> Iterator[Figure]:
     """Yield two results: the accelerations at states in motion, and those at states at rest.
 
     Args:
-        answer: (2 STATES (1 + SHIFTS), n) accelerations in the order of `States`: STATES in motion, STATES at rest, and then both
-            groups again for each of the SHIFTS changed starts.
+        answer: (2 STATES (1 + SHIFTS), n) accelerations in the order of `states_of`: STATES in motion, STATES at rest, and then
+            both groups again for each of the SHIFTS changed starts.
         true: (2 STATES, n) true accelerations, in motion and at rest.
     """
     groups = answer.reshape(1 + SHIFTS, 2, STATES, -1)  # axes: unchanged and changed starts; motion and rest; states; n
@@ -178,7 +178,8 @@ def read_motion(case: Case, place: tuple[str, str], run: Run, shifted: Sequence[
         adaptive: whether the integrator chooses its steps.
     """
     assert run.trajectory is not None
-    mechanism, truth = find_mechanism(case.linkage, case.scenario), truth_of(case.linkage, case.scenario)
+    linkage, scenario, _ = case
+    mechanism, truth = mechanism_of(linkage, scenario), truth_of(linkage, scenario)
     others = [x.trajectory for x in shifted if x.trajectory is not None]
     errors = state_errors(mechanism, run.trajectory, truth)
     error = float(max(errors.length.max(), errors.angle.max()))

@@ -7,16 +7,17 @@ ratio is expected.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from gauss_bench.bench.clock import NO_KEY, Race, foreseen, quartiles
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.releases.asking import FOLDERS, LONGEST
-from gauss_bench.releases.cases import STEP, find_mechanism, linkage_of
+from gauss_bench.releases.cases import STEP, linkage_of
 from gauss_bench.releases.environments import Release, second_name
 from gauss_bench.releases.library import Library
 from gauss_bench.runs.blocks import block_elsewhere, running
@@ -30,42 +31,21 @@ SHORT, LONG = 40, 240  # number of steps of the two runs
 STEP_TIME, OVERHEAD = "a step", "the fixed overhead of a run"
 LEAST = 0.05  # smallest difference of a ratio from 1 that counts
 NULL = "newest, raced against itself"  # stands for the version of the newest release where it is timed a second time
+NO_TIMES = np.array([np.nan])  # of a release that could not be timed
+
+Rows = list[dict[str, Any]]
 
 
-@dataclass(frozen=True)
-class Cost:
-    """A time of a release, and its ratio to that of another release.
-
-    Attributes:
-        version: the release that is timed.
-        other: the release whose time is the denominator of the ratio: the newest release, or the one before `version`.
-        case, setting, work: which linkage with which settings, and what was timed; work is STEP_TIME or OVERHEAD.
-        seconds: time of `version`, the median over the processes [s].
-        ratio: median over the processes of the time of `version` divided by that of `other`.
-        ratio_low, ratio_high: range in which the ratio of a repeated timing is expected.
-        verdict: "slower", "faster" or "same", or the reason why there is no time; "" if there is no verdict on the ratio.
-    """
-
-    version: str
-    other: str
-    case: str = ""
-    setting: str = ""
-    work: str = ""
-    seconds: float = float("nan")
-    ratio: float = float("nan")
-    ratio_low: float = float("nan")
-    ratio_high: float = float("nan")
-    verdict: str = ""
-
-
-def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[list[Cost], list[Cost]]:
+def race_releases(library: Library, releases: Sequence[Release], told: Callable[[str], None]) -> tuple[Rows, Rows]:
     """Time at least two releases, the oldest first; return their costs, and the changes of cost from one release to the next.
 
     The costs are relative to the newest release. The changes are costs relative to the release before, of releases whose times
     differ from that one's by more than the noise. `told` receives a sentence when a race begins.
+
+    Both are rows as `compare_times` makes them, with the columns `case`, `setting` and `work` (STEP_TIME or OVERHEAD) besides.
     """
-    costs: list[Cost] = []
-    changes: list[Cost] = []
+    costs: Rows = []
+    changes: Rows = []
     entrants = {x.version: x.name for x in releases} | {NULL: second_name(releases[-1])}  # version -> name of its engine
     for name, settings, integrator in library.raced:
         told(f"{library.engine}: racing {settings} {integrator} on {name}, {PROCESSES} times")
@@ -75,8 +55,9 @@ def race_releases(library: Library, releases: Sequence[Release], told: Callable[
             measured = {version: x[work] for version, x in times.items()}
             found = list_costs([*entrants], measured, failed)
             differing = find_changes([x.version for x in releases], measured, NULL)
-            costs += [replace(x, case=name, setting=setting, work=work) for x in found]
-            changes += [replace(x, case=name, setting=setting, work=work) for x in differing]
+            what = {"case": name, "setting": setting, "work": work}
+            costs += [what | row for row in found]
+            changes += [what | row for row in differing]
     return costs, changes
 
 
@@ -89,7 +70,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
         linkage: "LINKAGE:SCENARIO".
         entrants: version -> name of its engine; the version NULL is the second timing of the newest release.
     """
-    mechanism = find_mechanism(*linkage_of(linkage))
+    mechanism = mechanism_of(*linkage_of(linkage))
     rounds: dict[tuple[str, int], list[Array]] = {}  # version and number of steps -> for each process, seconds of its rounds
     failed: dict[str, str] = {}
     for _ in range(PROCESSES):
@@ -120,7 +101,7 @@ def split(short: Array, long: Array) -> dict[str, Array]:
     return {STEP_TIME: step, OVERHEAD: short - SHORT * step}
 
 
-def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> list[Cost]:
+def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: Mapping[str, str]) -> Rows:
     """Return the cost of every release of a library, relative to the newest release.
 
     Args:
@@ -132,35 +113,37 @@ def list_costs(versions: Sequence[str], measured: Mapping[str, Array], failed: M
     width = null_width(measured[null], measured[newest]) if {newest, null} <= measured.keys() else None
     costs = []
     for version in versions:
+        cost = compare_times(version, newest, measured, None if version in (newest, null) else width)
         if version in failed:
-            reason = FOLDERS.sub("", failed[version])[:LONGEST]  # without the folders of this machine
-            costs.append(Cost(version, newest, verdict=reason))
-        else:
-            costs.append(compare_times(version, newest, measured, None if version in (newest, null) else width))
+            cost["verdict"] = FOLDERS.sub("", failed[version])[:LONGEST]  # without the folders of this machine
+        costs.append(cost)
     return costs
 
 
-def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> list[Cost]:
+def find_changes(versions: Sequence[str], measured: Mapping[str, Array], null: str) -> Rows:
     """Return the costs of releases whose time differs from that of the release before them by more than the noise.
 
+    The release before is in the column `before`.
     `versions` are in order, the newest last; `measured` maps a version, or `null`, to times (processes,) [s].
     """
     timed = [x for x in versions if x in measured]
     if not timed or null not in measured:
         return []
     width = null_width(measured[null], measured[timed[-1]])
-    costs = [compare_times(after, before, measured, width) for before, after in pairwise(timed)]
-    return [x for x in costs if x.verdict in ("slower", "faster")]
+    costs = [{"before": before} | compare_times(after, before, measured, width) for before, after in pairwise(timed)]
+    return [row for row in costs if row["verdict"] in ("slower", "faster")]
 
 
-def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> Cost:
-    """Return the cost of the release `version` relative to the release `other`; without the noise `width` it has no verdict."""
-    cost = Cost(version, other, seconds=float(np.median(measured[version])))
-    if other not in measured:
-        return cost
-    ratio, low, high = ratio_of(measured[version], measured[other])
+def compare_times(version: str, other: str, measured: Mapping[str, Array], width: float | None) -> dict[str, Any]:
+    """Return the cost of the release `version` relative to the release `other`, as columns of the table `release_costs`.
+
+    Times and ratios of a release that is not in `measured` are NaN. Without the noise `width` there is no verdict on the ratio.
+    """
+    times, others = (measured.get(x, NO_TIMES) for x in (version, other))
+    ratio, low, high = ratio_of(times, others)
     verdict = "" if width is None else judge_ratio(low, high, width)
-    return replace(cost, ratio=ratio, ratio_low=low, ratio_high=high, verdict=verdict)
+    seconds = float(np.median(times))
+    return {"version": version, "seconds": seconds, "ratio": ratio, "ratio_low": low, "ratio_high": high, "verdict": verdict}
 
 
 def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:

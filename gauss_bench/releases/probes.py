@@ -12,25 +12,27 @@ from functools import cache
 
 import numpy as np
 
+from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.engines.bars import CURVE, RATIO
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.spaces import angle_slot
-from gauss_bench.releases.cases import FIRST, FOLDER, SPEED, STATES, States, find_mechanism, states_of, with_shifts
+from gauss_bench.releases.cases import FIRST, FOLDER, SPEED, STATES, states_of, with_shifts
 from gauss_bench.terms import Array
+from gauss_bench.trajectory import Samples
 
 COUPLED = "coupled_bars"
 MODELS = {"wide_four_bar": FIRST} | {name: str(FOLDER / f"{name}.toml") for name in ("rod_of_one_length", "three_cranks")}
 
 
 @cache
-def states_of_probe(model: str) -> States:
+def states_of_probe(model: str) -> Samples:
     """Return the states of a probe's model: a linkage of MODELS, or COUPLED, two bars in a chain whose angles are coupled."""
     return coupled_states() if model == COUPLED else states_of(MODELS[model], "")
 
 
-def coupled_states() -> States:
+def coupled_states() -> Samples:
     """Return states of two bars whose relative angle is a function of the first bar's angle x: RATIO x + CURVE x^2."""
-    mechanism = find_mechanism(str(FOLDER / "two_bars.toml"), "")
+    mechanism = mechanism_of(str(FOLDER / "two_bars.toml"), "")
     rng = np.random.default_rng(5)
     lengths = 1.0, 0.5  # [m] from the first pin to the second, and from each bar's pin to its centre of mass
     q, v = np.zeros((2, 2 * STATES, 6))  # first the states in motion, then those at rest

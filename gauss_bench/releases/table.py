@@ -11,14 +11,13 @@ from typing import Any
 
 from gauss_bench.releases.asking import Answers
 from gauss_bench.releases.compare import Change, compare_releases, real
-from gauss_bench.releases.costs import Cost
+from gauss_bench.releases.costs import Rows
 from gauss_bench.tables import TABLES, read_table, write_schema, write_table
 
 NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")
 SCHEMAS = {name: TABLES[name] for name in NAMES}
 COST = "cost of"
 
-Rows = list[dict[str, Any]]
 Tables = dict[str, Rows]
 
 
@@ -28,9 +27,7 @@ def compare_neighbours(answers: Sequence[Answers]) -> list[tuple[Answers, Answer
     return [(before, after, compare_releases(before.figures, after.figures)) for before, after in pairwise(usable)]
 
 
-def make_tables(
-    engine: str, answers: Sequence[Answers], costs: Sequence[Cost], cost_changes: Sequence[Cost], commit: str, date: str
-) -> Tables:
+def make_tables(engine: str, answers: Sequence[Answers], costs: Rows, cost_changes: Rows, commit: str, date: str) -> Tables:
     """Return name of a table -> rows, for all tables (NAMES) of an engine.
 
     `answers` have the oldest release first; `costs` and `cost_changes` are those of `race_releases`.
@@ -39,12 +36,11 @@ def make_tables(
     by_version = {after.version: changes for _, after, changes in compared}
     releases = [release_row(engine, x, by_version.get(x.version)) | {"commit": commit, "date": date} for x in answers]
     changes = [change_row(engine, a.version, b.version, x) for a, b, found in compared for x in real(found)]
-    ratio = ("ratio", "ratio_low", "ratio_high")
-    cost_rows = [{"engine": engine} | pick(x, "version", "case", "setting", "work", "seconds", *ratio, "verdict") for x in costs]
+    cost_rows = [{"engine": engine} | row for row in costs]
     changed = [
-        {"engine": engine, "before": x.other, "after": x.version, "quantity": f"{COST} {x.work}"}
-        | pick(x, "case", "setting", *ratio)
-        for x in cost_changes
+        {"engine": engine, "after": row["version"], "quantity": f"{COST} {row['work']}"}
+        | {name: row[name] for name in ("before", "case", "setting", "ratio", "ratio_low", "ratio_high")}
+        for row in cost_changes
     ]
     return dict(zip(NAMES, (releases, changes, cost_rows, changed), strict=True))
 
