@@ -1,12 +1,14 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
 from dataclasses import replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
+from gauss_bench.engines.mjcf.across_releases import compile_document
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.mujoco import forces
@@ -50,7 +52,7 @@ def test_a_spoiled_model_is_refused(spoil):
 
 def test_default_is_what_mujoco_ships():
     mechanism = load("six_bar")
-    shipped = Draft(mujoco, mechanism, spanning_tree(mechanism)).spec.compile()
+    shipped = mujoco.MjModel.from_xml_string(tostring(Draft(mechanism, spanning_tree(mechanism)).root, encoding="unicode"))
     model = ENGINE.build(mechanism, Choice("default"))
     built = model.model
     assert (built.qpos0 == model.y0).all()  # loops are closed in the pose in which MuJoCo computes inverse weights
@@ -129,6 +131,21 @@ def test_a_feature_that_a_model_uses_stays_on():
 def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name: str, home: ModuleType) -> None:
     with pytest.warns(DeprecationWarning, match=rf"{home.__name__}\.{name}"):
         assert getattr(forces, name) is getattr(home, name)
+
+
+def test_a_release_without_closures_between_sites_is_left_out_and_other_documents_are_errors():
+    old = "XML Error: Schema violation: unrecognized attribute: 'site1'"
+
+    def stand_in(message: str) -> SimpleNamespace:
+        def refuse(text: str) -> None:
+            raise ValueError(message)
+
+        return SimpleNamespace(__version__="2.3.7", MjModel=SimpleNamespace(from_xml_string=refuse))
+
+    for message, status in ((old, Status.SKIP), ("XML Error: no mass", Status.ERROR)):
+        with pytest.raises(RunFailure) as failure:
+            compile_document(stand_in(message), "<mujoco/>")
+        assert failure.value.status == status
 
 
 def test_free_flight_is_a_parabola():

@@ -7,7 +7,7 @@ from their dead centres during the whole motion. If there is none, another coord
 replaces the present one when the opening of one of its dyads falls below `least`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -109,20 +109,15 @@ class LinkMotion:
     a: Array
 
     @staticmethod
-    def of(rate: Array, results: Sequence[Array]) -> "LinkMotion":
-        """Compute the motion from the rates (k,) of the coordinate and the results (k, ...) of `Equation.motion`."""
+    def at(equation: Equation, state: Array) -> "LinkMotion":
+        """Return the motion of the links at states (k, 2n) in the variables of an equation of motion."""
+        n, zero = equation.program.n, np.zeros((len(state), 1))
         # (k, 4 links) x, y, cos, sin of each link; (k, n) first and second derivatives p', p'' by the coordinate q; (k, 1) q''
-        pose, first, second, acceleration = results
+        pose, first, second, acceleration = equation.motion(zero, state[:, :n], state[:, n:], zero[:, :0])
         x, y, c, s = np.moveaxis(pose.reshape(len(pose), -1, 4), -1, 0)  # (k, links) each
-        w = rate[:, None]  # q'
+        w = state[:, n : n + 1]  # q'
         v, a = first * w, first * acceleration + second * (w * w)  # v = p' q',  a = p' q'' + p'' q'^2
         return LinkMotion(np.stack([x, y], axis=-1), np.arctan2(s, c), v, a)
-
-    @staticmethod
-    def at(equation: Equation, y: Array) -> "LinkMotion":
-        """Return the motion of the links at states y (k, 2n) in the variables of an equation of motion."""
-        n, zero = equation.program.n, np.zeros((len(y), 1))
-        return LinkMotion.of(y[:, n], equation.motion(zero, y[:, :n], y[:, n:], zero[:, :0]))
 
     def unwrap(self, near: Array) -> Array:
         """Return q (k, n), with whole turns added to the angles so that they are nearest to `near` (k, links)."""
@@ -236,17 +231,12 @@ class MinimalModel:
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a (n,) of all links by a key's equation, from its coordinate and this coordinate's rate at q, v (n,)."""
         equation = self._equation(key, q)
-        y = self._state(equation, q, v)
-        if key == self.first:  # to compile takes time, which pays only for an equation that is evaluated often
-            rate = y[len(y) // 2]  # of the coordinate
-            motion = LinkMotion.of(rate[None], [x[None] for x in self._evaluator(key)(y)])
-        else:
-            motion = LinkMotion.at(equation, y[None])
+        motion = LinkMotion.at(equation, self._state(equation, q, v)[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         openings = self._openings(Links.of(q, v))
-        # the first coordinate, whose equation is compiled already, unless it is too near to a dead centre here
+        # the first coordinate, whose equation is written already, unless it is too near to a dead centre here
         widest = max(openings, key=lambda key: openings[key])
         usable = (key for key, opening in openings.items() if key.way == self.first.way and opening > self.least)
         _, _, a = self._derive(next(usable, widest), q, v)

@@ -1,10 +1,8 @@
 """The differences between MuJoCo's releases; only this file deals with them.
 
 up to 3.9:      The arguments of mj_fullM are the matrix and data.qM; in later releases they are the data and the matrix.
-before 3.7:     Stiffness and damping are numbers; in later releases they are coefficients of polynomials.
 before 4.0:     There is no integrator `discrete`.
-before 3.3.1:   Elements of a specification do not know their index in the model.
-before 3.2.7:   There is no MjSpec, or elements are added to it without properties, so only MJCF documents can be read.
+before 3.2.7:   The equality `connect` is not between sites.
 before 3.1:     A diverging run is always reset to its start, because no flag prevents that.
 """
 
@@ -17,25 +15,19 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
 
-def new_spec(mujoco: Any) -> Any:
-    """Return an empty MjSpec whose angles are in radians; a RunFailure if the release has no such MjSpec."""
-    # the first releases with MjSpec, whose elements are added without properties, have no attribute `compiler`
-    spec: Any = mujoco.MjSpec() if hasattr(mujoco, "MjSpec") else None
-    if not hasattr(spec, "compiler"):
-        raise RunFailure(Status.SKIP, f"MuJoCo {mujoco.__version__} has no MjSpec of the kind by which models are built here")
-    spec.compiler.degree = False
-    return spec
+def compile_document(mujoco: Any, text: str) -> Any:
+    """Return the model of an MJCF document whose loops are closed between sites.
 
-
-def index_of(mujoco: Any, model: Any, kind: str, element: Any) -> int:
-    """Return the index of a named element in a compiled model; `kind` is a member of mjtObj."""
-    return int(mujoco.mj_name2id(model, getattr(mujoco.mjtObj, kind), element.name))
-
-
-def set_spring(item: Any, k: float, c: float) -> None:
-    """Set the stiffness and damping of a joint or tendon; the higher coefficients of a polynomial are zero."""
-    is_polynomial = np.ndim(item.stiffness) > 0
-    item.stiffness, item.damping = ([k, 0.0, 0.0], [c, 0.0, 0.0]) if is_polynomial else (k, c)
+    Raises:
+        RunFailure: MuJoCo cannot compile the document, or the release has no closures between sites (status SKIP).
+    """
+    try:
+        return mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        if "attribute: 'site1'" in str(error):
+            message = f"MuJoCo {mujoco.__version__} has no equality `connect` between sites, which closes loops here"
+            raise RunFailure(Status.SKIP, message) from error
+        raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
 
 
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:

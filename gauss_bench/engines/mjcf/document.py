@@ -1,10 +1,10 @@
 """Write a built model as an MJCF document that runs in MuJoCo without this suite.
 
-Trap: MuJoCo's own writer keeps six digits, which are too few for closed loops. This module writes all digits, lets MuJoCo read the
-document, and compares the accelerations with those of the built model.
+The document is a draft with the options, the start and shapes for viewers. MuJoCo reads it, and its accelerations are compared with
+those of the built model.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 from xml.etree.ElementTree import Element, SubElement, tostring
@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mjcf.draft import Draft
+from gauss_bench.engines.mjcf.draft import Draft, write_numbers
 from gauss_bench.engines.mjcf.drives import Drive, set_armatures
 from gauss_bench.engines.shared import require_agreement, size, spatial, tree_states
 from gauss_bench.engines.tree import Tree
@@ -77,23 +77,36 @@ def write_document(built: Built, edited: bool = False) -> Document:
         raise RunFailure(Status.SKIP, f"MJCF has no motion laws, and this scenario prescribes {names}")
     if built.options["body_invweight0_factor"] != 1.0 and not edited:
         raise RunFailure(Status.SKIP, "MJCF cannot scale the compiled inverse weights, as these settings do")
-    root = Element("mujoco", model=mechanism.name)
-    SubElement(root, "compiler", angle="radian", autolimits="true")
-    _add_option(root, built)
-    draft = Draft(built.mujoco, mechanism, built.tree)
-    controlled = draft.add_motors()
-    _Writer(built, draft).add_model(root)
+    draft = Draft(mechanism, built.tree)
+    root, controlled = draft.root, draft.add_motors()
+    _set_options(draft, built)
+    _add_shapes(draft)
     start = {"qpos": write_numbers(built.y0), "qvel": write_numbers(built.dy0)}
-    if draft.spec.actuators:
-        start["ctrl"] = write_numbers([draft.controls.get(x.name, 0.0) for x in draft.spec.actuators])
+    if len(draft.actuators):
+        start["ctrl"] = write_numbers([draft.controls.get(x.get("name", ""), 0.0) for x in draft.actuators])
+    for empty in [x for x in (draft.closures, draft.tendons, draft.actuators) if not len(x)]:
+        root.remove(empty)
     SubElement(SubElement(root, "keyframe"), "key", start, name=START)
     _verify(root, built)
     return Document(root, tuple(controlled))
 
 
-def write_numbers(x: Any) -> str:
-    """Return numbers in full precision, separated by spaces."""
-    return " ".join(repr(float(value)) for value in np.atleast_1d(x))
+def _set_options(draft: Draft, built: Built) -> None:
+    """Set the options of a draft, and the softness of its closures, to those of the built model."""
+    mujoco, model, integrator = built.mujoco, built.model, built.choice.integrator or "rk4"
+    draft.option.attrib |= {
+        "timestep": write_numbers(model.opt.timestep),
+        "integrator": INTEGRATORS.get(integrator, integrator),
+        "solver": built.options["solver"],
+        "jacobian": built.options["jacobian"],
+        "tolerance": write_numbers(model.opt.tolerance),
+        "iterations": str(model.opt.iterations),
+    }
+    flags = {name: int(bit) for name, bit in mujoco.mjtDisableBit.__members__.items() if name.startswith("mjDSBL_")}
+    disabled = [name for name, bit in flags.items() if model.opt.disableflags & bit]
+    SubElement(draft.option, "flag", {name.removeprefix("mjDSBL_").lower(): "disable" for name in sorted(disabled)})
+    for closure, solref, solimp in zip(draft.closures, model.eq_solref, model.eq_solimp, strict=True):
+        closure.attrib |= {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
 
 
 def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
@@ -102,104 +115,21 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
 
 
-def _add_option(root: Element, built: Built) -> None:
-    mujoco, opt, integrator = built.mujoco, built.model.opt, built.choice.integrator or "rk4"
-    option = SubElement(
-        root,
-        "option",
-        timestep=write_numbers(opt.timestep),
-        gravity=write_numbers(opt.gravity),
-        integrator=INTEGRATORS.get(integrator, integrator),
-        solver=built.options["solver"],
-        jacobian=built.options["jacobian"],
-        tolerance=write_numbers(opt.tolerance),
-        iterations=str(opt.iterations),
-    )
-    flags = {name: int(bit) for name, bit in mujoco.mjtDisableBit.__members__.items() if name.startswith("mjDSBL_")}
-    disabled = [name for name, bit in flags.items() if opt.disableflags & bit]
-    SubElement(option, "flag", {name.removeprefix("mjDSBL_").lower(): "disable" for name in sorted(disabled)})
-
-
-class _Writer:
-    """Writes the parts of a draft as elements of a document, with the softness of closures from the built model."""
-
-    def __init__(self, built: Built, draft: Draft):
-        """Prepare to write a compiled model; bars are drawn as shapes that take part in no collision, sized by the longest bar."""
-        self.mujoco, self.mechanism, self.model, self.spec = built.mujoco, built.mechanism, built.model, draft.spec
-        self.links = {draft.bodies[i].name: i for i in range(len(self.mechanism.links))}
-        bars = [bar for link in range(len(self.mechanism.links)) for bar in draw(self.mechanism, link)]
-        longest = max((float(np.linalg.norm(b - a)) for a, b in bars), default=1.0)
-        self.look = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
-
-    def add_model(self, root: Element) -> None:
-        """Add all bodies, closures, tendons and actuators to a document."""
-        self._add_body(SubElement(root, "worldbody"), self.spec.worldbody)
-        closures = [
-            Element("connect", solref=write_numbers(solref), solimp=write_numbers(solimp), site1=x.name1, site2=x.name2)
-            for x, solref, solimp in zip(self.spec.equalities, self.model.eq_solref, self.model.eq_solimp, strict=True)
-        ]
-        lists = {"equality": closures, "tendon": [*self._tendons()], "actuator": [*self._actuators()]}
-        for name, elements in lists.items():
-            if elements:
-                SubElement(root, name).extend(elements)
-
-    def _add_body(self, node: Element, body: Any) -> None:
-        """Write a body into the XML element `node`: its joints, its sites, geometry for viewers, and its child bodies."""
-        kinds = {self.mujoco.mjtJoint.mjJNT_HINGE: "hinge", self.mujoco.mjtJoint.mjJNT_SLIDE: "slide"}
-        for joint in body.joints:
-            written = {"axis": write_numbers(joint.axis), "pos": write_numbers(joint.pos), "ref": write_numbers(joint.ref)}
-            if joint.stiffness[0]:
-                written |= {"stiffness": write_numbers(joint.stiffness[0]), "springref": write_numbers(joint.springref)}
-            if joint.damping[0]:
-                written["damping"] = write_numbers(joint.damping[0])
-            SubElement(node, "joint", written, name=joint.name, type=kinds[joint.type])
-        sites = {site.name: site.pos for site in body.sites}  # those of forces and closures, and then all points of the link
-        link = self.links.get(body.name, GROUND)
-        names = self.mechanism.ground_points if link == GROUND else self.mechanism.links[link].points
-        for name in names:
-            point = self.mechanism.point(link, name)
-            sites.setdefault(point.name, spatial(point.local))
-        for name, place in sites.items():
-            SubElement(node, "site", name=name, pos=write_numbers(place))
-        for a, b in draw(self.mechanism, link):
-            SubElement(node, "geom", self.look, type="capsule", fromto=write_numbers([*spatial(a), *spatial(b)]))
-        for child in body.bodies:
-            inner = SubElement(node, "body", name=child.name, pos=write_numbers(child.pos), quat=write_numbers(child.quat))
-            moments = write_numbers(child.inertia)
-            SubElement(inner, "inertial", pos=write_numbers(child.ipos), mass=write_numbers(child.mass), diaginertia=moments)
-            self._add_body(inner, child)
-
-    def _tendons(self) -> Iterator[Element]:
-        for tendon in self.spec.tendons:
-            fixed = tendon.path[0].type == self.mujoco.mjtWrap.mjWRAP_JOINT
-            force = {"stiffness": write_numbers(tendon.stiffness[0]), "damping": write_numbers(tendon.damping[0])}
-            node = Element("fixed" if fixed else "spatial", force, springlength=write_numbers(tendon.springlength))
-            if tendon.name:
-                node.set("name", tendon.name)
-            for part in tendon.path:
-                if fixed:
-                    SubElement(node, "joint", joint=part.target.name, coef=write_numbers(part.coef))
-                else:
-                    SubElement(node, "site", site=part.target.name)
-            yield node
-
-    def _actuators(self) -> Iterator[Element]:
-        """Yield motors, and springs along an axis.
-
-        A spring's force is a linear function of the transmission's length and its rate.
-        """
-        kinds = self.mujoco.mjtTrn
-        targets = {kinds.mjTRN_JOINT: "joint", kinds.mjTRN_TENDON: "tendon", kinds.mjTRN_SITE: "site"}
-        for actuator in self.spec.actuators:
-            target = targets[actuator.trntype]
-            gear = actuator.gear if target == "site" else actuator.gear[:1]  # at a site, the first two give the direction
-            written = {target: actuator.target, "gear": write_numbers(gear)}
-            written |= {key: getattr(actuator, key) for key in ("name", "refsite") if getattr(actuator, key)}
-            if actuator.biastype == self.mujoco.mjtBias.mjBIAS_NONE:
-                yield Element("motor", written)
-            else:
-                bias = write_numbers(actuator.biasprm[:3])
-                yield Element("general", written, gainprm="0", biastype="affine", biasprm=bias)
+def _add_shapes(draft: Draft) -> None:
+    """Add a site at each point of a link, and each bar as a shape that takes part in no collision, sized by the longest bar."""
+    mechanism = draft.mechanism
+    bars = {link: draw(mechanism, link) for link in draft.bodies}
+    longest = max((float(np.linalg.norm(b - a)) for link in bars for a, b in bars[link]), default=1.0)
+    look = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
+    for link, body in draft.bodies.items():
+        known = {site.get("name") for site in body.findall("site")}  # sites of forces and closures
+        for name in mechanism.ground_points if link == GROUND else mechanism.links[link].points:
+            point = mechanism.point(link, name)
+            if point.name not in known:
+                SubElement(body, "site", name=point.name, pos=write_numbers(spatial(point.local)))
+        for a, b in bars[link]:
+            SubElement(body, "geom", look, type="capsule", fromto=write_numbers([*spatial(a), *spatial(b)]))
+        body[:] = sorted(body, key=lambda x: x.tag == "body")  # readers see all of a body before its child bodies
 
 
 def _verify(root: Element, built: Built) -> None:

@@ -1,16 +1,17 @@
-"""Build a linkage as a MuJoCo specification, which MuJoCo compiles: bodies, joints, closures and forces.
+"""Write a linkage as an MJCF document, which MuJoCo compiles: bodies, joints, closures and forces.
 
 Every link is a body whose frame lies at its centre of mass. Joint coordinates are the tree coordinates y. MuJoCo's reference pose
 is the start of the mechanism, so that the loops are closed in the pose in which the compiler computes body_invweight0. Elements
-have the names of their counterparts in the linkage file.
+have the names of their counterparts in the linkage file. Numbers have all digits: the six digits of MuJoCo's own writer are too few
+for closed loops.
 """
 
 from collections import defaultdict
 from typing import Any, assert_never
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from gauss_bench.engines.mjcf.across_releases import new_spec, set_spring
 from gauss_bench.engines.mjcf.forces import AtSite, Native, Tendon, native_forces
 from gauss_bench.engines.shared import closing_pins, spatial
 from gauss_bench.engines.tree import Branch, Tree
@@ -20,11 +21,16 @@ from gauss_bench.mechanism.model import GROUND, LengthDriver, Link, Mechanism, P
 from gauss_bench.terms import Array
 
 
+def write_numbers(x: Any) -> str:
+    """Return numbers in full precision, separated by spaces."""
+    return " ".join(repr(float(value)) for value in np.atleast_1d(x))
+
+
 class Draft:
-    """A MuJoCo specification of a mechanism.
+    """A mechanism as an MJCF document, with MuJoCo's default options.
 
     Attributes:
-        spec: the MjSpec that MuJoCo compiles.
+        root: the document, with the elements `option`, `closures`, `tendons` and `actuators`.
         bodies: link -> element of its body.
         joints: index of a tree coordinate -> element of its joint.
         torque: (n,) sum of all constant forces on tree coordinates, which MuJoCo takes from its data (qfrc_applied).
@@ -34,24 +40,26 @@ class Draft:
         cylinders: for every driven length the driver, its tendon, and the motor whose control is the force.
     """
 
-    def __init__(self, mujoco: Any, mechanism: Mechanism, tree: Tree):
-        self.mujoco, self.mechanism, self.tree = mujoco, mechanism, tree
-        self.spec: Any = new_spec(mujoco)
-        self.spec.option.gravity = spatial(mechanism.gravity)
+    def __init__(self, mechanism: Mechanism, tree: Tree):
+        self.mechanism, self.tree = mechanism, tree
+        self.root = Element("mujoco", model=mechanism.name)
+        SubElement(self.root, "compiler", angle="radian", autolimits="true")
+        self.option = SubElement(self.root, "option", gravity=write_numbers(spatial(mechanism.gravity)))
+        world = SubElement(self.root, "worldbody")
+        self.closures, self.tendons, self.actuators = (SubElement(self.root, x) for x in ("equality", "tendon", "actuator"))
         self.torque = np.zeros(tree.n)
         self.steady: list[Steady] = []
-        self.pushes: list[tuple[AtSite, Any]] = []
+        self.pushes: list[tuple[AtSite, Element]] = []
         self.controls: dict[str, float] = {}
-        self.bodies: dict[int, Any] = {GROUND: self.spec.worldbody}
-        self.joints: dict[int, Any] = {}
+        self.bodies: dict[int, Element] = {GROUND: world}
+        self.joints: dict[int, Element] = {}
         self.names: set[tuple[str, str]] = {("body", "world")}  # kinds and names of all elements
         self.sites: dict[tuple[Any, ...], str] = {}  # link, name and place of a point -> name of its site
         y, _ = tree.relative(mechanism.q0, mechanism.v0)
         for b in tree.branches:
             self._add_link(b, mechanism.links[b.link], y)
-        connect, site = mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtObj.mjOBJ_SITE
-        for pin in closing_pins(tree):
-            self.spec.add_equality(type=connect, objtype=site, name1=self._site(pin[0]), name2=self._site(pin[1]))
+        for first, second in closing_pins(tree):
+            SubElement(self.closures, "connect", site1=self._site(first), site2=self._site(second))
         springs = [self._add_force(x) for x in native_forces(mechanism, tree)]
         self._set_joint_springs([x for x in springs if x is not None])
         self.cylinders = [self._add_cylinder(d) for d in mechanism.drivers if isinstance(d, LengthDriver)]
@@ -59,25 +67,29 @@ class Draft:
     def _add_link(self, b: Branch, link: Link, y: Array) -> None:
         """Add a link as a body without geometry, in its pose at the tree coordinates y (n,), with its joints."""
         origin, angle = pose_in_parent(b, y)
-        quaternion = [np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)]
-        body = self.bodies[b.parent].add_body(name=self._name("body", link.name), pos=spatial(origin), quat=quaternion)
-        body.explicitinertial = True
-        body.mass, body.ipos, body.inertia = link.mass, [0.0] * 3, [link.inertia] * 3  # only the last moment of inertia acts
+        pos, quat = write_numbers(spatial(origin)), write_numbers([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+        body = SubElement(self.bodies[b.parent], "body", name=self._name("body", link.name), pos=pos, quat=quat)
+        moments = write_numbers([link.inertia] * 3)  # only the last moment of inertia acts
+        SubElement(body, "inertial", pos="0 0 0", mass=write_numbers(link.mass), diaginertia=moments)
         self.bodies[b.link] = body
-        hinge, slide = self.mujoco.mjtJoint.mjJNT_HINGE, self.mujoco.mjtJoint.mjJNT_SLIDE
 
-        def add_joint(at: int, name: str, kind: Any, axis: list[float], anchor: Array) -> None:
+        def add_joint(at: int, name: str, kind: str, axis: list[float], anchor: Array) -> None:
             """Add a joint for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
             # `ref`: the coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
-            self.joints[at] = body.add_joint(name=self._name("joint", name), type=kind, axis=axis, pos=spatial(anchor), ref=y[at])
+            place = {"axis": write_numbers(axis), "pos": write_numbers(spatial(anchor)), "ref": write_numbers(y[at])}
+            self.joints[at] = SubElement(body, "joint", place, name=self._name("joint", name), type=kind)
 
         # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate
         slides = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]
         names = [b.joint.name] if b.joint else [f"{link.name} {x}" for x in ("x", "y", "theta")]
         for i, axis in enumerate(slides):  # MuJoCo takes axes in the child's frame
-            add_joint(b.at + i, names[i], slide, spatial(rotate(axis, np.array(-angle))), np.zeros(2))
+            add_joint(b.at + i, names[i], "slide", spatial(rotate(axis, np.array(-angle))), np.zeros(2))
         if b.kind != "prismatic":
-            add_joint(b.at + len(slides), names[-1], hinge, [0.0, 0.0, 1.0], b.anchor)
+            add_joint(b.at + len(slides), names[-1], "hinge", [0.0, 0.0, 1.0], b.anchor)
+
+    def find_bodies(self, model: Any) -> list[int]:
+        """Return MuJoCo's index of the body of each link in the compiled model."""
+        return [model.body(self.bodies[i].attrib["name"]).id for i in range(len(self.mechanism.links))]
 
     def _name(self, kind: str, wanted: str) -> str:
         """Return a name for a new element of a kind: the wanted one, with a number if another element of the kind has it."""
@@ -93,7 +105,7 @@ class Draft:
         key = point.link, point.name, tuple(point.local)
         if key not in self.sites:
             self.sites[key] = self._name("site", point.name)
-            self.bodies[point.link].add_site(name=self.sites[key], pos=spatial(point.local))
+            SubElement(self.bodies[point.link], "site", name=self.sites[key], pos=write_numbers(spatial(point.local)))
         return self.sites[key]
 
     def _add_force(self, f: Native) -> OnJoints | None:
@@ -106,11 +118,9 @@ class Draft:
                 self.torque += f.value * f.force
                 self.steady.append(f)
             case Tendon(a, b, law):
-                tendon = self._add_tendon(f"{a.name} to {b.name}", a, b)
-                set_spring(tendon, law.k, law.c)
-                tendon.springlength = [law.rest] * 2
+                tendon = self._add_tendon(f"{a.name} to {b.name}", a, b, write_spring(law.k, law.c, law.rest))
                 if law.bias:  # the constant part of the force law becomes an actuator without control
-                    self._add_actuator((law.bias, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
+                    self._add_actuator((law.bias, 0.0, 0.0), tendon=tendon.attrib["name"])
             case AtSite():
                 self._add_site_force(f)
             case OnJoints() if np.count_nonzero(f.row) == 1:
@@ -122,17 +132,15 @@ class Draft:
                 assert_never(f)
         return None
 
-    def _add_tendon(self, name: str, a: Point, b: Point) -> Any:
-        tendon = self.spec.add_tendon(name=self._name("tendon", name))
-        tendon.wrap_site(self._site(a))
-        tendon.wrap_site(self._site(b))
+    def _add_tendon(self, name: str, a: Point, b: Point, spring: dict[str, str]) -> Element:
+        tendon = SubElement(self.tendons, "spatial", spring, name=self._name("tendon", name))
+        for point in (a, b):
+            SubElement(tendon, "site", site=self._site(point))
         return tendon
 
-    def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Any, Any]:
-        tendon = self._add_tendon(driver.name, driver.a, driver.b)
-        motor = self._add_actuator((0.0, 0.0, 0.0), trntype=self.mujoco.mjtTrn.mjTRN_TENDON, target=tendon.name)
-        self._make_motor(motor)
-        return driver, tendon, motor
+    def _add_cylinder(self, driver: LengthDriver) -> tuple[LengthDriver, Element, Element]:
+        tendon = self._add_tendon(driver.name, driver.a, driver.b, {})
+        return driver, tendon, SubElement(self.actuators, "motor", tendon=tendon.attrib["name"])
 
     def add_motors(self) -> list[str]:
         """Replace constant forces by motors, whose controls are the forces, for an MJCF document that is used without this suite.
@@ -146,48 +154,43 @@ class Draft:
                 self.controls[self._add_motor(f)] = f.value
         for push, actuator in self.pushes:
             size = float(np.linalg.norm(push.direction))
-            actuator.gear = [*(push.direction / size), 0.0, 0.0, 0.0, 0.0]
-            self._make_motor(actuator)
+            actuator.tag = "motor"
+            for key in ("gainprm", "biastype", "biasprm"):
+                del actuator.attrib[key]
+            actuator.set("gear", write_numbers([*(push.direction / size), 0.0, 0.0, 0.0, 0.0]))
             changed.append(push.name)
-            self.controls[actuator.name] = size
+            self.controls[actuator.attrib["name"]] = size
         return changed
 
     def _add_motor(self, f: Steady) -> str:
         """Add a motor for a constant generalised force on one joint or on a weighted sum of joints, and return the motor's name."""
         name = self._name("actuator", f.names[0] if f.names else "torque")
-        joints = [(self.joints[int(at)].name, float(f.force[at])) for at in np.flatnonzero(f.force)]
-        if len(joints) == 1:
-            kind = self.mujoco.mjtTrn.mjTRN_JOINT
-            [(target, gear)] = joints
+        [at, *others] = np.flatnonzero(f.force)
+        if others:
+            tendon = self._name("tendon", name)
+            self._add_sum(f.force, name=tendon)
+            SubElement(self.actuators, "motor", name=name, tendon=tendon)
         else:
-            kind, gear = self.mujoco.mjtTrn.mjTRN_TENDON, 1.0
-            tendon = self.spec.add_tendon(name=self._name("tendon", name))
-            target = tendon.name
-            for joint, coefficient in joints:
-                tendon.wrap_joint(joint, coefficient)
-        actuator = self._add_actuator((0.0, 0.0, 0.0), trntype=kind, target=target, name=name)
-        actuator.gear = [gear, 0.0, 0.0, 0.0, 0.0, 0.0]
-        self._make_motor(actuator)
+            joint = self.joints[int(at)].attrib["name"]
+            SubElement(self.actuators, "motor", name=name, joint=joint, gear=write_numbers(f.force[at]))
         return name
 
-    def _make_motor(self, actuator: Any) -> None:
-        actuator.gainprm = [1.0, *np.zeros(len(actuator.gainprm) - 1)]
-        actuator.biastype, actuator.biasprm = self.mujoco.mjtBias.mjBIAS_NONE, np.zeros_like(actuator.biasprm)
+    def _add_sum(self, row: Array, **attributes: str) -> None:
+        """Add a fixed tendon, whose length is row . y."""
+        tendon = SubElement(self.tendons, "fixed", attributes)
+        for at in np.flatnonzero(row):
+            SubElement(tendon, "joint", joint=self.joints[int(at)].attrib["name"], coef=write_numbers(row[at]))
 
-    def _add_actuator(self, bias: tuple[float, float, float], **transmission: Any) -> Any:
+    def _add_actuator(self, bias: tuple[float, float, float], **attributes: str) -> Element:
         """Add an actuator with the force bias . [1, L, dL/dt], where L is the length of its transmission, and return it."""
-        actuator = self.spec.add_actuator(**transmission)
-        actuator.gainprm = np.zeros_like(actuator.gainprm)  # the control has no effect
-        actuator.biastype = self.mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.biasprm = [*bias, *np.zeros(len(actuator.biasprm) - 3)]
-        return actuator
+        force = {"gainprm": "0", "biastype": "affine", "biasprm": write_numbers(bias)}  # the control has no effect
+        return SubElement(self.actuators, "general", attributes | force)
 
     def _add_site_force(self, f: AtSite) -> None:
-        name, target = self._name("actuator", f.name), self._site(f.point)
-        actuator = self._add_actuator(f.bias, trntype=self.mujoco.mjtTrn.mjTRN_SITE, target=target, name=name)
+        attributes = {"name": self._name("actuator", f.name), "site": self._site(f.point)}
         if f.frame is not None:
-            actuator.refsite = self._site(f.frame)
-        actuator.gear = [*f.direction, 0.0, 0.0, 0.0, 0.0]
+            attributes["refsite"] = self._site(f.frame)
+        actuator = self._add_actuator(f.bias, **attributes, gear=write_numbers([*f.direction, 0.0, 0.0, 0.0, 0.0]))
         if f.constant:
             self.pushes.append((f, actuator))
 
@@ -199,11 +202,7 @@ class Draft:
         """
         rest = f.rest - f.constant
         sign = -1.0 if rest < 0 else 1.0
-        tendon = self.spec.add_tendon()
-        for at in np.flatnonzero(f.row):
-            tendon.wrap_joint(self.joints[int(at)].name, sign * f.row[at])
-        set_spring(tendon, f.k, f.c)
-        tendon.springlength = [sign * rest] * 2
+        self._add_sum(sign * f.row, **write_spring(f.k, f.c, sign * rest))
 
     def _set_joint_springs(self, springs: list[OnJoints]) -> None:
         """Sum the springs and dampers on each joint.
@@ -215,10 +214,17 @@ class Draft:
         for f in springs:
             by_joint[int(np.flatnonzero(f.row)[0])].append(f)
         for at, forces in by_joint.items():
-            k, joint = sum(f.k for f in forces), self.joints[at]
+            k, c, joint = sum(f.k for f in forces), sum(f.c for f in forces), self.joints[at]
             force_at_zero = sum(f.k * (f.rest - f.constant) * f.row[at] for f in forces)
-            set_spring(joint, k, sum(f.c for f in forces))
-            joint.springref = force_at_zero / k if k else 0.0
+            if k:
+                joint.attrib |= {"stiffness": write_numbers(k), "springref": write_numbers(force_at_zero / k)}
+            if c:
+                joint.set("damping", write_numbers(c))
+
+
+def write_spring(k: float, c: float, rest: float) -> dict[str, str]:
+    """Return the attributes of a tendon with stiffness k, damping c and the rest length `rest`."""
+    return {"stiffness": write_numbers(k), "damping": write_numbers(c), "springlength": write_numbers([rest] * 2)}
 
 
 def pose_in_parent(b: Branch, y: Array) -> tuple[Array, float]:

@@ -12,14 +12,14 @@ A driven length is a tendon between two sites with such an armature [kg], and a 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.etree.ElementTree import tostring
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mjcf.across_releases import find_integrator
+from gauss_bench.engines.mjcf.across_releases import compile_document, find_integrator
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.settings import configure
 from gauss_bench.engines.shared import drivers_by_coordinate
 from gauss_bench.mechanism.motion_laws import MotionLaw
-from gauss_bench.trajectory import RunFailure, Status
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ def find_drives(model: Any, draft: Draft, share: float) -> list[Drive]:
     driven = drivers_by_coordinate(draft.mechanism, draft.tree)
     drives = [Drive(driver.law, share * float(model.dof_M0[k]), k) for k, driver in driven.items()]
     for cylinder, tendon, motor in draft.cylinders:  # driven lengths; 1 / invweight0 is the inertia that resists the tendon
-        mass = share / float(model.tendon_invweight0[tendon.id])
-        drives.append(Drive(cylinder.law, mass, tendon.id, motor.id))
+        at = [*draft.tendons].index(tendon)  # MuJoCo numbers elements in the order of the document
+        mass = share / float(model.tendon_invweight0[at])
+        drives.append(Drive(cylinder.law, mass, at, [*draft.actuators].index(motor)))
     return drives
 
 
@@ -80,10 +81,7 @@ def compile_model(
     Raises:
         RunFailure: MuJoCo cannot compile the draft.
     """
-    try:
-        model = draft.spec.compile()
-    except ValueError as error:
-        raise RunFailure(Status.ERROR, f"MuJoCo cannot compile the model: {error}") from error
+    model = compile_document(mujoco, tostring(draft.root, encoding="unicode"))
     share = float(options["armature_of_a_driven_hinge_over_inertia"])
     drives = find_drives(model, draft, share) if driven else []
     if drives:

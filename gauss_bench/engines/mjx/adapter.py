@@ -60,7 +60,7 @@ class MjxModel(TreeModel):
     """A mechanism in MJX under one integrator and setting.
 
     Attributes:
-        draft: the specification from which MuJoCo compiles the model.
+        draft: the document from which MuJoCo compiles the model.
         uploaded_step: step [s] for which the numbers on the device were computed.
         bodies: MuJoCo's indices of the links' bodies.
     """
@@ -72,12 +72,12 @@ class MjxModel(TreeModel):
         super().__init__(mechanism, choice, Mjx.file.options(choice.settings))
         self.libraries = load_libraries()
         try:
-            self.draft = Draft(self.libraries.mujoco, mechanism, self.tree)
+            self.draft = Draft(mechanism, self.tree)
             model, _ = compile_model(self.libraries.mujoco, self.draft, choice, self.options, driven=False)
             self.device = Device(self.libraries, model, self.draft.torque)
         except (ValueError, NotImplementedError) as error:
             raise RunFailure(Status.ERROR, f"MJX cannot take the model: {error}") from error
-        self.bodies = [self.draft.bodies[i].id for i in range(len(mechanism.links))]
+        self.bodies = self.draft.find_bodies(model)
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self._upload_for_step()
 

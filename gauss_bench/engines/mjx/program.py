@@ -56,7 +56,7 @@ class OnMujoco:
         self.mujoco, self.mechanism, self.choice, self.options = mujoco, mechanism, choice, options
         self.tree = joint_tree(mechanism, options)
         self.y0, self.dy0 = self.tree.relative(mechanism.q0, mechanism.v0)
-        self.draft = Draft(mujoco, mechanism, self.tree)
+        self.draft = Draft(mechanism, self.tree)
         self.model, self.drives = compile_model(mujoco, self.draft, choice, options)
         self.still = copy_to_evaluate(mujoco, self.model)
 
@@ -84,7 +84,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     text = "\n".join(["(", *(f"    {line!a}" for line in lines), ")"])  # one Python string, with a line for each of MJCF
     numbers = {
         "MJCF": Script({}).stand_in(text),
-        "BODIES": [built.draft.bodies[i].name for i in range(len(mechanism.links))],
+        "BODIES": [built.draft.bodies[i].attrib["name"] for i in range(len(mechanism.links))],
         "DRIVES": [[x.at, x.armature] for x in built.drives],
         "INVERSE_WEIGHTS": float(options["body_invweight0_factor"]),
         "SOLREF_IN_STEPS": float(options["solref"][0]) if options["solref_unit"] == "step" else 0.0,

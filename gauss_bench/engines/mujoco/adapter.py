@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.mjcf.across_releases import disable, index_of, mass_matrix
+from gauss_bench.engines.mjcf.across_releases import disable, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
 from gauss_bench.engines.mjcf.drives import Drive, compile_model, find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import refuse_forces
@@ -77,11 +77,10 @@ class MujocoModel(TreeModel):
 
         super().__init__(mechanism, choice, Mujoco.file.options(choice.settings))
         self.mujoco: Any = mujoco
-        draft = Draft(mujoco, mechanism, self.tree)
+        draft = Draft(mechanism, self.tree)
         model, _ = compile_model(mujoco, draft, choice, self.options, driven=False)
         self.model: Any = model
-        bodies = [draft.bodies[i] for i in range(len(mechanism.links))]
-        self.torque, self.bodies = draft.torque, [index_of(mujoco, self.model, "mjOBJ_BODY", body) for body in bodies]
+        self.torque, self.bodies = draft.torque, draft.find_bodies(self.model)
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
         self.still: Any = copy_to_evaluate(mujoco, self.model)  # evaluates single states, and never steps
