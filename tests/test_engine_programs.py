@@ -100,19 +100,19 @@ def test_what_no_program_holds_is_refused_with_the_reason() -> None:
 
 
 def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls() -> None:
-    script = Script({"Add": "item_", "System": "system", "Go": ""})
+    script = Script({"Add": "item_", "System": "system"})
     library = script.stand_in("library")
     system = library.System()
     first = system.Add(library.Body(mass=0.1, name='a"b'))
     second = system.Add(library.Body(place=np.array([1.0, -0.0])))
     system.options[0].solver = library.Kind.FAST
-    system.Go(1.0 / first.rate, [second * 2 + first, 3])
+    system.Connect(1.0 / first.rate, [second * 2 + first, library.Fixed(3)])
     assert script.lines == [
         "system = library.System()",
         "item_1 = system.Add(library.Body(mass=0.1, name='a\"b'))",
         "item_2 = system.Add(library.Body(place=np.array([1.0, -0.0])))",
         "system.options[0].solver = library.Kind.FAST",
-        "system.Go(1.0 / item_1.rate, [item_2 * 2 + item_1, 3])",
+        "system.Connect(1.0 / item_1.rate, [item_2 * 2 + item_1, library.Fixed(3)])",
     ]
     with pytest.raises(TypeError, match="function"):
         system.Add(lambda: 0)

@@ -7,6 +7,7 @@ adapter has compared with the linkage.
     mbs.AddNode(items.NodePoint(name="A"))                       records: node_1 = mbs.AddNode(items.NodePoint(name='A'))
 """
 
+import re
 from collections.abc import Mapping
 from itertools import count
 from typing import Any
@@ -15,6 +16,9 @@ import numpy as np
 
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import in_a_sentence
+
+# beginnings of the names of functions whose results nobody uses, such as setName and append, but not FixedOffsetFrame
+COMMAND = re.compile("(?i:(re)?set|add|append|change|disable|override|finalize|weld|connect|fix|assemble)(?![a-z])")
 
 
 class Script:
@@ -25,8 +29,8 @@ class Script:
 
         Args:
             statements: name of a function or method whose calls become lines of the script -> variable to which the line assigns
-                the result, if it is not "". A name that ends with an underscore gets a number. A call of any other function becomes
-                part of the expression that uses its result.
+                the result. A variable that ends with an underscore gets a number. A call of any other function becomes a line
+                without a variable if its name begins as COMMAND says, and else part of the expression that uses its result.
         """
         self.lines: list[str] = []
         self._statements, self._counts = dict(statements), {prefix: count(1) for prefix in statements.values()}
@@ -47,11 +51,11 @@ class Script:
         """
         name = source.rpartition(".")[2]
         if name not in self._statements:
-            return StandIn(self, text)
-        prefix = self._statements[name]
-        if not prefix:  # a call whose result is not used
+            if not COMMAND.match(name):
+                return StandIn(self, text)
             self.lines.append(text)
             return StandIn(self, "None")
+        prefix = self._statements[name]
         variable = f"{prefix}{next(self._counts[prefix])}" if prefix.endswith("_") else prefix  # such as node_1, node_2, ...
         self.lines.append(f"{variable} = {text}")
         return StandIn(self, variable)

@@ -15,7 +15,6 @@ STATEMENTS = {  # function of Exudyn -> variable of the script for its result (s
     "AddObject": "object_",
     "AddMarker": "marker_",
     "AddLoad": "load_",
-    "Assemble": "",
     "SimulationSettings": "settings",
 }
 

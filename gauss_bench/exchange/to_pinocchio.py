@@ -21,10 +21,8 @@ if TYPE_CHECKING:
 STATEMENTS = {  # function of Pinocchio -> variable of the script for its result (see `Script`)
     "Model": "model",
     "addJoint": "joint_",
-    "appendBodyToJoint": "",
     "StdVec_RigidConstraintModel": "constraints",
     "RigidConstraintModel": "closure_",
-    "append": "",
 }
 METHODS = {
     "rk4": "the classical method of Runge and Kutta",

@@ -12,14 +12,7 @@ from gauss_bench.engines.transcript import Script
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
-RECORDED = ("setPhysicsEngineParameter", "setGravity", "changeDynamics", "setJointMotorControl2", "resetJointState", "setTimeStep")
-STATEMENTS = {
-    "connect": "client",
-    "createMultiBody": "body",
-    "createConstraint": "closure_",
-    "changeConstraint": "",
-    **dict.fromkeys(RECORDED, ""),
-}
+STATEMENTS = {"connect": "client", "createMultiBody": "body", "createConstraint": "closure_"}
 RUN = """    joints = range(len(Y0))
 
     def state():

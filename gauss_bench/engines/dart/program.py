@@ -12,10 +12,6 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
 KINDS = ("Revolute", "Prismatic", "Planar")
-OF_WORLDS = ("setGravity", "setDeactivationOptions", "disableSelfCollisionCheck", "addSkeleton", "setOption", "setBoxedLcpSolver")
-OF_JOINTS = ("setXYPlane", "setAxis", "setTransformFromParentBodyNode", "setTransformFromChildBodyNode", "setActuatorType")
-OF_SPRINGS = ("setDampingCoefficient", "setSpringStiffness", "setRestPosition")
-OF_BODIES = ("setName", "set_translation", "set_rotation", "setInertia")
 STATEMENTS = {
     "World": "world_",
     "Skeleton": "skeleton",
@@ -23,7 +19,6 @@ STATEMENTS = {
     **{f"create{kind}JointAndBodyNodePair": "pair_" for kind in KINDS},
     "Isometry3": "frame_",
     "getSecondaryBoxedLcpSolver": "solver",
-    **dict.fromkeys([*OF_WORLDS, *OF_JOINTS, *OF_SPRINGS, *OF_BODIES], ""),
 }
 RUN = """    place, speed = np.empty((2, len(Y0)))
     place[order], speed[order] = Y0, DY0

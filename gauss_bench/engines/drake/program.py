@@ -20,8 +20,6 @@ STATEMENTS = {
     "DiagramBuilder": "builder",
     "AddSystem": "system_",
     "Build": "diagram",
-    **dict.fromkeys(["SetUseSampledOutputPorts", "set_gravity_vector", "set_default_damping_vector", "AddForceElement"], ""),
-    **dict.fromkeys(["WeldFrames", "AddBallConstraint", "Finalize", "Connect", "FixValue"], ""),
 }
 RUN = """    context = plant.GetMyMutableContextFromRoot(root)
     place, speed, motors = np.empty((3, len(Y0)))

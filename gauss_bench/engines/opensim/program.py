@@ -11,10 +11,6 @@ from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
 
 SPRINGS = ("SpringGeneralizedForce", "PointToPointSpring", "ExpressionBasedPointToPointForce")
-OF_MODELS = ("setUseVisualizer", "setGravity", "addBody", "addJoint", "addForce", "addConstraint", "finalizeConnections")
-OF_COORDINATES = ("setName", "set_clamped", "set_range", "setPrescribedFunction", "setDefaultIsPrescribed")
-OF_FORCES = ("setOptimalForce", "setStiffness", "setViscosity", "setRestLength", "overrideActuation", "setOverrideActuation")
-OF_PRESCRIBED = ("setForceFunctions", "setForceIsInGlobalFrame", "setPointFunctions", "setPointIsInGlobalFrame")
 STATEMENTS = {
     "Model": "model",
     "Body": "body_",
@@ -23,7 +19,6 @@ STATEMENTS = {
     **dict.fromkeys(["CoordinateActuator", *SPRINGS, "PrescribedForce"], "force_"),
     "PointConstraint": "closure_",
     "initSystem": "state",
-    **dict.fromkeys([*OF_MODELS, *OF_COORDINATES, *OF_FORCES, *OF_PRESCRIBED], ""),
 }
 RUN = """    for coordinate, value, rate in zip(coordinates, Y0, DY0):
         coordinate.setValue(state, value, False)  # without False OpenSim would close the loops
