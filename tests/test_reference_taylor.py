@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.linkage.load import built_in, decimal_document, load, load_document
+from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.motion import Motion, to_doubles
+from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, stack_arrays
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
@@ -79,8 +79,8 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
     start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
     part = {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
-    document = decimal_document("five_bar") | {"scenarios": {"part": part}}
-    mechanism = load_document(to_doubles(document), "part")
+    document = tomllib.loads(built_in()["five_bar"].read_text(encoding="utf-8")) | {"scenarios": {"part": part}}
+    mechanism = load_document(document, "part")
     found = cut_pieces(mechanism.drivers, document["scenarios"]["part"], float)
     assert len(found) == (5 if law == "table" else 2)
     for piece in found:

@@ -5,7 +5,7 @@ Mazzia and Magherini, Test Set for Initial Value Problem Solvers (2008), problem
 solver PSIDE with both tolerances at 1e-14; later publications copied these values.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,25 +15,15 @@ from gauss_bench.trajectory import Reference
 
 SQUEEZER = ("squeezer", "squeeze", 0.03)  # linkage, scenario, and time [s] of the published values
 
-
-class PublishedAngle(NamedTuple):
-    """An angle, of the link `link` minus that of `minus` if there is one, with its value [rad] and rate [rad/s] as printed."""
-
-    name: str
-    link: str
-    minus: str | None
-    value: str
-    rate: str
-
-
+# name of an angle, its link, the link from which it is measured (None: the ground), value [rad] and rate [rad/s] as printed
 VALUES = (
-    PublishedAngle("beta", "K1", None, "15.81077119629904", "1139.920302151208"),
-    PublishedAngle("Theta", "K2", "K1", "-15.75637105984298", "-1424.379294994111"),
-    PublishedAngle("gamma", "K3", None, "0.04082224013073101", "11.03291221937134"),
-    PublishedAngle("phi", "K4", "K5", "-0.5347301163226948", "19.29337464421385"),
-    PublishedAngle("delta", "K5", None, "0.5244099658805304", "0.5735699284790808"),
-    PublishedAngle("Omega", "K6", "K7", "0.5347301163226948", "-19.29337464421385"),
-    PublishedAngle("epsilon", "K7", None, "1.048080741042263", "0.3231791658026955"),
+    ("beta", "K1", None, "15.81077119629904", "1139.920302151208"),
+    ("Theta", "K2", "K1", "-15.75637105984298", "-1424.379294994111"),
+    ("gamma", "K3", None, "0.04082224013073101", "11.03291221937134"),
+    ("phi", "K4", "K5", "-0.5347301163226948", "19.29337464421385"),
+    ("delta", "K5", None, "0.5244099658805304", "0.5735699284790808"),
+    ("Omega", "K6", "K7", "0.5347301163226948", "-19.29337464421385"),
+    ("epsilon", "K7", None, "1.048080741042263", "0.3231791658026955"),
 )
 
 
@@ -47,19 +37,19 @@ def list_published_values(mechanism: Mechanism, reference: Reference) -> list[di
     assert abs(reference.t[-1] - t) < 1e-12
     index = {link.name: i for i, link in enumerate(mechanism.links)}
     rows = []
-    for angle in VALUES:
-        for level, mark, text in (("q", "", angle.value), ("v", "'", angle.rate)):  # mark: added to the name of a rate
+    for angle, link, minus, value, rate in VALUES:
+        for level, mark, text in (("q", "", value), ("v", "'", rate)):  # mark: added to the name of a rate
             state = getattr(reference, level)[-1]  # (n,) positions or rates at the end
-            certified = float(angle_at(state, index[angle.link]))
-            if angle.minus:  # the angle is measured from another link
-                certified -= float(angle_at(state, index[angle.minus]))
+            certified = float(angle_at(state, index[link]))
+            if minus:
+                certified -= float(angle_at(state, index[minus]))
             off = abs(float(text) - certified)
             rows.append(
                 {
                     "mechanism": linkage,
                     "scenario": scenario,
                     "t": t,
-                    "quantity": angle.name + mark,
+                    "quantity": angle + mark,
                     "published": text,
                     "certified": repr(certified),
                     "difference": off,

@@ -6,6 +6,7 @@ Each closed form belongs to one built-in linkage, which is recognised by its nam
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,8 +25,6 @@ States = tuple[Numbers, Numbers, Numbers]  # q, v, a (k, n)
 
 def closed_form(mechanism: Mechanism, times: Sequence[str]) -> Motion | None:
     """Return the exact motion at times (decimal texts) [s], or None if no closed form is known."""
-    import mpmath
-
     name = "n_four_bar" if mechanism.name.startswith("n_four_bar_") else mechanism.name
     form = FORMS.get((name, mechanism.scenario))
     try:
@@ -44,8 +43,6 @@ def sample(coordinates: Callable[[Any], Numbers], t: Sequence[Any]) -> States:
 
     mpmath uses as many additional digits as the differences lose. Values as small as rounding errors become zero.
     """
-    import mpmath
-
     chop = np.vectorize(mpmath.chop, otypes=[object])
     q, v, a = (chop([mpmath.diff(coordinates, x, order) for x in t]) for order in range(3))
     return q, v, a
@@ -62,8 +59,6 @@ def _pendulum_angle(k: Any, t: Any, speed: Any) -> Any:
     The motion begins at phi = 0 with phi' = `speed`. With s^2 = speed^2 + 4 k, m = 4 k / s^2, the complete elliptic integral K(m)
     and Jacobi's amplitude am, phi / 2 = pi / 2 + am(s t / 2 - K(m), m).
     """
-    import mpmath
-
     s = mpmath.sqrt(speed**2 + 4 * k)
     m = 4 * k / s**2
     K = mpmath.ellipk(m)
@@ -79,8 +74,6 @@ def _n_four_bar(name: str, t: list[Any]) -> States:
     All bars have equal mass and the length l. The uprights turn like a pendulum, with phi the angle from the vertical:
     phi'' = k sin(phi), where k = ((N+1)/2 + N) g / (((N+1)/3 + N) l) is the torque of gravity over the inertia.
     """
-    import mpmath
-
     count, length, gravity = int(name.rpartition("_")[2]), mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     k = (mpmath.mpf(count + 1) / 2 + count) * gravity / ((mpmath.mpf(count + 1) / 3 + count) * length)
     speed = mpmath.mpf(str(generate.SPEED)) / length  # angular velocity of the uprights [rad/s]
@@ -107,8 +100,6 @@ def _pendulum(name: str, t: list[Any]) -> States:
     The angle phi is measured from the hanging position, and phi(0) = A. With the Jacobi function cd of the modulus sin(A/2),
     sin(phi/2) = sin(A/2) cd(w0 t), w0^2 = 3 g / (2 l).
     """
-    import mpmath
-
     length, gravity = mpmath.mpf(str(generate.LENGTH)), mpmath.mpf("9.81")
     A = mpmath.pi / 2 + mpmath.radians(mpmath.mpf(str(start_of(name)["crank_deg"])))  # crank_deg is measured from the x axis
     w0, k = mpmath.sqrt(3 * gravity / (2 * length)), mpmath.sin(A / 2)
@@ -122,8 +113,6 @@ def _pendulum(name: str, t: list[Any]) -> States:
 
 def _projectile(name: str, t: list[Any]) -> States:
     """Return the motion of a free body: its centre of mass moves on a parabola, and its spin is constant."""
-    import mpmath
-
     gravity, start = mpmath.mpf("9.81"), start_of(name)
     spin, vx, vy = (mpmath.mpf(str(x)) for x in (start["speeds"]["bar"], *start["point_velocities"]["bar.M"]))
     return sample(lambda x: np.array([vx * x, vy * x - gravity * x**2 / 2, spin * x]), t)
@@ -140,8 +129,6 @@ def _sleigh(name: str, t: list[Any]) -> States:
     The constant c follows from the start. The angle is known in closed form; the position of the edge is the numerical integral of
     its velocity. Source: Neimark and Fufaev, Dynamics of Nonholonomic Systems (1972), section III.2.
     """
-    import mpmath
-
     document = decimal_document(name)
     start = document["scenarios"]["glide"]["start"]
     body = build_mechanism(document, "glide", "", "", mpmath.mpf).links[0]

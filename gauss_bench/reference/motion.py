@@ -1,8 +1,8 @@
 """Data that both computations of a certificate share: a first guess in double precision, and the type of their results."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import Decimal
 from typing import Any
 
 from numpy.typing import NDArray
@@ -46,17 +46,8 @@ def assemble_doubles(document: dict[str, Any], scenario: str) -> Mechanism:
     Raises:
         AssemblyError: the linkage cannot be assembled.
     """
-    rough = to_doubles(document)
+    rough = json.loads(json.dumps(document, default=float))  # every Decimal as the nearest double
     return assemble(build_mechanism(rough, scenario, "", ""), rough)
-
-
-def to_doubles(value: Any) -> Any:
-    """Return a copy of the document with every Decimal as the nearest double."""
-    if isinstance(value, dict):
-        return {key: to_doubles(x) for key, x in value.items()}
-    if isinstance(value, list):
-        return [to_doubles(x) for x in value]
-    return float(value) if isinstance(value, Decimal) else value
 
 
 def find_breaks(driver: dict[str, Any], number: Number) -> list[Any]:
