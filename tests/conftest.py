@@ -113,9 +113,10 @@ def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture
 def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The user's file of engines, which need not exist."""
+    """The user's file of engines, which need not exist; no engine is installed."""
     path = tmp_path / "engines.toml"
     monkeypatch.setenv(FILE, str(path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setattr("gauss_bench.runs.offers._known", {})
     return path
 

@@ -356,9 +356,10 @@ def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_process
 
 
 def test_releases_are_engines_and_answer_in_their_environments_while_they_are_compared(
-    made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
+    made: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(FILE, raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where no engine is installed
     with as_engines(TWIN, [made["1.0"], made["3.0"]]), Worker() as worker:
         found = read_environments()
         assert list(found) == ["twin-1.0", "twin-3.0", "twin-3.0-again"]

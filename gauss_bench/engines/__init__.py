@@ -1,12 +1,13 @@
 """All engines by name: the suite's formulations, adapters to foreign libraries, plug-ins, and engines of other environments.
 
 The module of an adapter is imported when the engine is first used. Libraries that cannot be installed with those of other engines
-run in Python environments of their own, with Python >= 3.11 and numpy >= 2, but not necessarily this package. The user's file of
-engines lists them, one table for each engine:
+run in Python environments of their own, with Python >= 3.11 and numpy >= 2, but not necessarily this package. The engines that
+`gauss-bench engines install` has installed are found by the folders of their environments. The user's file of engines lists others,
+one table for each engine:
 
     [heun]
     class = "my_engine:Heun"                     # MODULE:CLASS of the adapter; engines of ELSEWHERE do not need it
-    python = "/home/me/heun/bin/python"          # the interpreter of the environment
+    python = "/home/me/heun/bin/python"          # the interpreter of the environment; installed engines do not need it
     memory = 8                                   # [GiB] limit of a process, if the usual limit is too low
 
 The file is `gauss-bench/engines.toml` in the user's folder of settings, or the file that GAUSS_BENCH_ENGINES names.
@@ -63,6 +64,7 @@ EXTRAS = {  # library -> the extra of the package that brings it
     "tomlkit": "studio",
 }
 
+MADE = "made-by-gauss-bench"  # file in every folder that `installation` makes
 FILE = "GAUSS_BENCH_ENGINES"  # environment variable with the path of the file of engines
 LARGEST = 1 << 16  # [bytes] largest file of engines that is read
 KEYS: dict[str, type | tuple[type, ...]] = {"class": str, "python": str, "memory": (int, float)}
@@ -100,7 +102,7 @@ def is_class(name: str) -> bool:
 
 
 def names() -> list[str]:
-    """List the names of all engines except RIVALS: this package's, then plug-ins, then those of the user's file of engines."""
+    """List the names of all engines except RIVALS: this package's, then plug-ins, then those in environments of their own."""
     others = [*(point.name for point in _plug_ins()), *read_environments()]
     return [*OWN, *COMPILED, *DERIVED, *FOREIGN, *dict.fromkeys(others)]
 
@@ -176,8 +178,23 @@ def file_of_engines() -> Path:
     return home / "gauss-bench" / "engines.toml"
 
 
+def home() -> Path:
+    """Return the folder of all environments that `gauss-bench engines install` makes; it need not exist."""
+    base = os.environ.get("XDG_DATA_HOME", "")
+    data = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "share"
+    return data / "gauss-bench" / "engines"
+
+
+def interpreter_in(folder: Path) -> Path:
+    return folder / "bin" / "python"
+
+
+def is_ours(folder: Path) -> bool:
+    return not folder.is_symlink() and (folder / MADE).is_file()
+
+
 def read_environments() -> dict[str, Environment]:
-    """Return engine -> environment, in the order of the user's file of engines; empty if there is no file.
+    """Return engine -> environment: first in the order of the user's file of engines, then the installed engines not named there.
 
     Raises:
         EnvironmentFault: the file has a fault.
@@ -185,16 +202,22 @@ def read_environments() -> dict[str, Environment]:
     """
     path = file_of_engines()
     try:
-        content = read_bytes(path, LARGEST)
+        tables = parse_toml(read_bytes(path, LARGEST).decode())
     except FileNotFoundError:
-        return {}
-    try:
-        tables = parse_toml(content.decode())
+        tables = {}
     except ValueError as error:
         raise EnvironmentFault(f"{path}: {error}") from error
     if taken := next((x for x in tables if x in SAFE), None):
         raise EnvironmentFault(f"{path}: {taken}: is an engine of this package; take another name")
-    return {name: _read_table(path, name, table) for name, table in tables.items()}
+    tables |= {name: {} for name in ELSEWHERE if name not in tables and is_ours(home() / name)}
+    environments = {name: _read_table(path, name, table) for name, table in tables.items()}
+    return {name: x for name, x in environments.items() if not _is_removed(x)}
+
+
+def _is_removed(environment: Environment) -> bool:
+    """Tell whether an engine is one that was installed and removed; the user's file may still have a table of it."""
+    folder = home() / environment.engine
+    return environment.engine in ELSEWHERE and environment.python == str(interpreter_in(folder)) and not folder.exists()
 
 
 def _read_table(path: Path, name: str, table: Any) -> Environment:
@@ -213,7 +236,8 @@ def _read_table(path: Path, name: str, table: Any) -> Environment:
         require(is_right, f"{name}.{key}", "must be a number" if key == "memory" else "must be a text")
     class_name = table.get("class", ELSEWHERE.get(name, ""))
     require(is_class(class_name), f"{name}.class", "must be MODULE:CLASS")
-    python = os.path.expanduser(table.get("python", ""))
+    installed = str(interpreter_in(home() / name)) if name in ELSEWHERE else ""
+    python = os.path.expanduser(table.get("python", installed))
     require(os.path.isabs(python) and "\0" not in python, f"{name}.python", "must be the absolute path of an interpreter")
     memory = float(table.get("memory", 0.0))
     in_range = memory == 0.0 or LEAST <= memory <= MOST

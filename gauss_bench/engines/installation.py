@@ -1,14 +1,13 @@
 """Install and remove the Python environments of engines whose libraries need one of their own (the engines of ELSEWHERE).
 
 venv and pip make an environment, with the hashes of the engine's `requirements.txt`, in a hidden folder. When pip has succeeded,
-this folder gets the name of the engine, and a table of the engine is added to the user's file of engines. An installation that
-fails or is interrupted leaves nothing behind. One that is killed leaves its hidden folder behind, which the next call of this
-module removes. Apart from hidden folders, a folder is removed only if it contains the file MADE.
+this folder gets the name of the engine, by which `read_environments` finds it. An installation that fails or is interrupted leaves
+nothing behind. One that is killed leaves its hidden folder behind, which the next call of this module removes. Apart from hidden
+folders, a folder is removed only if it contains the file MADE.
 """
 
 import contextlib
 import fcntl
-import json
 import os
 import re
 import shutil
@@ -20,12 +19,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gauss_bench.atomic import atomically
-from gauss_bench.engines import ELSEWHERE, KEYS, LARGEST, UnknownEngine, file_of_engines, read_environments
-from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
+from gauss_bench.engines import ELSEWHERE, MADE, UnknownEngine, file_of_engines, home, interpreter_in, is_ours, read_environments
+from gauss_bench.untrusted import BadInput, parse_toml
 
 ROOMS = Path(__file__).parent
-MADE = "made-by-gauss-bench"  # file in every folder that this module makes
 HIDDEN = re.compile(r"\.[\w.-]+\.part-\w+")  # name of a folder in which an environment is built or deleted
 OPTIONS = ("--only-binary", ":all:", "--no-input", "--disable-pip-version-check")  # of pip
 LAST_LINES = 3  # lines of a program's output that are quoted when it fails
@@ -62,25 +59,14 @@ def read_offered(name: str) -> Offered:
     return Offered(**parse_toml((ROOMS / name / "environment.toml").read_text(encoding="utf-8")))
 
 
-def home() -> Path:
-    """Return the folder of all environments; it need not exist."""
-    base = os.environ.get("XDG_DATA_HOME", "")
-    data = Path(base) if os.path.isabs(base) else Path.home() / ".local" / "share"
-    return data / "gauss-bench" / "engines"
-
-
-def interpreter_in(folder: Path) -> Path:
-    return folder / "bin" / "python"
-
-
 def is_installed_here(name: str) -> bool:
-    """Tell whether an engine has an environment that `install` made and that the user's file of engines names."""
+    """Tell whether an engine runs in an environment that `install` made."""
     environment = read_environments().get(name)
     return environment is not None and Path(environment.python) == interpreter_in(home() / name) and is_ours(home() / name)
 
 
 def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
-    """Install the environment of an engine and add a table of the engine to the user's file of engines.
+    """Install the environment of an engine.
 
     Args:
         why_unusable: function of the engine's name, called after the packages are installed; it returns the reason why the engine
@@ -100,11 +86,10 @@ def install(name: str, why_unusable: Callable[[str], str], told: Told) -> None:
         packages = ("install", *OPTIONS, "--require-hashes", "-r", str(ROOMS / name / "requirements.txt"))
         make_environment(place, lambda folder: run_program([*pip_of(folder), *packages], failure, told), told)
         try:
-            _enter(name, interpreter_in(place))
             if reason := why_unusable(name):
                 raise InstallationFault(f"{name} was installed and cannot be used, so it was removed: {reason}")
         except BaseException:
-            _undo(name)
+            _delete(place)
             raise
 
 
@@ -124,7 +109,6 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
         told(f"{place.name}: making an environment of Python {sys.version_info[0]}.{sys.version_info[1]} in {place}")
         run_program([sys.executable, "-I", "-m", "venv", str(unfinished)], "the environment cannot be made", told, quiet)
         fill(unfinished)
-        # left by an installation that was killed before it was entered in the file of engines, or named in another file of engines
         if place.exists():
             _delete(place)
         unfinished.rename(place)
@@ -134,7 +118,7 @@ def make_environment(place: Path, fill: Callable[[Path], object], told: Told, qu
 
 
 def remove(name: str) -> None:
-    """Remove an environment that `install` made (else an InstallationFault), and its entry in the user's file."""
+    """Remove an environment that `install` made; else raise an InstallationFault."""
     read_offered(name)
     place = home() / name
     if not is_ours(place):
@@ -142,14 +126,7 @@ def remove(name: str) -> None:
         where = f"; its environment is named in {file_of_engines()}, from which you can take it" if listed else ""
         raise InstallationFault(f"{name} was not installed by `gauss-bench engines install`{where}")
     with hold(home()):
-        _undo(name)
-
-
-def _undo(name: str) -> None:
-    """Delete the environment of an engine, and its table in the user's file of engines."""
-    if is_installed_here(name):
-        _take_out(name)
-    _delete(home() / name)
+        _delete(place)
 
 
 def remove_leftovers() -> None:
@@ -179,10 +156,6 @@ def hold(environments: Path) -> Iterator[None]:
         yield
     finally:
         os.close(folder)
-
-
-def is_ours(folder: Path) -> bool:
-    return not folder.is_symlink() and (folder / MADE).is_file()
 
 
 def _make_hidden(place: Path) -> Path:
@@ -251,54 +224,3 @@ def run_program(command: Sequence[str], failure: str, told: Told, quiet: bool = 
         errors = [line for line in lines if line.startswith("ERROR")] or lines
         reason = "its message stands above" if at_terminal else " ".join(errors[-LAST_LINES:])
         raise InstallationFault(f"{failure}: {reason}")
-
-
-def _read_file() -> str:
-    try:
-        return read_bytes(file_of_engines(), LARGEST).decode()
-    except FileNotFoundError:
-        return ""
-
-
-def _enter(name: str, python: Path) -> None:
-    """Add the table of an engine, with the interpreter `python`, to the end of the user's file of engines, after an empty line."""
-    before = _read_file()
-    gap = "\n" if before.endswith("\n") or not before else "\n\n"
-    table = {"class": ELSEWHERE[name], "python": str(python)}
-    lines = [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
-    text = f"{before}{gap if before else ''}" + "\n".join(lines) + "\n"
-    _write_file(text, parse_toml(before) | {name: table})
-
-
-def _take_out(name: str) -> None:
-    """Remove the table of an engine from the user's file of engines, with the empty line before it."""
-    before = _read_file()
-    # an empty line, [name] with or without quotes, and the lines of the keys below it
-    table = rf'(?m)(^[ \t]*\n)?^[ \t]*\[[ \t]*"?{re.escape(name)}"?[ \t]*\].*\n?(^[ \t]*({"|".join(KEYS)})[ \t]*=.*\n?)*'
-    others = {key: x for key, x in parse_toml(before).items() if key != name}
-    _write_file(re.sub(table, "", before, count=1), others)
-
-
-def _write_file(text: str, tables: dict[str, object]) -> None:
-    """Replace the text of the user's file of engines; remove the file if the text is empty.
-
-    Raises:
-        InstallationFault: the text has other tables than `tables`, such as changed ones of the user; the file is left unchanged.
-    """
-    path = Path(os.path.realpath(file_of_engines()))  # the target, if the file is a link
-    try:
-        same = parse_toml(text) == tables
-    except ValueError:
-        same = False
-    if not same:
-        raise InstallationFault(f"{path} cannot be changed here; please do it by hand, and leave its other tables as they are")
-    if not text.strip():
-        path.unlink(missing_ok=True)
-        return
-
-    def write(part: Path) -> None:
-        part.write_text(text, encoding="utf-8")
-        if path.exists():
-            shutil.copymode(path, part)
-
-    atomically(path, write)

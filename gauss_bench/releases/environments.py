@@ -17,18 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gauss_bench.engines import FILE as ENGINES_FILE
-from gauss_bench.engines.installation import (
-    OPTIONS,
-    InstallationFault,
-    Told,
-    hold,
-    home,
-    interpreter_in,
-    is_ours,
-    make_environment,
-    pip_of,
-    run_program,
-)
+from gauss_bench.engines import home, interpreter_in, is_ours
+from gauss_bench.engines.installation import OPTIONS, InstallationFault, Told, hold, make_environment, pip_of, run_program
 from gauss_bench.releases.library import Library
 from gauss_bench.trajectory import in_a_sentence
 

@@ -4,8 +4,8 @@ import sys
 from dataclasses import asdict, dataclass
 
 from gauss_bench.api.telling import Answer, Told, tell
-from gauss_bench.engines import ELSEWHERE, read_environments
-from gauss_bench.engines.installation import home, install, is_installed_here, read_offered, remove, remove_leftovers, require_free
+from gauss_bench.engines import ELSEWHERE, home, read_environments
+from gauss_bench.engines.installation import install, is_installed_here, read_offered, remove, remove_leftovers, require_free
 from gauss_bench.runs.offers import offer
 from gauss_bench.untrusted import BadInput
 
@@ -70,7 +70,7 @@ def engines(action: str, name: str | None, yes: bool, told: Told) -> Answer[Envi
 
 
 def _list_environments(done: str) -> Environments:
-    """Return all engines in environments of their own: first those of this package, then those of the user's file of engines."""
+    """Return all engines in environments of their own: first those of this package, then further ones of the user's file."""
     named = read_environments()
     listed = {}
     for name in dict.fromkeys((*ELSEWHERE, *named)):
