@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gauss_bench.engines.tree import Branch, Tree
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.terms import Array
 
 GRAVITY = -9.81  # [m/s^2] along y
@@ -61,45 +63,28 @@ def accelerate_states(solve: Callable[[Array, Array], Array], q: Array, v: Array
 
     If the last bar is a "twin" (see HALVES), q, v and the result have no columns for it.
 
-
     Args:
         solve: function of the bars' angles and angular speeds (bars,), each relative to the parent's; it returns the angular
             accelerations (bars,), also relative to the parent's.
     """
-    answers = []
-    for state, rates in zip(q, v, strict=True):
-        theta, w = angles_of(state, bars), angles_of(rates, bars)
-        alpha = np.append(solve(relative(theta, bars), relative(w, bars)), 0.0)  # the last entry is the ground's, with index -1
-        for k, bar in enumerate(bars):
-            alpha[k] += alpha[bar.parent]
-        answers.append(accelerations_of(theta, w, alpha[:-1], bars)[: q.shape[1]])  # without a twin
-    return np.array(answers)
+    tree, rod = tree_of(bars), slice(3, 6)
+    with_twin = (np.hstack([x, x[:, rod]]) if bars[-1].name == "twin" else x for x in (q, v))
+    y, dy = tree.relative(*with_twin)
+    ddy = np.array([solve(*state) for state in zip(y, dy, strict=True)])
+    return tree.absolute(y, dy, ddy).a[:, : q.shape[1]]
 
 
-def angles_of(q: Array, bars: Sequence[Bar]) -> Array:
-    """Return the angles (bars,) from q (n,), or the angular speeds from v (n,); the bar "twin" has those of the bar "rod"."""
-    by_name = dict(zip((bar.name for bar in bars), q[2::3], strict=False))
-    return np.array([by_name["rod" if bar.name == "twin" else bar.name] for bar in bars])
+def tree_of(bars: Sequence[Bar]) -> Tree:
+    """Return bars as a tree of pins, whose coordinates are the bars' angles, each relative to the parent's."""
+    branches, zero = [], np.zeros(2)
+    for k, bar in enumerate(bars):
+        centre = bars[bar.parent].centre if bar.parent != GROUND else 0.0
+        near, far = np.array([bar.at - centre, 0.0]), np.array([-bar.centre, 0.0])
+        branches.append(Branch(k, bar.parent, "revolute", None, k, near, far, base=zero, axis=zero, turn=0.0))
+    return Tree(tuple(branches), (), len(bars), len(bars))
 
 
 def relative(absolute: Array, bars: Sequence[Bar]) -> Array:
     """Return each bar's angle or angular speed (bars,) minus that of its parent, which is zero for the ground."""
     with_ground = np.append(absolute, 0.0)  # the index -1 of the ground is the last entry
     return np.asarray(absolute - with_ground[[bar.parent for bar in bars]])
-
-
-def accelerations_of(theta: Array, w: Array, alpha: Array, bars: Sequence[Bar]) -> Array:
-    """Return the absolute accelerations (3 bars,) at angles, angular speeds and angular accelerations (bars,).
-
-    A point at a distance s along a bar has the acceleration of the bar's first pin plus s (alpha e' - w^2 e), where e is the unit
-    vector along the bar and e' the one across it.
-    """
-    along = np.column_stack([np.cos(theta), np.sin(theta)])
-    across = np.column_stack([-np.sin(theta), np.cos(theta)])
-    turning = alpha[:, None] * across - w[:, None] ** 2 * along  # (bars, 2) at s = 1 m
-    pins = np.zeros((len(bars), 2))  # of the first pins; a pin on the ground keeps the acceleration zero
-    for k, bar in enumerate(bars):
-        if bar.parent >= 0:
-            pins[k] = pins[bar.parent] + bar.at * turning[bar.parent]
-    centres = pins + np.array([bar.centre for bar in bars])[:, None] * turning
-    return np.column_stack([centres, alpha]).ravel()
