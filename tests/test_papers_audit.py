@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gauss_bench.papers import crank_slider, forms
-from gauss_bench.papers.audit import PAPERS, Verdict, audit, discrepancy, lines, list_faults, measure_line, read
+from gauss_bench.papers.audit import PAPERS, Verdict, audit, lines, list_faults, measure_line, read
 from gauss_bench.papers.forms import link_units as lu
 from gauss_bench.papers.forms import problems
 from gauss_bench.papers.forms.loops import list_driven
@@ -46,7 +46,7 @@ def test_wrong_forms_are_found_out_and_so_is_another_verdict(name: str) -> None:
     wrong = MUTATIONS[name] if line.verdict == Verdict.OK else {"as printed": line.printed, "corrected": CORRECTIONS[name]}
     with np.errstate(all="ignore"):
         for what, form in wrong.items():
-            assert not discrepancy(line, form) <= line.tolerance, what
+            assert not line.measure(form) <= line.tolerance, what
     off, right, tolerance = row["printed_off"], row["intended_off"], row["tolerance"]
     assert np.isfinite(off)  # off by a number, not by a form that cannot be evaluated
     others = {Verdict.OK, Verdict.MISPRINT} - {line.verdict}

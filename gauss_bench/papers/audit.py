@@ -9,7 +9,6 @@ either form, so that the data file cannot decide the verdict. If the chapter giv
 counts. Lines with the same cause of error count as one mistake.
 """
 
-import math
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -135,14 +134,6 @@ def worst(values: Sequence[float]) -> float:
     return float(np.max(values))
 
 
-def discrepancy(line: Line, form: Any) -> float:
-    """Return the measured discrepancy of a form; infinity if it cannot be evaluated, for example if shapes do not fit."""
-    try:
-        return float(line.measure(form))
-    except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
-        return math.inf
-
-
 def list_faults(verdict: Verdict, printed: float, intended: float, tolerance: float) -> list[str]:
     """List the contradictions between a claimed verdict and the discrepancies of both forms.
 
@@ -162,8 +153,8 @@ def measure_line(line: Line) -> dict[str, Any]:
 
     A statement that is claimed to be "ok" and is not has the verdict "wrong".
     """
-    printed = discrepancy(line, line.printed)
-    intended = printed if line.intended is line.printed else discrepancy(line, line.intended)
+    printed = line.measure(line.printed)
+    intended = printed if line.intended is line.printed else line.measure(line.intended)
     faults = list_faults(line.verdict, printed, intended, line.tolerance)
     verdict_if_wrong = Verdict.WRONG if line.verdict == Verdict.OK else line.verdict
     example = line.example
