@@ -127,7 +127,6 @@ def test_an_installation_that_fails_leaves_nothing_and_says_why(
 
 
 @pytest.mark.long
-@pytest.mark.slow
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_an_interrupted_installation_ends_pip_and_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
     end: signal.Signals, code: int, engines: Path, monkeypatch: pytest.MonkeyPatch
