@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from tests.engine_runs import by_gauss
 @pytest.mark.parametrize(
     ("step", "t_end", "count", "shortened"), [(4e-4, 0.5, 1250, 0), (7e-4, 0.5, 715, 1), (1e-3, 2.0, 2000, 0), (0.3, 0.5, 2, 1)]
 )
-def test_a_step_is_the_step_that_is_taken(step: float, t_end: float, count: int, shortened: int) -> None:
+def test_a_step_is_the_step_that_is_taken(step, t_end, count, shortened):
     found = sampling(step, t_end, sample_times(t_end))
     assert (found.count, found.shortened, bool(found.note)) == (count, shortened, bool(shortened))
     assert (found.times[0], found.times[-1]) == (0.0, pytest.approx(t_end, abs=1e-12))
@@ -31,14 +30,14 @@ def test_a_step_is_the_step_that_is_taken(step: float, t_end: float, count: int,
     assert np.abs(whole / step - np.round(whole / step)).max() < 1e-6
 
 
-def test_a_time_that_whole_steps_miss_is_met_by_two_short_ones() -> None:
+def test_a_time_that_whole_steps_miss_is_met_by_two_short_ones():
     found = sampling_through(1e-4, [0.0, 0.01375 + 2e-5, 0.02])
     assert 0.01375 + 2e-5 in found.times
     assert (found.shortened, found.count) == (2, 201)
 
 
 @pytest.mark.slow
-def test_compare_labels_a_row_with_the_step_it_took() -> None:
+def test_compare_labels_a_row_with_the_step_it_took():
     rows = gauss_bench.compare("four_bar", ["gauss"], steps=(4e-4, 7e-4), t_end=0.1, jobs=1)
     plain = rows[(rows["stabilization"] == "none") & (rows["integrator"] == "rk4")].set_index("step")
     assert plain[["steps", "compared"]].loc[[4e-4, 7e-4]].to_numpy().tolist() == [[250, 11], [143, 3]]  # at 0, 0.07 and the end
@@ -48,7 +47,7 @@ def test_compare_labels_a_row_with_the_step_it_took() -> None:
     assert plain.loc[4e-4, "position_error"] == max(plain.loc[4e-4, ["length_error", "angle_error"]])
 
 
-def test_how_long_and_by_which_steps() -> None:
+def test_how_long_and_by_which_steps():
     assert [duration(5.0), duration(5.0, 2.0), duration(5.0, 2.0, 0.5)] == [5.0, 2.0, 0.5]
     assert usable_steps([1e-3, 1e-2, 1e-3], 1.0) == (1e-2, 1e-3)
     for wrong in (0.0, -1.0, float("nan")):
@@ -65,7 +64,7 @@ def test_how_long_and_by_which_steps() -> None:
     assert [(c.step, c.t_end) for c in as_asked([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
 
 
-def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run() -> None:
+def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run():
     mechanism = load("four_bar", "conservative")
     n, x = mechanism.n, by_gauss(mechanism, np.arange(201) * 1e-3, integrator="rk4", stabilization="projection")
     assert judge(examine(Evaluator(mechanism), x, None, 0.0)).valid
@@ -78,7 +77,7 @@ def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run() ->
     assert "5 of 201 samples" in verdicts[0].sentence
 
 
-def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> None:
+def test_public_functions_return_objects_that_are_read_by_key_and_as_json():
     import gauss_bench.kinematics.motion  # a room of the same name does not hide the function
 
     assert all(callable(getattr(gauss_bench, name)) for name in gauss_bench.__all__ if name != "__version__")
@@ -88,7 +87,7 @@ def test_public_functions_return_objects_that_are_read_by_key_and_as_json() -> N
     assert json.loads(run.to_json())["links"].keys() == run.links.keys()
 
 
-def test_a_driver_starts_where_the_scenario_does(tmp_path: Path) -> None:
+def test_a_driver_starts_where_the_scenario_does(tmp_path):
     path = tmp_path / "four_bar.toml"
     content, own = built_in()["four_bar"].read_text(encoding="utf-8"), 'law = "constant", start_deg = 0.0'
     assert own in content
@@ -99,7 +98,7 @@ def test_a_driver_starts_where_the_scenario_does(tmp_path: Path) -> None:
         assert found.driver["angle"][0] == pytest.approx(np.radians(start), abs=1e-12)
 
 
-def test_former_names_serve_for_one_release_with_a_warning() -> None:
+def test_former_names_serve_for_one_release_with_a_warning():
     with pytest.warns(DeprecationWarning, match="intervals"):
         assert len(gauss_bench.kinematics("four_bar", steps=2).t) == 3
     former = import_module("gauss_bench.mechanism.load")

@@ -4,7 +4,6 @@ import ast
 import inspect
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -56,7 +55,7 @@ ALLOWED = {  # room -> those that it may import
     "__init__": "",
     "__main__": "cli",
 }
-FOREIGN: dict[str, str | tuple[str, ...]] = {
+FOREIGN = {
     "pinocchio": "engines/pinocchio/",
     "exudyn": "engines/exudyn/adapter.py",
     "mujoco": ("engines/mujoco/", "engines/mjcf/", "engines/mjx/"),  # MJX reads and writes the library's models
@@ -82,9 +81,9 @@ OUTSIDE = {"formulations": {"numpy", "scipy"}, "integrate": {"numpy", "scipy"}, 
 
 
 @cache
-def imports(path: Path) -> frozenset[str]:
+def imports(path):
     """Dotted names that a file imports, as modules or from them."""
-    found: set[str] = set()
+    found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
@@ -93,12 +92,12 @@ def imports(path: Path) -> frozenset[str]:
     return frozenset(found)
 
 
-def room(name: str) -> str:
+def room(name):
     parts = name.split(".")
     return "gauss_bench" if len(parts) == 1 or parts[1] == "__version__" else parts[1]
 
 
-def room_of(path: Path) -> str:
+def room_of(path):
     relative = path.relative_to(PACKAGE)
     return relative.parts[0] if len(relative.parts) > 1 else relative.stem
 
@@ -107,7 +106,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
+def test_a_file_imports_only_what_its_room_may(path):
     own = room_of(path)
     for name in imports(path):
         top = name.split(".")[0]
@@ -125,32 +124,32 @@ ROOMS = {p.name for p in ENGINES.iterdir() if (p / "__init__.py").is_file()} - {
 
 
 @pytest.mark.parametrize("path", sorted(ENGINES.rglob("*.py")), ids=lambda p: str(p.relative_to(ENGINES)))
-def test_no_engine_reaches_into_the_room_of_another(path: Path) -> None:
+def test_no_engine_reaches_into_the_room_of_another(path):
     """Both `from gauss_bench.engines import NAME` and imports from inside that room count."""
     rooms = {x for x in ROOMS if any(f"{name}.".startswith(f"gauss_bench.engines.{x}.") for name in imports(path))}
     assert rooms <= {path.parent.name}
 
 
-def test_rooms_form_no_circle() -> None:
+def test_rooms_form_no_circle():
     arrows = {
         own: {room(n) for p in FILES if room_of(p) == own for n in imports(p) if n.startswith("gauss_bench")} for own in ALLOWED
     }
     assert_no_circle({own: to - {own, "gauss_bench"} for own, to in arrows.items()})
 
 
-def assert_no_circle(arrows: dict[str, set[str]]) -> None:
-    done: set[str] = set()
+def assert_no_circle(arrows):
+    done = set()
     while len(done) < len(arrows):
         free = {own for own, to in arrows.items() if own not in done and to <= done}
         assert free, f"a circle among {sorted(arrows.keys() - done)}"
         done |= free
 
 
-def file_arrows() -> dict[str, set[str]]:
+def file_arrows():
     """File -> files that it imports when it is loaded, as dotted names."""
     files = {".".join(p.relative_to(PACKAGE.parent).with_suffix("").parts): p for p in FILES}
     files = {name.removesuffix(".__init__"): path for name, path in files.items()}
-    arrows: dict[str, set[str]] = {}
+    arrows = {}
     for own, path in files.items():
         found = [x for x in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(x, ast.ImportFrom) and x.module]
         named = {(f"{x.module}.{alias.name}", x.module or "") for x in found for alias in x.names}
@@ -158,17 +157,17 @@ def file_arrows() -> dict[str, set[str]]:
     return arrows
 
 
-def test_files_form_no_circle() -> None:
+def test_files_form_no_circle():
     assert_no_circle(file_arrows())
 
 
-def test_rooms_of_the_compiler_form_a_chain() -> None:
+def test_rooms_of_the_compiler_form_a_chain():
     """Each room imports from rooms before it alone, at most four times past its neighbour; `kernel.py` and others stand above."""
     compiler = PACKAGE / "compiler"
     chain = ("expressions", "equations", "elimination", "machine", "stepping", "turns")
     assert {p.name for p in compiler.iterdir() if p.is_dir() and p.name != "__pycache__"} == set(chain)
 
-    def room(file: str) -> str:
+    def room(file):
         """Name of the compiler's room (or of its file outside the rooms) in which a file is; empty for files elsewhere."""
         return file.removeprefix("gauss_bench.compiler.").split(".")[0] if file.startswith("gauss_bench.compiler.") else ""
 
@@ -193,18 +192,18 @@ MAY_ITERATE = {  # a file, or a room that ends with a stroke, and why its iterat
 }
 
 
-def calls(node: ast.AST) -> set[str]:
+def calls(node):
     """Return the names of all functions and methods that a node calls."""
     called = [x.func for x in ast.walk(node) if isinstance(x, ast.Call)]
     return {getattr(x, "attr", getattr(x, "id", "")) for x in called}
 
 
-def names(*nodes: ast.AST) -> set[str]:
+def names(*nodes):
     """Return the names of all variables in some nodes."""
     return {x.id for node in nodes for x in ast.walk(node) if isinstance(x, ast.Name)}
 
 
-def terms_added(node: ast.AST) -> Iterator[ast.AST]:
+def terms_added(node):
     """Yield each d of a statement x = x + d, x = x - d, x += d or x -= d; not if x is one entry of an array."""
     if isinstance(node, ast.AugAssign) and isinstance(getattr(node.target, "slice", ast.Slice()), ast.Slice):
         yield node.value
@@ -213,7 +212,7 @@ def terms_added(node: ast.AST) -> Iterator[ast.AST]:
         yield from (x.right for x in sums if isinstance(x.left, ast.Name) and x.left.id in names(*node.targets))
 
 
-def iterates(source: str) -> bool:
+def iterates(source):
     """Tell whether a loop adds solutions of linear equations to a variable, directly or by a function of the same file.
 
     Solvers that are passed as arguments or imported under another name are not seen.
@@ -232,7 +231,7 @@ def iterates(source: str) -> bool:
     return False
 
 
-def test_linkages_are_closed_by_one_iteration() -> None:
+def test_linkages_are_closed_by_one_iteration():
     found = {str(path.relative_to(PACKAGE)) for path in FILES if iterates(path.read_text(encoding="utf-8"))}
     places = {next((x for x in MAY_ITERATE if file.startswith(x)), file) for file in found}
     assert places == MAY_ITERATE.keys()
@@ -247,11 +246,11 @@ def test_linkages_are_closed_by_one_iteration() -> None:
         ("for x in rows:\n    y = solve(J, x)\n    total = total + x", False),
     ],
 )
-def test_an_iteration_is_recognised(source: str, is_newton: bool) -> None:
+def test_an_iteration_is_recognised(source, is_newton):
     assert iterates(source) is is_newton
 
 
-def modules_after(statement: str) -> set[str]:
+def modules_after(statement):
     code = f"import sys; {statement}; print(*sys.modules, file=sys.stderr)"
     return set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stderr.split())
 
@@ -269,7 +268,7 @@ def modules_after(statement: str) -> set[str]:
         ("import gauss_bench.report.build", set(FOREIGN)),
     ],
 )
-def test_importing_pulls_in_nothing_heavy(statement: str, absent: set[str]) -> None:
+def test_importing_pulls_in_nothing_heavy(statement, absent):
     assert not modules_after(statement) & absent
 
 
@@ -278,7 +277,7 @@ FAILING = ("four_bar --step 0.05 --at 0,0.5", "four_bar --step 0.1 --at 0,1", "p
 
 
 @pytest.mark.parametrize("engine", OWN)
-def test_a_run_of_an_own_formulation_loads_forty_modules_at_most(engine: str) -> None:
+def test_a_run_of_an_own_formulation_loads_forty_modules_at_most(engine):
     """Packages' own files are not counted; none of the others imports a room in a function, where it would not be seen.
 
     One of the forty is the formulation of the run. The judge compares every run with `gauss`, and a run without a reference with
@@ -305,7 +304,7 @@ def test_a_run_of_an_own_formulation_loads_forty_modules_at_most(engine: str) ->
         assert not [x for x in inside if x.startswith("gauss_bench")], path
 
 
-def test_pins_carry_hashes_and_no_address() -> None:
+def test_pins_carry_hashes_and_no_address():
     pins = (PACKAGE.parent / "constraints.txt").read_text(encoding="utf-8")
     assert "://" not in pins
     assert "--index-url" not in pins

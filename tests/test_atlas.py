@@ -7,14 +7,13 @@ import signal
 import time
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gauss_bench.atlas import survey as surveying
 from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
-from gauss_bench.atlas.families import FAMILIES, SCENARIO, Axis, pendulum
+from gauss_bench.atlas.families import FAMILIES, SCENARIO, pendulum
 from gauss_bench.atlas.survey import BUDGET, Course, Reach, Way, axes, comparison_times, reach, sentence, survey, ways
 from gauss_bench.atlas.table import row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
@@ -22,7 +21,6 @@ from gauss_bench.cli import main
 from gauss_bench.engines.interpreted import Interpreted
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.report import rows as rows_module
 from gauss_bench.report.site.engine import engine_page
 from gauss_bench.runs.one_run import Run, sampling, sampling_at
@@ -35,11 +33,11 @@ SVG = "{http://www.w3.org/2000/svg}"
 WAY = Way("gauss", "default", "rk4", "none")
 
 
-def of(family: str, value: float) -> Mechanism:
+def of(family, value):
     return load_document(FAMILIES[family].document(value), SCENARIO)
 
 
-def test_rungs_are_round_numbers_from_easy_to_hard() -> None:
+def test_rungs_are_round_numbers_from_easy_to_hard():
     assert FAMILIES["size"].values == (1, 2, 4, 8, 16, 32, 64)
     assert FAMILIES["mass"].values[::12] == (1.0, 1e6)
     for name, digits in {"singular": "125", "mass": "13", "stiffness": "13", "speed": "13", "step": "125"}.items():
@@ -49,7 +47,7 @@ def test_rungs_are_round_numbers_from_easy_to_hard() -> None:
         assert rungs == tuple(between if name != "singular" else reversed(between))  # small angles are hard
 
 
-def test_every_family_assembles_at_both_ends() -> None:
+def test_every_family_assembles_at_both_ends():
     for family in FAMILIES.values():
         for value in (family.values[0], family.values[-1]):
             mechanism = of(family.name, value)
@@ -57,7 +55,7 @@ def test_every_family_assembles_at_both_ends() -> None:
             assert np.abs(Evaluator(mechanism).constraints(0.0, mechanism.q0, mechanism.v0).phi).max() < 1e-10
 
 
-def test_the_smallest_transmission_angle_is_the_one_asked_for() -> None:
+def test_the_smallest_transmission_angle_is_the_one_asked_for():
     for angle in (20.0, 1.0, 0.01):
         links = FAMILIES["singular"].document(angle)["links"]
         a, b, c = (max(x[0] for x in links[name]["points"].values()) for name in ("crank", "coupler", "rocker"))
@@ -66,7 +64,7 @@ def test_the_smallest_transmission_angle_is_the_one_asked_for() -> None:
         assert np.degrees(folded.min()) == pytest.approx(angle, rel=1e-6)
 
 
-def test_families_differ_in_what_they_say_and_in_nothing_else() -> None:
+def test_families_differ_in_what_they_say_and_in_nothing_else():
     assert [of("redundancy", x).redundant for x in (0.0, 1.0, 3.0)] == [0, 1, 3]
     assert [len(of("size", x).links) for x in (1.0, 8.0)] == [3, 17]
     even, uneven = of("mass", 1.0), of("mass", 100.0)
@@ -76,7 +74,7 @@ def test_families_differ_in_what_they_say_and_in_nothing_else() -> None:
     assert FAMILIES["step"].document(1e-3) == FAMILIES["step"].document(1e-1)
 
 
-def test_many_windows_move_as_one_pendulum() -> None:
+def test_many_windows_move_as_one_pendulum():
     mechanism, t = of("size", 4.0), np.linspace(0.0, 0.1, 5)
     q, v, a = pendulum(4.0, t, 1e-12)
     np.testing.assert_allclose(q[0], mechanism.q0, atol=1e-12)
@@ -88,7 +86,7 @@ def test_many_windows_move_as_one_pendulum() -> None:
 
 
 @pytest.fixture(scope="module")
-def known() -> tuple[Mechanism, Run, Reference]:
+def known():
     """A pendulum of windows, a run without any error, and the reference."""
     mechanism, wanted = of("size", 1.0), sampling(1e-2, 0.1)
     states = pendulum(1.0, wanted.times, 1e-12)
@@ -96,14 +94,14 @@ def known() -> tuple[Mechanism, Run, Reference]:
     return mechanism, run, Reference.with_one_bar(run.trajectory, "closed form")
 
 
-def shifted(run: Run, by: float) -> Run:
+def shifted(run, by):
     """Return a run with all links moved along x [m], so that loops on the ground open by as much."""
     q = run.trajectory.q.copy()
     q[5:, 0::3] += by
     return replace(run, trajectory=replace(run.trajectory, q=q))
 
 
-def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) -> None:
+def test_verdicts_follow_their_numbers(known):
     mechanism, run, reference = known
     for by, verdict in ((0.0, Verdict.PASS), (0.9e-3, Verdict.PASS), (1.1e-3, Verdict.DEGRADED), (0.02, Verdict.FAILED)):
         found = decide(mechanism, shifted(run, by), reference)
@@ -116,7 +114,7 @@ def test_verdicts_follow_their_numbers(known: tuple[Mechanism, Run, Reference]) 
     assert decide(mechanism, skipped, reference).verdict is Verdict.CANNOT
 
 
-def test_an_error_is_a_share_of_the_linkages_size() -> None:
+def test_an_error_is_a_share_of_the_linkages_size():
     """The size of the four-bar is not one metre."""
     mechanism = load("four_bar", "conservative")
     x = by_gauss(mechanism, 1e-3 * np.arange(11), integrator="rk4")
@@ -128,7 +126,7 @@ def test_an_error_is_a_share_of_the_linkages_size() -> None:
         assert decide(mechanism, run, Reference.with_one_bar(x, "", share * 1e-4 * mechanism.size)).verdict is verdict
 
 
-def test_halving_finds_where_a_way_breaks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_halving_finds_where_a_way_breaks(monkeypatch, tmp_path):
     family = FAMILIES["size"]
     for passing, degraded in itertools.product(range(8), (0, 1, 3)):
         verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
@@ -143,7 +141,7 @@ def test_halving_finds_where_a_way_breaks(monkeypatch: pytest.MonkeyPatch, tmp_p
         assert row(found)["breaks_at"] == (None if passing == 7 else family.values[passing])
 
 
-def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch, tmp_path):
     family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
     monkeypatch.setattr(
         surveying, "run_and_judge", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
@@ -155,10 +153,8 @@ def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch: pytest.Monk
     assert "≥ 1" in chart([found], alone=True)
 
 
-def test_a_reference_is_made_once_and_its_bar_is_what_a_looser_tolerance_changes(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def run_apart(request: surveying.Request, mechanism: Mechanism, *_: object) -> Run:
+def test_a_reference_is_made_once_and_its_bar_is_what_a_looser_tolerance_changes(monkeypatch, tmp_path):
+    def run_apart(request, mechanism, *_):
         t = request.wanted.times
         states = np.full((3, len(t), mechanism.n), 1e6 * request.choice.tolerance)
         return Run(Status.OK, "", Trajectory(t, *states, 10), None, request.wanted)
@@ -174,15 +170,15 @@ def test_a_reference_is_made_once_and_its_bar_is_what_a_looser_tolerance_changes
     assert Course(tmp_path).at(family, 1.0, worker)[1] == "no reference: why"
 
 
-def test_the_end_of_a_way_is_described_by_its_verdict() -> None:
+def test_the_end_of_a_way_is_described_by_its_verdict():
     for last, said in {Verdict.FAILED: "then why", Verdict.OPEN: "then open: why", Verdict.CANNOT: "then cannot: why"}.items():
         assert sentence(Reach(WAY, "size", 1.0, 1.0, last, "why", 0.0, 3)) == f"passes to 1; {said}"
 
 
-def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch):
     begun, told = list[float](), list[str]()
 
-    def looked_at(way: Way, family: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
+    def looked_at(way, family, value, course, worker, left):
         if left > 0:
             begun.append(value)
             os.kill(os.getpid(), signal.SIGINT)
@@ -196,14 +192,14 @@ def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch: pytest.
     assert told == ["settings of engines: 1; axes: 2"]
 
 
-def test_times_that_are_compared_lie_on_whole_steps() -> None:
+def test_times_that_are_compared_lie_on_whole_steps():
     assert len(comparison_times(1e-3, 0.5)) == 101
     np.testing.assert_allclose(comparison_times(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
     np.testing.assert_allclose(comparison_times(0.1, 0.5), np.arange(6) * 0.1)
     assert sampling_at(0.1, comparison_times(0.1, 0.5)).shortened == 0
 
 
-def some() -> list[Reach]:
+def some():
     """Return reaches of two ways along all axes, the first of which the engine cannot model."""
     found = []
     for family in FAMILIES.values():
@@ -212,7 +208,7 @@ def some() -> list[Reach]:
     return [replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it"), *found[1:]]
 
 
-def test_a_bar_is_as_long_as_its_way_goes() -> None:
+def test_a_bar_is_as_long_as_its_way_goes():
     family = FAMILIES["size"]
     assert [part(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
     one = Reach(WAY, "size", 8.0, 16.0, Verdict.FAILED, "too large", 1e-9, 5)
@@ -222,7 +218,7 @@ def test_a_bar_is_as_long_as_its_way_goes() -> None:
     assert [number(x) for x in (1e6, 1e-4, 0.01, 300.0)] == ["1e6", "1e-4", "0.01", "300"]
 
 
-def test_tables_tell_all_and_escape_what_others_said(tmp_path: Path) -> None:
+def test_tables_tell_all_and_escape_what_others_said(tmp_path):
     write_table("atlas", rows_of(some(), "0123456789ab"), tmp_path)
     rows = read_table("atlas", tmp_path)
     assert len(rows) == 2 * len(FAMILIES)
@@ -236,7 +232,7 @@ def test_tables_tell_all_and_escape_what_others_said(tmp_path: Path) -> None:
     assert "http" not in written.replace("http://www.w3.org/2000/svg", "")
 
 
-def test_what_the_budget_does_not_reach_stays_open(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_budget_does_not_reach_stays_open(tmp_path, capsys):
     assert main(["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--json", "--out", str(tmp_path)]) == 0
     assert [x.name for x in ways(["gauss"])] == ["gauss", "gauss + projection"]
     assert [x.name for x in axes(["speed", "size"])] == ["speed", "size"]

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,16 +41,14 @@ FAULTS = [
 ]
 
 
-def saved(folder: Path, text: str) -> Path:
+def saved(folder, text):
     path = folder / "theirs.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
 @pytest.mark.parametrize(("old", "new", "said"), FAULTS)
-def test_a_faulty_file_is_refused_by_name_and_field(
-    old: str, new: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_faulty_file_is_refused_by_name_and_field(old, new, said, tmp_path, capsys):
     assert TEXT.count(old) == 1
     path = saved(tmp_path, TEXT.replace(old, new))
     assert main(["check-settings", str(path)]) == 2
@@ -61,7 +58,7 @@ def test_a_faulty_file_is_refused_by_name_and_field(
 
 
 @pytest.mark.parametrize("room", sorted(x.parent for x in ROOMS.glob("*/variants.toml")), ids=lambda x: x.name)
-def test_a_knob_that_takes_numbers_has_a_range(room: Path) -> None:
+def test_a_knob_that_takes_numbers_has_a_range(room):
     found = read_variants(room)
     for key, knob in found.knobs.items():
         values = [x.get(key) for x in found.settings.values()]
@@ -70,13 +67,13 @@ def test_a_knob_that_takes_numbers_has_a_range(room: Path) -> None:
 
 
 @pytest.mark.parametrize(("path", "said"), [(".", "Is a directory"), ("none.toml", "No such file"), ("long.toml", "larger than")])
-def test_what_cannot_be_read_is_named(path: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_read_is_named(path, said, tmp_path, capsys):
     (tmp_path / "long.toml").write_bytes(b"#" * (authors.LARGEST + 1))
     assert main(["check-settings", str(tmp_path / path)]) == 2
     assert f"error: {tmp_path / path}: {said}" in capsys.readouterr().err
 
 
-def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path: Path) -> None:
+def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path):
     most = len(read_variants(ROOMS / "minimal").space)
     assert read_settings(SOUND).most == most == 3
     third = '[settings.third]\nintegrator = "dop853"\ndop853_rtol = 1e-10\n'
@@ -85,7 +82,7 @@ def test_there_are_at_most_as_many_settings_as_our_search_has_variants(tmp_path:
         read_settings(saved(tmp_path, TEXT + third + third.replace("third", "fourth")))
 
 
-def test_a_sound_file_is_a_list_of_candidates_with_their_owner(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_sound_file_is_a_list_of_candidates_with_their_owner(capsys):
     tight, equal = candidates_of("minimal", [SOUND])
     assert (tight.name, tight.integrator, tight.stabilization, tight.owner) == (TIGHT, "dop853", "none", "Those who wrote it")
     assert dict(tight.options) == {"dop853_rtol": 1e-11, "dop853_atol": 1e-12}
@@ -97,7 +94,7 @@ def test_a_sound_file_is_a_list_of_candidates_with_their_owner(capsys: pytest.Ca
     assert (told["engine"], told["most"], [*told["settings"]]) == ("minimal", 3, ["tight", "equal"])
 
 
-def test_the_file_of_a_room_is_found_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_of_a_room_is_found_by_itself(tmp_path, monkeypatch):
     (tmp_path / "minimal").mkdir()
     shutil.copy(ROOMS / "minimal" / "variants.toml", tmp_path / "minimal")
     monkeypatch.setattr(authors, "ROOMS", tmp_path)
@@ -107,18 +104,18 @@ def test_the_file_of_a_room_is_found_by_itself(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("path", sorted(ROOMS.glob("*/authors.toml")) or [None], ids=str)
-def test_every_file_of_a_room_is_sound_and_of_its_engine(path: Path | None) -> None:
+def test_every_file_of_a_room_is_sound_and_of_its_engine(path):
     assert path is None or read_settings(path).engine == path.parent.name
 
 
-def test_the_text_of_a_setting_has_the_same_values_bit_for_bit() -> None:
+def test_the_text_of_a_setting_has_the_same_values_bit_for_bit():
     changes = {"x": 1 / 3, "pair": [0.1 + 0.2, 1e-300], "word": 'least "depth", so', "on": True, "count": 3}
     usual = {"x": 1.0, "pair": [0.0, 0.0], "word": "none", "on": False, "count": 1}
     table = OptionTable({"base": usual}, {key: ('least "depth", so',) if key == "word" else () for key in usual})
     assert table.resolve(write_options("base", changes)) == changes
 
 
-def test_a_file_for_an_engine_that_nobody_asks_is_refused() -> None:
+def test_a_file_for_an_engine_that_nobody_asks_is_refused():
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: the suite searches no settings of minimal"):
         with_authors(read_suite("quick"), [SOUND])
     with pytest.raises(ChoiceError, match=r"minimal\.toml: engine: minimal is not among the engines of this search, gauss"):

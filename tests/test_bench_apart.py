@@ -2,8 +2,6 @@
 
 import pickle
 import struct
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +19,7 @@ EXPECTED = {"Judges": "invalid", "Pickles": "crashed", "Floods": "crashed", "Fin
 
 
 @pytest.mark.slow
-def test_rows_are_judged_on_this_side_and_others_keep_their_judge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_are_judged_on_this_side_and_others_keep_their_judge(tmp_path, monkeypatch):
     monkeypatch.setenv("MARK", str(tmp_path / "mark"))  # where code that came through the pipe would leave a file
     expected = {f"{FAULTY}:{name}": status for name, status in EXPECTED.items()} | {"lagrange": "ok"}
     rows = gauss_bench.compare("four_bar", [*expected], steps=(1e-2,), t_end=0.1, jobs=1).set_index("engine")
@@ -32,7 +30,7 @@ def test_rows_are_judged_on_this_side_and_others_keep_their_judge(tmp_path: Path
     assert not (tmp_path / "mark").exists()
 
 
-def test_plain_data_comes_back_as_it_went() -> None:
+def test_plain_data_comes_back_as_it_went():
     arrays = {"a": np.arange(6.0).reshape(2, 3), "c": np.array([True, False]), "none": np.zeros((0, 5)), "one": np.array(np.nan)}
     found = unpack_answer(pack_answer(arrays | {"b": [None, "text", 1.5, True], "d": {}}))
     assert (found.pop("b"), found.pop("d")) == ([None, "text", 1.5, True], {})
@@ -44,11 +42,11 @@ def test_plain_data_comes_back_as_it_went() -> None:
             pack_answer(item)
 
 
-def answer(text: bytes, more: bytes = b"") -> bytes:
+def answer(text, more=b""):
     return struct.pack("<Q", len(text)) + text + more
 
 
-def test_bytes_that_are_no_answer_are_refused() -> None:
+def test_bytes_that_are_no_answer_are_refused():
     shapes = (b"[2]", b"[1000000000, 1000000000]", b"[-1]", b"[true]")
     arrays = [b'{"array of numbers": ["f", ' + x + b"]}" for x in shapes]
     arrays += [b'{"array of numbers": ["O", [1]]}', b'{"array of numbers": 7}']
@@ -62,7 +60,7 @@ def test_bytes_that_are_no_answer_are_refused() -> None:
 TIMES = sampling(1e-2, 0.05)
 
 
-def sent(**fields: Any) -> dict[str, Any]:
+def sent(**fields):
     """A sound answer of six samples of nine coordinates, but for some fields."""
     arrays = {key: np.zeros((6, 9)) for key in ("q", "v", "a")}
     trajectory = {"t": TIMES.times, "steps": 5, "evaluations": None, "note": ""} | arrays
@@ -89,7 +87,7 @@ SENT = [
 ]
 
 
-def test_an_answer_is_taken_for_no_more_than_it_is() -> None:
+def test_an_answer_is_taken_for_no_more_than_it_is():
     for fields, status in SENT:
         run = receive(outcome_of(unpack_answer(pack_answer(sent(**fields)))), TIMES, 9)
         assert run.status is status, fields
@@ -98,7 +96,7 @@ def test_an_answer_is_taken_for_no_more_than_it_is() -> None:
         assert receive(outcome_of(item), TIMES, 9).status in (Status.ERROR, Status.INCOMPLETE)
 
 
-def test_accelerations_of_other_states_are_no_numbers() -> None:
+def test_accelerations_of_other_states_are_no_numbers():
     states = Samples(np.zeros(3), np.ones((3, 9)), np.ones((3, 9)), np.ones((3, 9)))
     assert acceleration_errors(states.a, states)["acceleration_error_median"] == 0.0
     for wrong in (None, np.ones((2, 9)), np.ones(27), "none", np.array(1.0)):
@@ -106,7 +104,7 @@ def test_accelerations_of_other_states_are_no_numbers() -> None:
 
 
 @pytest.mark.parametrize("engine", ["gauss", "pinocchio", "exudyn"])
-def test_simulate_shows_how_far_a_run_came(engine: str) -> None:
+def test_simulate_shows_how_far_a_run_came(engine):
     """The squeezer, by steps that are far too long for it, at times that it reaches and at times that it does not."""
     needs({"gauss": "numpy"}.get(engine, engine))
     found = gauss_bench.simulate("squeezer", engine, step=2e-3, at=[0.01, 0.02, 0.03])

@@ -1,7 +1,6 @@
 """The gate passes what has not changed, fails a planted fault by name, and tells an improvement."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -11,29 +10,29 @@ from gauss_bench.bench.gate import accept, compare, failures, figures_of, read_b
 from gauss_bench.bench.runner import measure_all
 from gauss_bench.cli import main
 from gauss_bench.report.rows import group_by
-from gauss_bench.tables import KEY, Row
+from gauss_bench.tables import KEY
 from gauss_bench.verbs import suites
 
 CASES = [Case("four_bar", "torque", "gauss", "default", "rk4", "none", h, 1.0) for h in (1e-2, 5e-3)]
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
+def found(tmp_path_factory):
     return figures_of(*measure_all(CASES, tmp_path_factory.mktemp("gate")))
 
 
 @pytest.fixture
-def baseline(found: list[Row], tmp_path: Path) -> Path:
+def baseline(found, tmp_path):
     path = tmp_path / "a baseline.csv"
     accept(found, path, "first")
     return path
 
 
-def changed(found: list[Row], metric: str, factor: float) -> list[Row]:
+def changed(found, metric, factor):
     return [{**row, "value": str(float(row["value"]) * factor)} if row["metric"] == metric else row for row in found]
 
 
-def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found: list[Row], baseline: Path) -> None:
+def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(found, baseline):
     assert accept(changed(found, "measured_error_t1", 3.0), baseline, "a longer lever") == (2, [])
     accepted = group_by(read_baseline(baseline), "metric")
     assert all(re.fullmatch(r"\d{4}-\d\d-\d\d a longer lever", row["accepted"]) for row in accepted["measured_error_t1"])
@@ -41,7 +40,7 @@ def test_an_accepted_change_carries_its_date_and_reason_and_leaves_the_others(fo
 
 
 @pytest.mark.slow
-def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path, capsys):
     command = ["check", "crank_slider", "--engine", "schur", "--baseline", str(tmp_path / "baseline.csv")]
     assert main([*command, "--accept", "first"]) == 0
     capsys.readouterr()
@@ -51,13 +50,11 @@ def test_one_per_cent_in_one_inertia_fails_the_gate_by_name(tmp_path: Path, caps
     assert "limit" in said
 
 
-def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_told(
-    baseline: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run: list[Case] = []
+def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_told(baseline, capsys, monkeypatch):
+    run = []
     figures = read_baseline(baseline)
 
-    def measured(cases: list[Case], *rest: object) -> tuple[list[Row], list[Row]]:
+    def measured(cases, *rest):
         run.extend(cases)
         return [CASE], []
 
@@ -75,9 +72,9 @@ def test_of_a_part_what_the_baseline_knows_is_run_and_what_it_does_not_know_is_t
     assert not run
 
 
-def test_a_known_case_that_an_engine_no_longer_has_fails(found: list[Row], baseline: Path) -> None:
+def test_a_known_case_that_an_engine_no_longer_has_fails(found, baseline):
     kept = read_baseline(baseline)
-    other: list[Row] = [{**row, "engine": "lost"} for row in kept]
+    other = [{**row, "engine": "lost"} for row in kept]
     part = gate.restrict(kept + other, {"four_bar"}, {"gauss", "lost"})
     assert {v.case.split()[2] for v in failures(compare(found, part))} == {"lost"}
 
@@ -85,14 +82,14 @@ def test_a_known_case_that_an_engine_no_longer_has_fails(found: list[Row], basel
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 1.0), strict=True))
 
 
-def ended(status: str, message: str = "") -> list[Row]:
+def ended(status, message=""):
     """The facts of one case that ended so."""
     figures = [{"metric": "position_error", "value": "1e-5", "message": ""}] if status == "ok" else []
     return [CASE | x for x in [{"metric": "status", "value": status, "message": message}, *figures]]
 
 
 @pytest.mark.parametrize("status", ["nan", "crashed"])
-def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Path) -> None:
+def test_a_case_that_did_not_end_well_is_not_accepted(status, tmp_path):
     path = tmp_path / "baseline.csv"
     accept(ended("ok"), path, "first")
     before = path.read_bytes()
@@ -103,7 +100,7 @@ def test_a_case_that_did_not_end_well_is_not_accepted(status: str, tmp_path: Pat
     assert changed == 0
     assert "the engine's own words" in refused[0]
     assert path.read_bytes() == before
-    new: list[Row] = [{**row, "engine": "lagrange"} for row in ended(status)]  # a case that the baseline does not know
+    new = [{**row, "engine": "lagrange"} for row in ended(status)]  # a case that the baseline does not know
     _, refused = accept(ended("ok") + new, path, "later")
     assert len(refused) == 1
     assert {row["engine"] for row in read_baseline(path)} == {"gauss"}

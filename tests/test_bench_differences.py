@@ -1,8 +1,6 @@
 """A run held against another: what lies apart beyond the gate's limits is told, and nothing else."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,7 +15,7 @@ ROW = CASE | {"status": "ok", "valid": True, "acceleration_error_median": 1e-15,
 TRUTH = {"mechanism": "four_bar", "scenario": "torque", "t_end": 2.0, "measured_t1": 1.25}
 
 
-def written(folder: Path, rows: list[dict[str, Any]], truth: float = 1.25) -> Path:
+def written(folder, rows, truth=1.25):
     write_table("results", rows, folder)
     write_table("references", [TRUTH | {"measured_t1": truth}], folder)
     write_schema(folder)
@@ -37,7 +35,7 @@ def written(folder: Path, rows: list[dict[str, Any]], truth: float = 1.25) -> Pa
         ({"measured_t1": 1.2500001}, {"measured_t1"}),  # of the reference
     ],
 )
-def test_what_lies_apart_is_told(change: dict[str, Any], apart: set[str], tmp_path: Path) -> None:
+def test_what_lies_apart_is_told(change, apart, tmp_path):
     truth = change.get("measured_t1", 1.25)
     rows = [ROW | {k: x for k, x in change.items() if k in ROW or k == "message"}]
     here, there = written(tmp_path / "here", rows, truth), written(tmp_path / "there", [ROW])
@@ -46,7 +44,7 @@ def test_what_lies_apart_is_told(change: dict[str, Any], apart: set[str], tmp_pa
     assert (found.only_here, found.only_there) == (0, 0)
 
 
-def test_cases_of_one_run_alone_are_counted_and_not_judged(tmp_path: Path) -> None:
+def test_cases_of_one_run_alone_are_counted_and_not_judged(tmp_path):
     here = written(tmp_path / "here", [ROW, ROW | {"step": 1e-2}])
     there = written(tmp_path / "there", [ROW, ROW | {"engine": "lagrange"}, ROW | {"engine": "schur"}])
     found = differences(here, there)
@@ -62,7 +60,7 @@ RIVAL = {"mechanism": "four_bar", "scenario": "torque", "formulation": "gauss", 
 RIVAL |= {"settings": "tuned", "step": 1e-4, "status": "ok"}
 
 
-def made(folder: Path, rows: list[dict[str, Any]], ratio: tuple[float, float, float], **more: object) -> Path:
+def made(folder, rows, ratio, **more):
     """A run with one ratio of times, its spread and whether it meets its target."""
     told = dict(zip(("ratio", "ratio_low", "ratio_high"), ratio, strict=True)) | {"target": 1.0, "met": ratio[0] >= 1}
     write_table("kernel_steps", [RIVAL | told], folder)
@@ -79,16 +77,14 @@ def made(folder: Path, rows: list[dict[str, Any]], ratio: tuple[float, float, fl
         ((0.9, 0.8, 0.99), 2, 2),  # of 1, and of the target
     ],
 )
-def test_a_ratio_matters_where_it_changes_sides(
-    ratio: tuple[float, float, float], moved: int, matters: int, tmp_path: Path
-) -> None:
+def test_a_ratio_matters_where_it_changes_sides(ratio, moved, matters, tmp_path):
     folders = made(tmp_path / "here", [ROW], ratio), made(tmp_path / "there", [ROW], (1.5, 1.4, 1.6))
     compared, apart = compare_times(*folders)
     assert compared == 2
     assert (len(apart), sum(x.matters for x in apart)) == (moved, matters)
 
 
-def test_what_changed_is_said_as_markdown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_changed_is_said_as_markdown(tmp_path, capsys):
     here = made(tmp_path / "here", [ROW | {"position_error": 3e-6}], (0.9, 0.8, 0.99), cpu="another")
     there = made(tmp_path / "there", [ROW], (1.5, 1.4, 1.6))
     before = sorted(tmp_path.rglob("*"))
@@ -104,7 +100,7 @@ def test_what_changed_is_said_as_markdown(tmp_path: Path, capsys: pytest.Capture
     assert json.loads(capsys.readouterr().out)["times"][0]["matters"]
 
 
-def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path, capsys):
     there = tmp_path / "there"
     there.mkdir()
     head = ",".join([*KEY, "status", "valid", "acceleration_error_median", "position_drift", "position_error"])
@@ -126,9 +122,7 @@ def test_an_earlier_format_is_compared_and_a_later_one_refused(tmp_path: Path, c
         ({"shortened": "GAUSS_BENCH_ATTEMPTS=8"}, "in haste, with GAUSS_BENCH_ATTEMPTS=8"),
     ],
 )
-def test_a_run_that_cannot_be_traced_is_not_published(
-    more: dict[str, object], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_cannot_be_traced_is_not_published(more, said, tmp_path, capsys):
     folder = made(tmp_path / "run", [ROW], (1.5, 1.4, 1.6), **more)
     before = sorted(folder.rglob("*"))
     assert main(["report", "--out", str(folder), "--publish"]) == 2

@@ -1,8 +1,7 @@
 """Every kind of joint, guide, force, driver and law of a linkage file is run by the gate, and the baseline knows the run."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 
@@ -19,7 +18,7 @@ OVER_TIME = (schema.TableOverTime, schema.RampOverTime, schema.StepOverTime, sch
 DRIVEN = {*schema.DrivenTable.model_fields} - {"start", "start_deg"}  # what a driver may name
 
 
-def words(table: Any, field: str) -> Iterator[str]:
+def words(table, field):
     """The words that a field of a table may have."""
     yield from get_args(table.model_fields[field].annotation)
 
@@ -33,7 +32,7 @@ MEMBERS |= {"guide on the ground", "guide on a link", "torque against the ground
 MEMBERS |= {"welds", "cylinders", "point_masses", "against"}
 
 
-def used(document: dict[str, Any], scenario: str) -> Iterator[str]:
+def used(document, scenario):
     """The members of the grammar that a scenario of a file uses."""
     for joint in document["joints"].values() if "joints" in document else ():
         yield f"joint {joint['type']}"
@@ -61,11 +60,11 @@ def used(document: dict[str, Any], scenario: str) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def gated() -> dict[str, set[str]]:
+def gated():
     """Member -> mechanisms in scenarios that use it, that the gate runs, and of which the baseline holds a run that ended well."""
     baseline = read_baseline(BASELINE)
     known = {(x["mechanism"], x["scenario"]) for x in baseline if (x["metric"], x["value"]) == ("status", "ok")}
-    found: dict[str, set[str]] = {}
+    found = {}
     for part in read_suite("gate").accuracy:
         for linkage, scenario in part.linkages.items():
             if (load(linkage, scenario).name, scenario) in known:
@@ -74,5 +73,5 @@ def gated() -> dict[str, set[str]]:
     return found
 
 
-def test_every_member_of_the_grammar_has_a_gated_case(gated: dict[str, set[str]]) -> None:
+def test_every_member_of_the_grammar_has_a_gated_case(gated):
     assert gated.keys() == MEMBERS

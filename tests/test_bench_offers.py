@@ -14,9 +14,7 @@ from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.trajectory import Status
 
 
-def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_the_same(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     monkeypatch.setattr(offers, "_known", {})
     told, sound = offers.offers(["mujoco", "gauss"])
@@ -33,7 +31,7 @@ def test_an_engine_whose_library_is_missing_cannot_be_used_and_is_described_all_
     assert f"mujoco         skip: {told.reason}" in capsys.readouterr().out
 
 
-def test_every_engine_tells_what_of_ours_runs_in_python_inside_its_time() -> None:
+def test_every_engine_tells_what_of_ours_runs_in_python_inside_its_time():
     """Motion laws are the suite's: no library has one of its own. One that is not of this package is not asked."""
     free, driven = load("four_bar", "torque"), load("four_bar", "driven")
     for name in offers.SAFE:
@@ -49,8 +47,8 @@ def test_every_engine_tells_what_of_ours_runs_in_python_inside_its_time() -> Non
     assert offers.in_python("elsewhere:Engine", free, Choice()) == offers.NOT_TOLD
 
 
-def test_engines_are_a_list_of_names_each_asked_once() -> None:
+def test_engines_are_a_list_of_names_each_asked_once():
     assert [x.name for x in offers.offers(["lagrange", "gauss", "lagrange"])] == ["lagrange", "gauss"]
     for wrong in ("gauss", ["gauss", 3]):
         with pytest.raises(TypeError, match="engines must be a list of names"):
-            offers.offers(wrong)  # type: ignore[arg-type]
+            offers.offers(wrong)

@@ -1,7 +1,6 @@
 """A run repeats nothing that is finished and tells what failed; what outlives a kill is told by the tests of durability."""
 
 import time
-from pathlib import Path
 
 import pytest
 
@@ -11,13 +10,13 @@ from gauss_bench.bench.measure import measure
 from gauss_bench.bench.tasks import Task, finish
 
 
-def slow(seconds: float) -> dict[str, list[dict[str, str]]]:
+def slow(seconds):
     time.sleep(seconds)
     return {"results": [{"status": "ok"}]}
 
 
 @pytest.mark.slow
-def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path) -> None:
+def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path):
     told = []
     for limit in (0.3, 0.3, 60.0, 0.3):
         with Journal(tmp_path / "a.jsonl") as journal:
@@ -26,7 +25,7 @@ def test_what_was_stopped_is_asked_again_when_it_may_take_longer(tmp_path: Path)
     assert told == [("timeout", 1), ("timeout", 1), ("ok", 2), ("ok", 2)]
 
 
-def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path: Path) -> None:
+def test_the_negative_control_is_flagged_and_its_residuals_do_not_show_it(tmp_path):
     case = Case("four_bar", "torque", "yuan_ge_eq16", "default", "rk4", "projection", 1e-3, 0.1)
     row = measure(case, str(tmp_path))["results"][0]
     assert (row["status"], row["control"], row["valid"]) == ("invalid", True, False)

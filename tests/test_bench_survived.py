@@ -2,15 +2,14 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
 from gauss_bench.bench.survived import list_survivors, race_here, race_survivors
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import lasting
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 
@@ -19,28 +18,28 @@ class Entry(NamedTuple):
     engine: str
 
 
-def hang() -> None:
+def hang():
     time.sleep(60)
 
 
-def fail() -> None:
+def fail():
     raise ValueError("no")
 
 
-def entries() -> Iterator[tuple[Entry, Callable[[], Block]]]:
+def entries():
     """Some that come to grief while they are built, or after the race."""
     troubles = {"aborts": os.abort, "hangs": hang, "raises": fail}
     for name in ("first", "aborts", "hangs", "late", "raises"):
         yield Entry(name), partial(made, troubles.get(name, int), os.abort if name == "late" else dict)
 
 
-def made(make: Callable[[], object], facts: Callable[[], Any]) -> Block:
+def made(make, facts):
     make()
     return replace(lasting(None, int), facts=facts)
 
 
 @pytest.mark.slow
-def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
+def test_who_was_at_work_is_left_out_and_the_rest_race_again():
     rows, lost = list_survivors(race_here, (entries, (), 2), ["first", "aborts", "hangs", "late"], limit=4.0)
     assert [(r["engine"], r["round"]) for r in rows] == [("first", 0), ("first", 1)]
     expected = {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT, "late": Status.CRASHED}
@@ -49,7 +48,7 @@ def test_who_was_at_work_is_left_out_and_the_rest_race_again() -> None:
     assert "while this one was at work" in str(lost["aborts"])
 
 
-def test_what_a_race_raises_of_itself_is_no_engines_fault() -> None:
+def test_what_a_race_raises_of_itself_is_no_engines_fault():
     with pytest.raises(WorkerFailure, match="no") as raised:
         race_survivors(entries, (), 1, ["first", "raises"])
     assert raised.value.status is Status.ERROR

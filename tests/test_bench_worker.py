@@ -16,7 +16,7 @@ from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.trajectory import Status
 
 
-def test_a_worker_answers_and_every_task_finds_it_as_the_first_did() -> None:
+def test_a_worker_answers_and_every_task_finds_it_as_the_first_did():
     """In a process of its own, with one thread of BLAS, in the same folder, whatever a task prints."""
     with Worker() as worker:
         assert worker.call(max, (3, 7), 20.0) == 7
@@ -40,7 +40,7 @@ def test_a_worker_answers_and_every_task_finds_it_as_the_first_did() -> None:
         (int, ("seven",), Status.ERROR, "ValueError"),
     ],
 )
-def test_a_death_is_typed_and_the_next_task_is_served(function: object, arguments: tuple, status: Status, sentence: str) -> None:
+def test_a_death_is_typed_and_the_next_task_is_served(function, arguments, status, sentence):
     with Worker() as worker:
         with pytest.raises(WorkerFailure, match=sentence) as caught:
             worker.call(function, arguments, 2.0)
@@ -53,7 +53,7 @@ IMPORTED = "[*__import__('sys').modules]"  # a text: a function of this file wou
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "nobody:Nobody"])
-def test_the_process_of_an_engine_imports_nothing_that_reads_linkages_or_keeps_journals(engine: str) -> None:
+def test_the_process_of_an_engine_imports_nothing_that_reads_linkages_or_keeps_journals(engine):
     """Every start of a worker would pay for it."""
     request = Request("four_bar", "torque", engine, Choice(), sampling(1e-2, 0.02))
     with Worker() as worker:
@@ -63,12 +63,12 @@ def test_the_process_of_an_engine_imports_nothing_that_reads_linkages_or_keeps_j
     assert not found & DEAR
 
 
-def noise_and_death(words: str) -> None:
+def noise_and_death(words):
     os.write(1, words.encode())
     os.abort()
 
 
-def test_last_words_are_of_this_task_on_one_line_and_short() -> None:
+def test_last_words_are_of_this_task_on_one_line_and_short():
     with Worker() as worker:
         worker.call(os.write, (1, b"of another task\n"), 20.0)
         with pytest.raises(WorkerFailure, match=r"signal SIGABRT$"):
@@ -79,9 +79,7 @@ def test_last_words_are_of_this_task_on_one_line_and_short() -> None:
         assert len(str(caught.value)) < 600
 
 
-def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(monkeypatch, capsys):
     """A task every 6 s, and a line first and when more than 15 s have passed: after the third."""
     seconds = iter(range(0, 1000, 6))
     monkeypatch.setattr(tasks.time, "monotonic", lambda: float(next(seconds)))
@@ -89,7 +87,7 @@ def test_progress_is_a_line_now_and_then_where_stderr_is_no_terminal(
     assert capsys.readouterr().err == "accuracy: 4 to do\naccuracy: 3 of 4 done\n"
 
 
-def test_a_worker_that_is_stopped_from_elsewhere_says_so_to_who_waits_for_it() -> None:
+def test_a_worker_that_is_stopped_from_elsewhere_says_so_to_who_waits_for_it():
     with Worker() as worker, ThreadPoolExecutor(1) as pool:
         waiting = pool.submit(worker.call, time.sleep, (60.0,), 60.0)
         while worker.process is None:

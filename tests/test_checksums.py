@@ -22,14 +22,14 @@ ROW = dict.fromkeys(KEY[:6], "x") | {"step": 1e-3, "t_end": 1.0, "status": "ok",
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path):
     write_table("results", [ROW | {"step_time": 1e-6}], tmp_path)
     write_table("agreement", [{"mechanism": "four_bar", "first": "a", "second": "b", "position": 1e-9}], tmp_path)
     write_schema(tmp_path)
     return tmp_path
 
 
-def test_each_file_of_a_table_has_the_sha256_of_its_bytes(run: Path) -> None:
+def test_each_file_of_a_table_has_the_sha256_of_its_bytes(run):
     listed = read_checksums(run)
     assert [*listed] == ["agreement.csv", "results.csv", "times/results.csv"]
     for name, checksum in listed.items():
@@ -41,7 +41,7 @@ def test_each_file_of_a_table_has_the_sha256_of_its_bytes(run: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["results.csv", "times/results.csv"])
-def test_a_changed_row_is_refused_by_every_reader_that_reports(name: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_changed_row_is_refused_by_every_reader_that_reports(name, run, capsys):
     require_unchanged(run)
     path = run / name
     text = path.read_text()
@@ -59,7 +59,7 @@ def test_a_changed_row_is_refused_by_every_reader_that_reports(name: str, run: P
     require_unchanged(run)
 
 
-def test_a_table_that_is_gone_and_a_damaged_list_are_named(run: Path) -> None:
+def test_a_table_that_is_gone_and_a_damaged_list_are_named(run):
     (run / "agreement.csv").unlink()
     with pytest.raises(ChangedRows, match=r"agreement\.csv: is missing"):
         require_unchanged(run)
@@ -69,14 +69,14 @@ def test_a_table_that_is_gone_and_a_damaged_list_are_named(run: Path) -> None:
             require_unchanged(run)
 
 
-def test_a_run_of_an_older_version_has_no_checksums_and_is_read(run: Path) -> None:
+def test_a_run_of_an_older_version_has_no_checksums_and_is_read(run):
     (run / FILE).unlink()
     assert len(read_run(run).results) == 1
     assert read_run(run).checksum == ""
     assert "sha256" not in cite_page(read_run(run)).body
 
 
-def test_the_citation_names_the_version_and_the_rows() -> None:
+def test_the_citation_names_the_version_and_the_rows():
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {__version__}\n" in text
     assert renew(text, REPORTS) == text
@@ -87,7 +87,7 @@ def test_the_citation_names_the_version_and_the_rows() -> None:
     assert f"rows sha256:{checksum}" in cite_page(read_run(REPORTS)).body
 
 
-def test_the_version_stands_in_one_place_and_has_notes() -> None:
+def test_the_version_stands_in_one_place_and_has_notes():
     assert f'__version__ = "{__version__}"' in (ROOT / "gauss_bench" / "__init__.py").read_text(encoding="utf-8")
     assert __version__ not in (ROOT / "pyproject.toml").read_text(encoding="utf-8").partition("[project.optional")[0]
     assert f"\n## [{__version__}] - " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -3,21 +3,19 @@
 import tomllib
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
-from gauss_bench.compiler.elimination.function import Function
 from gauss_bench.compiler.elimination.partition import study
-from gauss_bench.compiler.elimination.program import PRECISE, Program, error_of, generate, partitions
+from gauss_bench.compiler.elimination.program import PRECISE, error_of, generate, partitions
 from gauss_bench.compiler.elimination.rank import CHECKED, acceleration_error
 from gauss_bench.compiler.equations.sampling import manifold_states, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import CoulombFriction, Mechanism
+from gauss_bench.mechanism.model import CoulombFriction
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.minimal import MinimalCoordinate
 from tests.conftest import DATA, everything, exhaustive, redundant
@@ -30,14 +28,14 @@ ROUNDING = 1e-11  # relative, after eliminations of condition up to 1e4
 
 
 @cache
-def linkage(name: str, scenario: str | None = None) -> Mechanism:
+def linkage(name, scenario=None):
     if name in OWN:
         return OWN[name]()
     return load(DATA / f"{name}.toml" if name in FILES else name, scenario)
 
 
 @cache
-def program(name: str, scenario: str | None, formulation: str, drop: int = 0) -> Program:
+def program(name, scenario, formulation, drop=0):
     return generate(linkage(name, scenario), formulation, drop=drop, remembered=True)  # by whichever process asks first
 
 
@@ -55,24 +53,24 @@ QUICK = {("crank_slider", "paper"), ("sleigh", "glide"), ("everything", None), (
 
 
 @cache
-def states(mechanism: Mechanism, seeds: range) -> list[tuple[float, np.ndarray, np.ndarray]]:
+def states(mechanism, seeds):
     """States over the whole motion, other than those the pivots were chosen at."""
     found = [manifold_states(mechanism, 40, seed) for seed in seeds]
     return [(float(t), q, v) for s in found for t, q, v in zip(s.t, s.q, s.v, strict=True)]
 
 
-def values(function: Function, *arguments: Any) -> list[np.ndarray]:
+def values(function, *arguments):
     return function(*(np.atleast_1d(x) for x in arguments))
 
 
-def trusted(p: Program, *state: Any) -> bool:
+def trusted(p, *state):
     return bool((np.abs(values(p.acceleration, *state, p.values)[1]) >= p.thresholds).all())
 
 
 @pytest.mark.long("crank_slider-driven-gauss")
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(("name", "scenario"), exhaustive(CASES, *QUICK))
-def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: str | None, formulation: str) -> None:
+def test_motion_forces_and_energy_are_those_of_the_linkage(name, scenario, formulation):
     mechanism = linkage(name, scenario)
     evaluator, truth = Evaluator(mechanism), AbsoluteCoordinates(mechanism)
     tried = states(mechanism, range(10, 11))
@@ -97,7 +95,7 @@ def test_motion_forces_and_energy_are_those_of_the_linkage(name: str, scenario: 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 @pytest.mark.parametrize(("name", "scenario"), exhaustive([c for c in CASES if c[0] != "everything"], *QUICK))
-def test_corrections_bring_a_state_back(name: str, scenario: str | None, formulation: str, rng: np.random.Generator) -> None:
+def test_corrections_bring_a_state_back(name, scenario, formulation, rng):
     """A state that is off by h is off by h^2 after one correction, and by h^k after k corrections with the same Jacobian."""
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
     evaluator = Evaluator(mechanism)
@@ -123,7 +121,7 @@ SHORTEST = [("four_bar", "torque", "gauss"), ("four_bar", "torque", "lagrange"),
 
 
 @pytest.mark.parametrize(("name", "scenario", "formulation"), [*SHORTEST, ("excavator", None, "gauss")])
-def test_a_correction_goes_the_shortest_way(name: str, scenario: str | None, formulation: str) -> None:
+def test_a_correction_goes_the_shortest_way(name, scenario, formulation):
     """In metres and radians under either formulation, as where formulations are interpreted; with one freedom, two, and none."""
     mechanism, p = linkage(name, scenario), program(name, scenario, formulation)
     t, q, v = states(mechanism, range(1))[5]
@@ -136,7 +134,7 @@ def test_a_correction_goes_the_shortest_way(name: str, scenario: str | None, for
         assert np.abs(motion @ change).max(initial=0.0) <= 1e-12 * np.abs(change).max()
 
 
-def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing() -> None:
+def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing():
     for name in ("parallelogram", "redundant"):
         mechanism = linkage(name, None)
         joints = {j.name for j in mechanism.joints}
@@ -152,7 +150,7 @@ def test_redundant_rows_are_dropped_by_name_and_what_is_dropped_carries_nothing(
 
 
 @pytest.mark.parametrize(("independent", "dead", "good"), [((6,), 0.0, 1.0), ((5,), np.pi / 2, 0.3)])
-def test_the_guard_falls_where_the_independent_coordinate_rests(independent: tuple[int, ...], dead: float, good: float) -> None:
+def test_the_guard_falls_where_the_independent_coordinate_rests(independent, dead, good):
     """The slider's position rests at both dead centres, the rod's angle where the crank is upright."""
     mechanism, turn = linkage("crank_slider", "paper"), MinimalCoordinate(linkage("crank_slider", "paper"))
     p, v = generate(mechanism, "gauss", independent=independent), np.zeros(mechanism.n)
@@ -166,7 +164,7 @@ def test_the_guard_falls_where_the_independent_coordinate_rests(independent: tup
 
 
 @pytest.mark.parametrize("name", exhaustive([*built_in(), "n_four_bar_3"], "crank_slider"))
-def test_partitions_cover_the_motion_and_begin_with_the_crank(name: str) -> None:
+def test_partitions_cover_the_motion_and_begin_with_the_crank(name):
     mechanism = linkage(name, load(name).scenarios[-1])
     found = partitions(mechanism)
     if not mechanism.drivers:
@@ -189,7 +187,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: str(law["law"]))
-def test_motion_laws_drive_as_they_do_in_the_linkage(law: dict[str, Any]) -> None:
+def test_motion_laws_drive_as_they_do_in_the_linkage(law):
     document = tomllib.loads(built_in()["four_bar"].read_text(encoding="utf-8"))
     document["scenarios"]["driven"]["driver"] = {"link": "crank"} | law
     mechanism = load_document(document, "driven")
@@ -213,7 +211,7 @@ FILE |= {"links.rod.com": [0.28, 0.01], "links.rod.points.B": [0.6, 0.0], "groun
 FILE |= {"links.crank.inertia": 0.37 * 0.15**2 / 12}  # a uniform bar's would follow its mass
 
 
-def test_open_parameters_give_the_linkage_with_other_numbers() -> None:
+def test_open_parameters_give_the_linkage_with_other_numbers():
     """At states near the start of the other linkage, which its loops close."""
     p, other = generate(linkage("crank_slider", "paper"), "gauss", (*OPEN,)), changed("crank_slider", "paper", FILE)
     assert p.parameters == tuple(OPEN)
@@ -223,7 +221,7 @@ def test_open_parameters_give_the_linkage_with_other_numbers() -> None:
     np.testing.assert_allclose(p.energy(q, v, numbers)[0][:, 0], Evaluator(other).energy(q, v), rtol=1e-12)
 
 
-def test_baumgarte_bends_the_bias_of_every_row(rng: np.random.Generator) -> None:
+def test_baumgarte_bends_the_bias_of_every_row(rng):
     alpha, beta = 12.0, 7.0
     mechanism = linkage("five_bar", "spring")
     for formulation in FORMULATIONS:
@@ -238,7 +236,7 @@ def test_baumgarte_bends_the_bias_of_every_row(rng: np.random.Generator) -> None
             np.testing.assert_allclose(a, true, atol=1e-10 * np.abs(true).max())
 
 
-def test_what_cannot_be_a_kernel_is_refused() -> None:
+def test_what_cannot_be_a_kernel_is_refused():
     mechanism = linkage("four_bar", "torque")
     rubbing = CoulombFriction("rub", mechanism.joints[:1], 0.1, 0.01, 0.1)
     driven, slider = linkage("four_bar", "driven"), linkage("crank_slider", "paper")
@@ -251,25 +249,25 @@ def test_what_cannot_be_a_kernel_is_refused() -> None:
         (replace(driven, drivers=driven.drivers * 2), {}, "redundant"),
     ):
         with pytest.raises(KernelError, match=text):
-            generate(asked, **options)  # type: ignore[arg-type]
+            generate(asked, **options)
 
 
 @pytest.mark.parametrize("name", ["acceleration", "residual", "energy"])
-def test_a_program_that_is_wrong_is_refused(name: str) -> None:
+def test_a_program_that_is_wrong_is_refused(name):
     p = program("crank_slider", "paper", "gauss")
-    right: Function = getattr(p, name)
+    right = getattr(p, name)
     first = len(right.instructions) // 2 if name == "energy" else right.outputs[0][1]  # another value of the function
     wrong = replace(right, outputs=((first, *right.outputs[0][1:]), *right.outputs[1:]))
     mechanism = linkage("crank_slider", "paper")
     assert error_of(p, mechanism) < PRECISE
-    assert error_of(replace(p, **{name: wrong}), mechanism) > CHECKED  # type: ignore[arg-type]
+    assert error_of(replace(p, **{name: wrong}), mechanism) > CHECKED
 
 
 @pytest.mark.parametrize(
     ("name", "formulation"),
     exhaustive([("uneven_pivots_07", "lagrange"), ("uneven_pivots_50", "gauss")], ("uneven_pivots_07", "lagrange")),
 )
-def test_pivots_that_serve_at_most_positions_alone_make_a_program(name: str, formulation: str) -> None:
+def test_pivots_that_serve_at_most_positions_alone_make_a_program(name, formulation):
     """Whatever is divided by is small somewhere on the motion: there the guard falls, and everywhere else the program is right."""
     m = load(str(DATA / f"{name}.toml"))
     made, found = generate(m, formulation), manifold_states(m, 40, seed=2)
@@ -280,7 +278,7 @@ def test_pivots_that_serve_at_most_positions_alone_make_a_program(name: str, for
         assert acceleration_error(Evaluator(m), float(found.t[k]), found.q[k], found.v[k], a[k]) < 1e-9
 
 
-def test_equal_expressions_are_one_node_whatever_their_form_and_others_are_not(rng: np.random.Generator) -> None:
+def test_equal_expressions_are_one_node_whatever_their_form_and_others_are_not(rng):
     graph = ExpressionGraph(4)
     x, y, z = (graph.input("x", k, rng.normal(size=4), 1.0) for k in range(3))
     c, s = graph.cos(x), graph.sin(x)

@@ -3,25 +3,22 @@
 import ctypes
 import platform
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from gauss_bench.compiler.closure import compile_closure
-from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.engines.c_code import NO_COMPILER, compiler
 from gauss_bench.linkage.load import load
-from gauss_bench.terms import Array
 
 pytest.importorskip("llvmlite")
 compiled_c = pytest.mark.skipif(compiler() is None, reason=NO_COMPILER)
 DOUBLES = np.ctypeslib.ndpointer(float, flags="C_CONTIGUOUS")
 
 
-def library(kernel: Kernel, folder: Path, integrator: str = "rk4") -> Any:
+def library(kernel, folder, integrator="rk4"):
     source, target = folder / "kernel.c", folder / "kernel.so"
     source.write_text(kernel.c_source(integrator), encoding="utf-8")
     warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-unused-variable"]
@@ -29,13 +26,13 @@ def library(kernel: Kernel, folder: Path, integrator: str = "rk4") -> Any:
     return ctypes.CDLL(str(target))
 
 
-def accelerated(c: Any, t: float, q: Array, v: Array, p: Array) -> tuple[int, Array]:
+def accelerated(c, t, q, v, p):
     out = np.full(len(q) + 1, np.nan)
     c.accelerate.argtypes = [DOUBLES] * 4
     return c.accelerate(np.append(q, v), p, np.array([t]), out), out[:-1]
 
 
-def rolled(c: Any, q: Array, v: Array, p: Array, h: float, n: int) -> tuple[int, Array, Array]:
+def rolled(c, q, v, p, h, n):
     y, sample, report = np.append(q, v), np.full(2 * len(q), np.nan), np.zeros(3)
     c.rollout.argtypes = [*[DOUBLES] * 4, ctypes.c_double, ctypes.c_double, *[ctypes.c_long] * 3]
     return c.rollout(y, p, sample, report, h, 0.0, n, n, 1), sample, report
@@ -43,7 +40,7 @@ def rolled(c: Any, q: Array, v: Array, p: Array, h: float, n: int) -> tuple[int,
 
 @compiled_c
 @pytest.mark.parametrize(("stabilization", "integrator"), [("none", "semi_implicit_euler"), ("projection", "rk4")])
-def test_code_in_c_computes_what_native_code_does(stabilization: str, integrator: str, tmp_path: Path) -> None:
+def test_code_in_c_computes_what_native_code_does(stabilization, integrator, tmp_path):
     m, h, n = load("crank_slider"), 1e-3, 100
     kernel = compile_kernel(m, "gauss", stabilization, open_parameters=("links.crank.mass",))
     p = np.array([0.37])  # as in the file
@@ -59,7 +56,7 @@ def test_code_in_c_computes_what_native_code_does(stabilization: str, integrator
 
 
 @compiled_c
-def test_a_guard_in_c_returns_one(tmp_path: Path) -> None:
+def test_a_guard_in_c_returns_one(tmp_path):
     """All bars of the parallelogram lie on one line: no partition serves there, and no step is taken."""
     mechanism = load("n_four_bar_1")
     kernel = compile_kernel(mechanism, "gauss")
@@ -80,10 +77,10 @@ NARROW = {"SSE2": ("x86-64", "", 2), "AVX2": ("x86-64", "+avx,+avx2,+fma", 4)}
 @pytest.mark.slow
 @X86
 @pytest.mark.parametrize("width", NARROW)
-def test_a_narrower_processor_computes_the_same(width: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_narrower_processor_computes_the_same(width, monkeypatch):
     """Trajectories and accelerations to the bit; a turn, cut into as many parts as there are lanes, and long sums to rounding."""
 
-    def results(name: str) -> list[Array]:
+    def results(name):
         m = load(name)
         kernel = compile_kernel(m, "gauss", cache=False)
         faster = m.v0 * np.linspace(0.9, 1.1, 5)[:, None]

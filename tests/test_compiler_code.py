@@ -6,8 +6,6 @@ import os
 import weakref
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import mpmath
 import numpy as np
@@ -20,7 +18,7 @@ from gauss_bench.compiler.elimination.rank import RankDecision, acceleration_err
 from gauss_bench.compiler.equations.links import Tie, tie_angles
 from gauss_bench.compiler.equations.sampling import manifold_states
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import Kernel, compile_kernel
+from gauss_bench.compiler.kernel import compile_kernel
 from gauss_bench.compiler.machine import native_code, routine, trigonometry
 from gauss_bench.compiler.machine.graph import Graph
 from gauss_bench.compiler.machine.llvm import write_listing
@@ -31,12 +29,10 @@ from gauss_bench.compiler.stepping.driver import INTEGRATORS
 from gauss_bench.formulations.lagrange import lagrange
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Angle, Mechanism
+from gauss_bench.mechanism.model import Angle
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import Reference
 from tests.conftest import DATA, exhaustive
 from tests.drawn_linkages import random_linkage
 from tests.engine_runs import by_gauss
@@ -48,45 +44,45 @@ H = 1e-4  # [s]
 
 
 @cache
-def mechanism(name: str) -> Mechanism:
+def mechanism(name):
     linkage, _, scenario = name.partition(":" if name.startswith("/") else "/")
     return load(linkage, scenario or None)
 
 
 @cache
-def compiled(name: str, stabilization: str, backend: str, more: tuple[tuple[str, Any], ...]) -> Kernel:
+def compiled(name, stabilization, backend, more):
     return compile_kernel(mechanism(name), stabilization=stabilization, backend=backend, **dict(more))
 
 
-def kernel(name: str, stabilization: str = "none", backend: str = "llvm", **more: Any) -> Kernel:
+def kernel(name, stabilization="none", backend="llvm", **more):
     return compiled(name, stabilization, backend, tuple(more.items()))
 
 
 @cache
-def reference(name: str, t_end: float) -> Reference:
+def reference(name, t_end):
     return build_reference(mechanism(name), t_end)
 
 
-def running(name: str, count: int, h: float = H) -> tuple[Array, Array]:
+def running(name, count, h=H):
     m = mechanism(name)
     return kernel(name).rollout(m.q0, m.v0, h, count)
 
 
 @cache
-def motion(name: str, count: int = 40, gap: int = 50) -> tuple[Array, Array]:
+def motion(name, count=40, gap=50):
     """Different states along one motion."""
     m = mechanism(name)
     return kernel(name, "projection").rollout(m.q0, m.v0, H, count * gap, every=gap)
 
 
-def residuals(m: Mechanism, q: Array, v: Array, t: float | Array = 0.0) -> tuple[Array, Array]:
+def residuals(m, q, v, t=0.0):
     """Norms of phi and phi' at states (k, n)."""
     evaluator = Evaluator(m)
     rows = evaluator.constraints(t, q, v)
     return np.abs(rows.phi).max(-1), np.abs((rows.J @ v[..., None])[..., 0] + rows.phi_t).max(-1)
 
 
-def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
+def evaluated(g, roots, *columns):
     """A graph whose leaves are %x0, %x1 ..., run as machine code on columns (k,)."""
     x = np.ascontiguousarray(np.array(columns).T)
     load = routine.Load("x", {g.leaf(f"%x{i}"): i for i in range(x.shape[1])})
@@ -98,12 +94,12 @@ def evaluated(g: Graph, roots: list[int], *columns: Array) -> Array:
     return out
 
 
-def ulps(found: Array, exact: list[mpmath.mpf]) -> float:
+def ulps(found, exact):
     """Largest error in units of the last place of the exact values."""
     return max(abs(mpmath.mpf(float(a)) - b) / float(np.spacing(abs(float(b)))) for a, b in zip(found, exact, strict=True))
 
 
-def test_sine_and_cosine_from_nothing_are_full_doubles() -> None:
+def test_sine_and_cosine_from_nothing_are_full_doubles():
     """The reduction rounds twice, one ulp of r or up to 1.8 of a sine with a smaller exponent; the last sum once, half an ulp."""
     bound, g = 2.4, Graph()
     turns = np.linspace(-1.0, 1.0, 401)
@@ -119,7 +115,7 @@ def test_sine_and_cosine_from_nothing_are_full_doubles() -> None:
 @pytest.mark.parametrize(
     "reach", sorted({r for reaches in steps.REACHES.values() for x in reaches[:-1] for r in (x.step, x.correction)})
 )
-def test_a_rotation_adds_one_rounding_of_one(reach: float, rng: np.random.Generator) -> None:
+def test_a_rotation_adds_one_rounding_of_one(reach, rng):
     x, d = rng.uniform(-4, 4, 400), np.append(rng.uniform(-reach, reach, 398), [-reach, reach])
     g = Graph()
     pair = g.leaf("%x0"), g.leaf("%x1")
@@ -134,7 +130,7 @@ def test_a_rotation_adds_one_rounding_of_one(reach: float, rng: np.random.Genera
 @pytest.mark.slow("llvm-parallelogram")
 @pytest.mark.parametrize("name", [*LINKAGES, *DRIVEN])
 @pytest.mark.parametrize("backend", ["llvm", "numpy"])
-def test_accelerations_are_the_true_ones(name: str, backend: str) -> None:
+def test_accelerations_are_the_true_ones(name, backend):
     truth = random_states(mechanism(name), 40)
     found = kernel(name, backend=backend).acceleration(truth.q, truth.v, truth.t)
     scale = 1.0 + np.abs(truth.a).max(axis=1)
@@ -152,7 +148,7 @@ class Stiff:
     held: tuple[tuple[Angle, float], ...]
 
 
-def test_links_whose_angle_a_coupling_holds_share_one_sine() -> None:
+def test_links_whose_angle_a_coupling_holds_share_one_sine():
     free = load(DATA / "double_pendulum.toml")
     turn = float(np.diff(angles(free.q0))[0])
     tied = replace(free, couplings=(Stiff("stiff", ((Angle(0, 1), turn),)),), dof=1)
@@ -177,7 +173,7 @@ def test_links_whose_angle_a_coupling_holds_share_one_sine() -> None:
         for x in ("none", "baumgarte", "projection")
     ],
 )
-def test_steps_have_their_order(name: str, integrator: str, stabilization: str, count: int, least: float, most: float) -> None:
+def test_steps_have_their_order(name, integrator, stabilization, count, least, most):
     """Errors over 0.4 s of `count` steps and of twice as many; the reference is exact beside them."""
     m, exact, errors = mechanism(name), reference(name, 0.4), []
     for n in (count, 2 * count):
@@ -195,16 +191,14 @@ CLOSER = f"{DATA / 'door_closer.toml'}:closing"
 
 
 @pytest.fixture(scope="module")
-def held() -> tuple[Array, Array]:
+def held():
     """A state at which the dashpot holds the torque."""
     return running(CLOSER, 2500, h=2e-5)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "stabilization"), [("lagrange", "none"), ("gauss", "projection")])
-def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(
-    formulation: str, stabilization: str, held: tuple[Array, Array]
-) -> None:
+def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_as_short(formulation, stabilization, held):
     """0.32 s in 8 steps, to 1e-9; RK4 leaves the motion in 800 steps, though it is smooth."""
     code, exact = kernel(CLOSER, stabilization, formulation=formulation), kernel(CLOSER).rollout(*held, 1e-5, 32_000)
     assert np.abs(np.array(code.rollout(*held, 0.04, 8, integrator="gauss_legendre")) - exact).max() < 1e-9
@@ -213,7 +207,7 @@ def test_implicit_steps_are_stable_where_explicit_ones_must_be_a_hundred_times_a
 
 
 @pytest.mark.slow
-def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted(held: tuple[Array, Array]) -> None:
+def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted(held):
     code, (q, v) = kernel(CLOSER, "projection"), held
     alone = np.concatenate(code.rollout(q, v, 0.02, 8, integrator="gauss_legendre"))
     many = code.rollout(np.tile(q, (9, 1)), np.tile(v, (9, 1)), 0.02, 8, integrator="gauss_legendre")
@@ -227,7 +221,7 @@ def test_implicit_steps_agree_in_lanes_by_arrays_and_interpreted(held: tuple[Arr
 
 
 @pytest.mark.parametrize(("stabilization", "backend"), [("none", "llvm"), ("projection", "numpy")])
-def test_adaptive_steps_keep_their_tolerance(stabilization: str, backend: str) -> None:
+def test_adaptive_steps_keep_their_tolerance(stabilization, backend):
     """A thousandth of the tolerance gives less than a hundredth of the error; a motion may multiply it, but not a thousandfold."""
     m, exact = mechanism("crank_slider"), reference("crank_slider", 0.4)
     stepped, errors, steps, at = kernel("crank_slider", stabilization, backend), [], [], slice(None, None, 20)
@@ -243,7 +237,7 @@ def test_adaptive_steps_keep_their_tolerance(stabilization: str, backend: str) -
 
 @pytest.mark.parametrize("name", LINKAGES)
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_a_lane_computes_the_bits_of_a_single_run(name: str, stabilization: str) -> None:
+def test_a_lane_computes_the_bits_of_a_single_run(name, stabilization):
     """Lanes go over to a longer reach together, where the last bit may differ; corrections of the excavator's bars do that."""
     code = kernel(name, stabilization, lanes=8)
     q, v = motion(name, 11)  # not a multiple of the lanes
@@ -256,7 +250,7 @@ def test_a_lane_computes_the_bits_of_a_single_run(name: str, stabilization: str)
     np.testing.assert_array_equal(together, np.concatenate(code.rollout(q, v, H, 200, threads=2), axis=1))
 
 
-def test_samples_are_the_states_on_the_way() -> None:
+def test_samples_are_the_states_on_the_way():
     m, code = mechanism("crank_slider"), kernel("crank_slider", "projection")
     q, v = code.rollout(m.q0, m.v0, H, 100, every=30)
     assert q.shape == v.shape == (4, m.n)  # after 30, 60, 90 and 100 steps
@@ -269,7 +263,7 @@ def test_samples_are_the_states_on_the_way() -> None:
 @pytest.mark.slow("0.001-parallelogram")
 @pytest.mark.parametrize("name", exhaustive(["crank_slider", "parallelogram", "six_bar", "eight_bar", "excavator"], *TRIED))
 @pytest.mark.parametrize("h", [1e-3, 1e-4])
-def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None:
+def test_projection_leaves_rounding_after_each_step(name, h):
     m = mechanism(name)
     q, v = kernel(name, "projection").rollout(m.q0, m.v0, h, 1000, every=1)
     phi, phi_dot = residuals(m, q, v, h * np.arange(1, 1001))
@@ -279,7 +273,7 @@ def test_projection_leaves_rounding_after_each_step(name: str, h: float) -> None
     assert (phi_dot / (1 + np.abs(v).max(axis=1))).max() < worse * 1e-13
 
 
-def test_the_acceleration_asked_for_is_without_baumgarte() -> None:
+def test_the_acceleration_asked_for_is_without_baumgarte():
     m = mechanism("crank_slider")
     q = m.q0 + np.linspace(-1e-3, 1e-3, m.n)
     plain = kernel("crank_slider").acceleration(q, m.v0)
@@ -288,7 +282,7 @@ def test_the_acceleration_asked_for_is_without_baumgarte() -> None:
         np.testing.assert_allclose(damped, plain, rtol=0, atol=1e-13 * np.abs(plain).max())
 
 
-def test_after_preparing_nothing_is_compiled_in_a_rollout() -> None:
+def test_after_preparing_nothing_is_compiled_in_a_rollout():
     m = mechanism("crank_slider")
     code = compile_kernel(m, cache=False)
     code.prepare()
@@ -300,7 +294,7 @@ def test_after_preparing_nothing_is_compiled_in_a_rollout() -> None:
 
 
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_a_bad_coordinate_passes_the_dead_centre_by_a_good_one(stabilization: str) -> None:
+def test_a_bad_coordinate_passes_the_dead_centre_by_a_good_one(stabilization):
     """The slider as independent coordinate cannot pass the dead centre, where it stands still; the crank can.
 
     Alone and in lanes, of which those that stop do not disturb the others.
@@ -315,7 +309,7 @@ def test_a_bad_coordinate_passes_the_dead_centre_by_a_good_one(stabilization: st
         assert bad.fallbacks == bad.lost == 0
 
 
-def test_without_another_partition_the_rank_decides() -> None:
+def test_without_another_partition_the_rank_decides():
     q, v = running("crank_slider", 1500)
     bad = compile_kernel(mechanism("crank_slider"), "gauss", "projection", independent=(6,))
     bad._programs._more = iter(())
@@ -333,7 +327,7 @@ def test_without_another_partition_the_rank_decides() -> None:
 @pytest.mark.usefixtures("full_search")  # what a short one finds may be singular where rounding decides
 @pytest.mark.long("lagrange-projection")
 @pytest.mark.parametrize(("formulation", "stabilization"), [("gauss", "none"), ("lagrange", "projection")])
-def test_three_parallel_cranks_turn_without_a_hand_over(formulation: str, stabilization: str) -> None:
+def test_three_parallel_cranks_turn_without_a_hand_over(formulation, stabilization):
     """Whichever row is dropped, the others are singular twice a turn; not so what is left of a combination of two rows."""
     m, code = mechanism("parallelogram"), compile_kernel(mechanism("parallelogram"), formulation, stabilization)
     q, v = code.rollout(m.q0, m.v0, H, 10_000, every=100)
@@ -344,7 +338,7 @@ def test_three_parallel_cranks_turn_without_a_hand_over(formulation: str, stabil
     assert residuals(m, q, v)[0].max() < 1e-10
 
 
-def test_redundant_rows_are_taken_back_where_nothing_projects() -> None:
+def test_redundant_rows_are_taken_back_where_nothing_projects():
     """Five seconds at steps of 1 ms drift by 1e-6 m; one lane, many and arrays of numpy take the state back at the same steps."""
     m, code = mechanism("parallelogram"), kernel("parallelogram")
     q, v = code.rollout(m.q0, m.v0, 1e-3, 5000, every=100)
@@ -361,7 +355,7 @@ def test_redundant_rows_are_taken_back_where_nothing_projects() -> None:
     ("integrator", "h", "far"),
     [("rk4", 1e-4, False), ("rk4", 1e-2, True), ("dop853_fixed", 6e-3, False), ("dop853_fixed", 0.015, True)],
 )
-def test_a_step_that_goes_too_far_is_done_by_the_exact_variant(integrator: str, h: float, far: bool) -> None:
+def test_a_step_that_goes_too_far_is_done_by_the_exact_variant(integrator, h, far):
     """Numpy computes all sines from scratch; in steps of order 8 they are rotated to either side of the middle."""
     q, v = running("crank_slider", 20_000)
     code = compile_kernel(mechanism("crank_slider"), "gauss", "projection")
@@ -373,7 +367,7 @@ def test_a_step_that_goes_too_far_is_done_by_the_exact_variant(integrator: str, 
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding, grown by coarse steps
 
 
-def test_what_cannot_go_on_is_not_a_number() -> None:
+def test_what_cannot_go_on_is_not_a_number():
     m = mechanism("crank_slider")
     v = np.stack([m.v0, np.full(m.n, np.nan), m.v0 + 1e200])
     for code in (kernel("crank_slider"), kernel("crank_slider", backend="numpy")):
@@ -387,7 +381,7 @@ def test_what_cannot_go_on_is_not_a_number() -> None:
 @pytest.mark.parametrize(
     ("stabilization", "integrator"), [("none", "semi_implicit_euler"), ("baumgarte", "rk4"), ("projection", "semi_implicit_euler")]
 )
-def test_numpy_steps_as_native_code_does(name: str, stabilization: str, integrator: str) -> None:
+def test_numpy_steps_as_native_code_does(name, stabilization, integrator):
     m = mechanism(name)
     found, expected = (
         kernel(name, stabilization, backend).rollout(m.q0, m.v0, H, 100, every=30, integrator=integrator)
@@ -403,7 +397,7 @@ SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.long) for seed in (4,
 @pytest.mark.slow("0-none", "0-projection")
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_native_steps_are_as_exact_as_interpreted_ones_whatever_the_linkage(seed: int, stabilization: str) -> None:
+def test_native_steps_are_as_exact_as_interpreted_ones_whatever_the_linkage(seed, stabilization):
     """Linkages drawn by lot, in a hundred steps of 1 ms."""
     m = load_document(random_linkage(seed))
     times = 1e-2 * np.arange(11)
@@ -421,7 +415,7 @@ LARGE += [(name, "lagrange") for name, _ in LARGE]  # the cheapest pivots of 32 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "formulation"), exhaustive(LARGE, ("pendulums_9", "lagrange")))
-def test_accelerations_of_large_linkages_are_those_of_the_linkage(name: str, formulation: str) -> None:
+def test_accelerations_of_large_linkages_are_those_of_the_linkage(name, formulation):
     """Relative errors of 1e-13 are usual; pivots as small as the guard's thousandth of their row may cost three digits more."""
     m, code = mechanism(name), kernel(name, formulation=formulation)
     evaluator, states = Evaluator(m), manifold_states(m, 7, seed=5)
@@ -434,7 +428,7 @@ def test_accelerations_of_large_linkages_are_those_of_the_linkage(name: str, for
 @pytest.mark.long("1-0.5", "64-0.5", "16-1.5")
 @pytest.mark.slow("4-0.5")
 @pytest.mark.parametrize(("count", "end"), [(1, "0.5"), (4, "0.5"), (64, "0.5"), (1, "1.5"), (16, "1.5")])
-def test_n_four_bars_fall_as_their_closed_form_says(count: int, end: str) -> None:
+def test_n_four_bars_fall_as_their_closed_form_says(count, end):
     """All bars lie on the ground line at about 0.73 s; the branch that is left there is the parallelogram's."""
     code = kernel(f"n_four_bar_{count}", formulation="gauss")
     motion = closed_form(code.mechanism, [end])
@@ -447,7 +441,7 @@ def test_n_four_bars_fall_as_their_closed_form_says(count: int, end: str) -> Non
 
 
 @pytest.mark.parametrize("stabilization", ["none", "projection"])
-def test_a_loop_over_stages_takes_the_steps_that_are_written_out(stabilization: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_over_stages_takes_the_steps_that_are_written_out(stabilization, monkeypatch):
     """The loop is chosen where an acceleration has more operations than the threshold, and its code is less than half as long."""
     m = mechanism("n_four_bar_2")
     ends, lengths = [], []
@@ -463,7 +457,7 @@ def test_a_loop_over_stages_takes_the_steps_that_are_written_out(stabilization: 
     assert lengths[1] < (0.5 if stabilization == "none" else 1.0) * lengths[0]
 
 
-def test_a_call_keeps_its_code_in_memory() -> None:
+def test_a_call_keeps_its_code_in_memory():
     g = Graph()
     x, arrays = g.leaf("%x"), {"x": routine.Array(1), "y": routine.Array(1)}
     body = [routine.Load("x", {x: 0}), routine.Store("y", [g.mul(x, x)])]
@@ -480,12 +474,12 @@ def test_a_call_keeps_its_code_in_memory() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", exhaustive(["crank_slider", "parallelogram", "n_four_bar_3"], "crank_slider"))
-def test_code_that_compiles_sooner_computes_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_that_compiles_sooner_computes_the_same_bits(name, monkeypatch):
     """Tests run the code that compiles sooner, users and the gate the faster one."""
     m = mechanism(name)
     many = np.tile(m.q0, (5, 1)), m.v0 * np.linspace(0.9, 1.1, 5)[:, None]
 
-    def results() -> Array:
+    def results():
         code, found = compile_kernel(m, stabilization="projection"), []
         for integrator in INTEGRATORS:
             found += code.rollout(m.q0, m.v0, 1e-3, 40, integrator=integrator)
@@ -500,7 +494,7 @@ def test_code_that_compiles_sooner_computes_the_same_bits(name: str, monkeypatch
     np.testing.assert_array_equal(results(), soon)
 
 
-def test_it_does_not_matter_where_in_memory_code_comes_to_lie() -> None:
+def test_it_does_not_matter_where_in_memory_code_comes_to_lie():
     """Beside libraries that take gigabytes of addresses, parts of a module would be too far apart for its short references."""
     m, taken, found = mechanism("crank_slider"), [], []
     for _ in range(3):
@@ -510,7 +504,7 @@ def test_it_does_not_matter_where_in_memory_code_comes_to_lie() -> None:
     assert len(taken) == 9
 
 
-def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_compilation_comes_from_the_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     m = mechanism("crank_slider")
     first = compile_kernel(m)
@@ -529,7 +523,7 @@ def test_a_second_compilation_comes_from_the_cache(tmp_path: Path, monkeypatch: 
     assert compile_kernel(m).from_cache  # rebuilt in place
 
 
-def test_object_code_belongs_to_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_object_code_belongs_to_its_name(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert user_cache.store("a.o", b"code")
     assert user_cache.load("a.o") == b"code"
@@ -541,7 +535,7 @@ def test_object_code_belongs_to_its_name(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
-def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     m, searches = mechanism("four_bar"), []
     search = elimination.cheapest
@@ -560,9 +554,7 @@ def test_a_search_is_done_once_and_its_program_is_the_same_again(tmp_path: Path,
 
 
 @pytest.mark.parametrize(("errors", "taken"), [((1e-10, 1e-12), 1), ((1e-10, 2e-10), 0)])
-def test_the_more_accurate_of_two_eliminations_is_taken_and_remembered(
-    errors: tuple[float, float], taken: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_more_accurate_of_two_eliminations_is_taken_and_remembered(errors, taken, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     made, left, search = [], iter((*errors, errors[taken])), elimination.cheapest
     found_by_chance = [elimination.Search(noise=3.0)]
@@ -576,7 +568,7 @@ def test_the_more_accurate_of_two_eliminations_is_taken_and_remembered(
 
 @pytest.mark.skipif(not hasattr(os, "getuid"), reason="no POSIX permissions")
 @pytest.mark.parametrize("fault", ["open to others", "of another user", "a link"])
-def test_a_folder_that_others_may_enter_is_refused(fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_others_may_enter_is_refused(fault, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     user_cache.store("a.o", b"code")
     folder = user_cache.folder()
@@ -592,7 +584,7 @@ def test_a_folder_that_others_may_enter_is_refused(fault: str, tmp_path: Path, m
     assert not [*tmp_path.rglob("b.o")]
 
 
-def test_without_a_compiler_numpy_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_numpy_is_chosen(monkeypatch):
     monkeypatch.setattr(native_code, "available", lambda: False)
     m = mechanism("crank_slider")
     assert compile_kernel(m).backend == "numpy"
@@ -600,10 +592,10 @@ def test_without_a_compiler_numpy_is_chosen(monkeypatch: pytest.MonkeyPatch) -> 
         compile_kernel(m, backend="llvm")
 
 
-def test_unknown_names_are_refused_and_a_form_of_code_warns_and_has_no_effect() -> None:
+def test_unknown_names_are_refused_and_a_form_of_code_warns_and_has_no_effect():
     for name, value in (("stabilization", "hope"), ("backend", "fortran")):
         with pytest.raises(KernelError, match=value):
-            compile_kernel(mechanism("crank_slider"), **{name: value})  # type: ignore[arg-type]
+            compile_kernel(mechanism("crank_slider"), **{name: value})
     m = mechanism("pendulum")
     with pytest.warns(DeprecationWarning, match="straight-line"):
         old = compile_kernel(m, form="looped")

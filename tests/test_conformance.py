@@ -10,7 +10,7 @@ import gauss_bench.bench.conformance as rules
 from gauss_bench.bench import agreement, subject
 from gauss_bench.bench.agreement import Answer, _compare, _from_coarse_to_fine, digits, effect, find_loose, is_excusable
 from gauss_bench.bench.conformance import conformance, explains_lateness, lateness, rates_fault
-from gauss_bench.bench.probes import PROBE, Probe, _share, changes, numbers, probe
+from gauss_bench.bench.probes import PROBE, _share, changes, numbers, probe
 from gauss_bench.bench.subject import Check
 from gauss_bench.cli import main
 from gauss_bench.engines import SAFE, all_names
@@ -24,7 +24,6 @@ from gauss_bench.runs.offers import offer, offers
 from gauss_bench.runs.one_run import Run, sampling_at
 from gauss_bench.runs.questions import SUBSTEPS, follow_accelerations
 from gauss_bench.runs.worker import Worker
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 
 WRONG = "yuan_ge_eq16"  # as published
@@ -34,11 +33,11 @@ ALIKE = ("gauss_pinv", "schur", "udwadia_kalaba", "lagrange-native")  # by the a
 SEEN = 1e-3  # of a relative error of any number in the accelerations: one of 1e-6 is then seen at 1e-9
 
 
-def broken(name: str) -> dict[str, str]:
+def broken(name):
     return {x.name: x.message for x in conformance(name) if x.passed is False}
 
 
-def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+def only(monkeypatch, *names):
     """Ask these checks alone."""
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ in names])
 
@@ -46,7 +45,7 @@ def only(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
 @pytest.mark.long("by_hand", "casadi", "exudyn", "gauss-native", "gauss", "lagrange", "minimal", "mujoco", "pinocchio")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [x for x in all_names() if x not in (WRONG, LEAVES_OUT, SINGLE, *ALIKE)])
-def test_built_in_engines_keep_every_rule(name: str) -> None:
+def test_built_in_engines_keep_every_rule(name):
     assert not broken(name)
 
 
@@ -64,7 +63,7 @@ def test_built_in_engines_keep_every_rule(name: str) -> None:
         ("Unsure", "_is_undisturbed", "an acceleration is a finite number"),
     ],
 )
-def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_rule_is_named(fault, check, rule, monkeypatch):
     """By the check of that rule; that a sound engine passes all of them is told above."""
     only(monkeypatch, check)
     assert any(name.startswith(rule) for name in broken(f"tests.faulty_engines:{fault}"))
@@ -73,14 +72,14 @@ def test_a_broken_rule_is_named(fault: str, check: str, rule: str, monkeypatch: 
 @pytest.mark.long("AllInertias", "AllMasses", "Gravity", "Entry", "Regular", WRONG)
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular", WRONG])
-def test_a_wrong_model_is_seen_in_its_accelerations(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_model_is_seen_in_its_accelerations(fault, monkeypatch):
     only(monkeypatch, "same_states")
     found = broken(fault if fault == WRONG else f"tests.faulty_engines:{fault}")
     assert "probe loaded" in found["accelerations (default, rk4, none)"]
 
 
 @pytest.mark.slow
-def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeypatch):
     monkeypatch.setattr(agreement, "LINKAGES", agreement.PLAIN)
     only(monkeypatch, "same_states", "motions")
     assert not broken("tests.faulty_engines:Springs")
@@ -89,7 +88,7 @@ def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeyp
     assert "J a is 0.00 of gamma" in broken("tests.faulty_engines:Gammaless")["accelerations (default, rk4, none)"]
 
 
-def solved(on: Probe, shares: Array, softness: float = 0.0) -> Array:
+def solved(on, shares, softness=0.0):
     """The accelerations at the states of a probe if row k of J a is shares[k] gamma, and gives way in proportion to its force."""
     evaluator, given = AbsoluteCoordinates(on.mechanism).evaluator, []
     for t, q, v in zip(on.t, on.q, on.v, strict=True):
@@ -99,7 +98,7 @@ def solved(on: Probe, shares: Array, softness: float = 0.0) -> Array:
     return np.array(given)
 
 
-def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft() -> None:
+def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft():
     on = probe("four_bar", "torque")
     said = "J a is {:.2f} of gamma: the velocity term dJ/dt v of the constraints is missing or wrong"
     for share in (0.01, 0.4, 1.0, -1.0):
@@ -111,7 +110,7 @@ def test_constraints_without_their_velocity_term_are_named_though_loops_are_soft
 
 
 @pytest.mark.parametrize(("share", "softness"), [(0.0, 0.0), (0.4, 0.1), (1.0, 0.1)])
-def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_coordinates(share: float, softness: float) -> None:
+def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_coordinates(share, softness):
     """Of the crank-slider's gamma it would be -9.2 and not 0: the closing pin's own term is small beside that of the whole tree."""
     on = probe("crank_slider", "paper")
     tree, evaluator = spanning_tree(on.mechanism), Evaluator(on.mechanism)
@@ -129,12 +128,12 @@ def test_the_share_of_an_engine_of_joint_trees_is_that_of_the_term_in_its_own_co
     assert on.share_of_gamma(np.array(given)) == pytest.approx(share, abs=1e-9)
 
 
-def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
+def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens():
     """As of a spring where its loop is closed, or of a closure that is not there; the run then tells which it is."""
     on = probe("four_bar", "torque")
     mechanism, tree, evaluator = on.mechanism, spanning_tree(on.mechanism), Evaluator(on.mechanism)
 
-    def fall(y: Array, dy: Array) -> Array:
+    def fall(y, dy):
         own = open_tree(evaluator, tree, y, dy)
         return np.linalg.solve(own.mass, own.forces)
 
@@ -152,7 +151,7 @@ def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens() -> None:
     assert replace(on, v=0.0 * on.v).share_of_gamma(0.0 * on.a) == 1.0  # without any velocity term none is missed
 
 
-def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch):
     only(monkeypatch, "declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
@@ -163,25 +162,25 @@ class StiffSpring:
 
     frequency = 2 * np.pi / 1e-3  # [rad/s]
 
-    def acceleration(self, t: float, q: Array, v: Array) -> Array:
+    def acceleration(self, t, q, v):
         return -2 * self.frequency * v - self.frequency**2 * q
 
 
-def test_the_finer_steps_follow_a_vibration_of_a_millisecond() -> None:
+def test_the_finer_steps_follow_a_vibration_of_a_millisecond():
     """Explicit steps of a millisecond do not."""
     start, rest, spring = np.ones(1), np.zeros(1), StiffSpring()
     true = (1 + spring.frequency * agreement.TIMES) * np.exp(-spring.frequency * agreement.TIMES)
     off = {}
     for finer in (SUBSTEPS, agreement.STIFF):
         with np.errstate(all="ignore"):
-            places = follow_accelerations(dop853_tableau(), agreement.TIMES, start, rest, spring, finer=finer)[0, :, 0]  # type: ignore[arg-type]
+            places = follow_accelerations(dop853_tableau(), agreement.TIMES, start, rest, spring, finer=finer)[0, :, 0]
         off[finer] = np.abs(places - true).max()
     assert off[agreement.STIFF] < 1e-8
     assert not off[SUBSTEPS] < 1e-3
 
 
 @pytest.mark.long
-def test_second_settings_and_integrators_are_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_settings_and_integrators_are_looked_at_too(monkeypatch):
     only(monkeypatch, "same_states", "motions")
     found = broken("tests.faulty_engines:Trap")
     assert {"accelerations (tuned, rk4, none)", "accelerations (default, other, none)"} <= found.keys()
@@ -192,14 +191,14 @@ def test_second_settings_and_integrators_are_looked_at_too(monkeypatch: pytest.M
 @pytest.mark.long("Deaf")
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["TwoFaced", "Deaf"])
-def test_a_run_is_held_against_what_it_should_follow(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_held_against_what_it_should_follow(fault, monkeypatch):
     only(monkeypatch, "same_states", "motions")
     found = broken(f"tests.faulty_engines:{fault}")
     assert found
     assert all(name.startswith("a run") for name in found)
 
 
-def test_nothing_is_asked_once_the_time_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_asked_once_the_time_is_spent(monkeypatch):
     monkeypatch.setattr(subject, "LONGEST", 0.0)
     only(monkeypatch, "same_states", "motions", "_times")
     checks = conformance("tests.faulty_engines:Trap")
@@ -207,7 +206,7 @@ def test_nothing_is_asked_once_the_time_is_spent(monkeypatch: pytest.MonkeyPatch
     assert all("are spent" in x.message for x in checks[1:])
 
 
-def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is_free() -> None:
+def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is_free():
     for off, along, hard, soft in (
         (0.9e-9, 0.9e-8, True, True),
         (1.1e-9, 0.9e-8, False, True),
@@ -220,7 +219,7 @@ def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is
     assert Answer().fault(soft=True) != ""
 
 
-def test_errors_as_large_as_those_of_single_precision_are_said_to_be() -> None:
+def test_errors_as_large_as_those_of_single_precision_are_said_to_be():
     """An engine that computes in float32 has errors of 1e-7 to 1e-5; a wrong number of the file has larger ones."""
     on = probe("four_bar", "torque")
     rounded = on.a.astype(np.float32).astype(float)
@@ -231,7 +230,7 @@ def test_errors_as_large_as_those_of_single_precision_are_said_to_be() -> None:
         assert "single precision" not in Answer(off, along).fault(soft=False)
 
 
-def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
+def test_near_equilibria_an_error_counts_by_the_other_states():
     nothing_moves = [0.0, 0.0]
     cases = (([1.0, 1.0], [2.0, 10.0], 0.5), ([1.0, 1.0], [0.0, 10.0], 2.0), ([0.0, 0.0], nothing_moves, 0.0))
     for error, size, share in (*cases, ([0.0, 3.0], nothing_moves, 3.0)):
@@ -239,7 +238,7 @@ def test_near_equilibria_an_error_counts_by_the_other_states() -> None:
     assert (digits(1e-9), digits(0.0), digits(5.0)) == ("9.0 digits", "16.0 digits", "0.0 digits")
 
 
-def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:
+def test_variants_may_give_up_with_a_sentence_and_settings_may_not():
     asked, m = subject.Subject(offer("mujoco"), Worker(), print), probe("four_bar", "torque").mechanism
     lost = Run(Status.WARNING, "it gave up", None, None, sampling_at(1e-3, [0.0, 1e-3]))
     pairs = [("default", x) for x in (Status.WARNING, Status.SKIP, Status.RANK_LOST)]
@@ -253,13 +252,13 @@ def test_variants_may_give_up_with_a_sentence_and_settings_may_not() -> None:
     assert is_excusable(asked, asked.usual, replace(lost, status=Status.RANK_LOST), redundant)
 
 
-def test_a_finer_run_takes_half_the_step_or_a_tighter_tolerance() -> None:
+def test_a_finer_run_takes_half_the_step_or_a_tighter_tolerance():
     choice = Choice(step=1e-3)
     assert _from_coarse_to_fine(choice, adaptive=False) == [choice, Choice(step=5e-4)]
     assert [x.tolerance for x in _from_coarse_to_fine(choice, adaptive=True)] == [1e-6, None, 1e-8]
 
 
-def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
+def test_a_run_may_be_off_by_what_a_finer_one_changes():
     """An error of order one, e at a step and e/2 at half of it, passes; the same error at every step does not."""
     true = np.linspace(0.0, 1.0, 6).reshape(3, 2, 1) + np.zeros((3, 2, 4))
     error = 1e-3 * np.ones_like(true)
@@ -270,13 +269,13 @@ def test_a_run_may_be_off_by_what_a_finer_one_changes() -> None:
     assert _compare(true, true, true, words)[1] == ""
 
 
-def test_flags_and_zeros_are_no_numbers_that_can_be_changed() -> None:
+def test_flags_and_zeros_are_no_numbers_that_can_be_changed():
     document = {"links": {"rod": {"mass": 2, "com": [0.0, 0.3], "solid": True}}, "scenarios": {"loaded": {}}}
     assert [*numbers(document, "loaded")] == [("links", "rod", "mass"), ("links", "rod", "com", 1)]
 
 
 @pytest.mark.slow
-def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch):
     only(monkeypatch, "change_numbers")
     names = ("links.rod.inertia", "all inertias", "all masses", "every")
     few = {name: x for name, x in changes(PROBE, "loaded").items() if name.startswith(names)}
@@ -289,7 +288,7 @@ def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch: pytest.Monk
 @pytest.mark.long("1", "2", "3", "4")
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(5))
-def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joints(part: int) -> None:
+def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joints(part):
     base = probe(PROBE, "loaded")
     single = [(name, *x.values()) for name, x in changes(PROBE, "loaded").items() if len(x) == 1]
     assert len(single) > 60
@@ -299,7 +298,7 @@ def test_every_number_of_the_probe_shows_in_its_accelerations_or_opens_its_joint
         assert max(opened, base.error(other.acceleration(base.t, base.q, base.v))) > SEEN * (factor - 1), name
 
 
-def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does() -> None:
+def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does():
     base = probe(PROBE, "loaded")
     motion, (t, q, v, a) = AbsoluteCoordinates(base.mechanism), (base.t, base.q, base.v, base.a)
     rows = [motion.evaluator.terms(*state) for state in zip(t, q, v, strict=True)]
@@ -316,7 +315,7 @@ def test_constraint_forces_do_not_show_along_what_is_free_and_anything_else_does
     assert base.error(np.nan * a) == np.inf
 
 
-def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
+def test_effects_are_told_apart_and_lateness_is_counted_in_samples():
     true = np.array([1.0, -2.0, 0.5])
     assert effect(0 * true, true) == "it has no effect"
     assert effect(-true, true) == "it acts in the opposite direction"
@@ -326,10 +325,10 @@ def test_effects_are_told_apart_and_lateness_is_counted_in_samples() -> None:
         assert lateness(np.sin(t), np.sin(t - 0.01 * shift)) == pytest.approx(shift, abs=1e-2)
 
 
-def test_a_method_of_first_order_is_told_from_samples_that_are_late() -> None:
+def test_a_method_of_first_order_is_told_from_samples_that_are_late():
     t = 0.01 * np.arange(630)  # a whole turn, over which sine and cosine do not mix
 
-    def run(h: float, order: int, shift: float) -> Trajectory:
+    def run(h, order, shift):
         """A motion sin t with the error h^order sin t, and accelerations that are early by `shift` [s]."""
         q = (1.0 + h**order) * np.sin(t)
         v = (1.0 + h**order) * np.cos(t)
@@ -344,7 +343,7 @@ def test_a_method_of_first_order_is_told_from_samples_that_are_late() -> None:
     assert not explains_lateness(of_first_order[0], None, None)
 
 
-def test_a_class_that_is_not_there_is_a_check_that_failed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_that_is_not_there_is_a_check_that_failed(capsys):
     assert main(["conformance", "tests.faulty_engines:Absent", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert not found["passed"]

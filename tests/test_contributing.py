@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.long
-def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
+def test_a_new_engine_is_a_room_and_a_line(tmp_path):
     """The tests of all engines, run in a copy of the project with the engine of the documentation, include it and pass."""
     copied(tmp_path)
     shutil.copytree(ROOT / "tests", tmp_path / "tests")
@@ -44,7 +44,7 @@ def test_a_new_engine_is_a_room_and_a_line(tmp_path: Path) -> None:
     assert marks.count(".") == 2  # a missing library, and every rule for adapters
 
 
-def insert(path: Path, before: str, text: str) -> None:
+def insert(path, before, text):
     source = path.read_text(encoding="utf-8")
     assert source.count(before) == 1, f"{path.name} has changed: {before!r}"
     path.write_text(source.replace(before, text + before), encoding="utf-8")
@@ -82,14 +82,14 @@ columns = [
 """
 
 
-def copied(folder: Path) -> Path:
+def copied(folder):
     """Copy the package with its compiled files to a folder, and return the folder."""
     for name in ("gauss_bench", "mechanisms"):
         shutil.copytree(ROOT / name, folder / name)
     return folder
 
 
-def said_by(folder: Path, *command: str) -> str:
+def said_by(folder, *command):
     """Return the output of a command that uses the copied package."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True, cwd=folder, env=environment, check=False)
@@ -98,7 +98,7 @@ def said_by(folder: Path, *command: str) -> str:
 
 
 @pytest.mark.long
-def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_the_schema(tmp_path: Path) -> None:
+def test_a_new_report_section_with_a_table_of_its_own_is_a_file_and_an_entry_of_the_schema(tmp_path):
     folder = copied(tmp_path)
     (folder / "gauss_bench" / "report" / "sections" / "weather.py").write_text(SECTION, encoding="utf-8")
     with (folder / "gauss_bench" / "tables.toml").open("a", encoding="utf-8") as schema:
@@ -122,7 +122,7 @@ assert main(["show", "my_four_bar", "--svg", "my_four_bar.svg"]) == 0
 
 
 @pytest.mark.slow
-def test_a_new_linkage_is_one_file(tmp_path: Path) -> None:
+def test_a_new_linkage_is_one_file(tmp_path):
     folder = copied(tmp_path)
     document = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
     new, count = re.subn(r'^name( *)= "four_bar"', r'name\1= "my_four_bar"', document, count=1, flags=re.MULTILINE)
@@ -160,7 +160,7 @@ write_schema(Path("run"))
 
 
 @pytest.mark.slow
-def test_a_metric_is_a_function_its_call_and_its_column(tmp_path: Path) -> None:
+def test_a_metric_is_a_function_its_call_and_its_column(tmp_path):
     folder = copied(tmp_path)
     package = folder / "gauss_bench"
     insert(package / "metrics.py", "def energy_scale(", METRIC)

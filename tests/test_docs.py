@@ -4,10 +4,9 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
@@ -36,11 +35,11 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks(text: str) -> Iterator[Block]:
+def blocks(text):
     return (Block(*found) for found in FENCE.findall(text))
 
 
-def written(block: Block, folder: Path) -> None:
+def written(block, folder):
     """Save a block of a page as the file that its title names."""
     text = re.sub(r'--8<-- "([^"]+)"', lambda x: (DOCS / "pages" / x[1]).read_text(encoding="utf-8"), block.text)
     if block.remark.startswith("added to"):
@@ -57,7 +56,7 @@ def written(block: Block, folder: Path) -> None:
 NUMBER = re.compile(r"[+-]?\b\d+(?:\.\d+)?(?:e[+-]?\d+)?\b")
 
 
-def is_same(shown: str, printed: str) -> bool:
+def is_same(shown, printed):
     """Tell whether two lines have equal words and whole numbers, and decimals that differ by at most 1 in the last digit shown."""
     if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
         return False
@@ -66,14 +65,14 @@ def is_same(shown: str, printed: str) -> bool:
     return all(abs(x - y) <= (Decimal(1).scaleb(k) if k else 0) for (x, y), k in zip(pairs, exponents, strict=True))
 
 
-def check_printed(shown: str, printed: str) -> None:
+def check_printed(shown, printed):
     """Check that each line that a page shows, except "...", is among the printed lines."""
     for line in filter(lambda x: x.strip() not in ("", "..."), shown.splitlines()):
         assert any(is_same(line, x) for x in printed.splitlines()), f"the page shows {line!r}; this was printed:\n{printed}"
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory):
     """Return a folder with the files of the tutorial."""
     folder = tmp_path_factory.mktemp("reader")
     for block in blocks((DOCS / "pages" / "tutorial.md").read_text(encoding="utf-8")):
@@ -85,7 +84,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.long("cylinder", "engine", "settings", "tutorial")
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [x for x in PAGES if x.name != "commands.md"], ids=lambda p: p.stem)
-def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_example_runs(page, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     templates = [str(place / "my_engine"), str(DOCS / "pages" / "template" / "trees")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([*templates, str(ROOT)]))
@@ -94,13 +93,13 @@ def test_every_example_runs(page: Path, place: Path, monkeypatch: pytest.MonkeyP
     carry_out(page.read_text(encoding="utf-8"), place, capsys)
 
 
-def verbs_and_examples() -> dict[str, str]:
+def verbs_and_examples():
     """Return heading -> text of each section of the page of commands."""
     parts = re.split(r"^## (.+)\n", (DOCS / "pages" / "commands.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def test_every_verb_has_an_example() -> None:
+def test_every_verb_has_an_example():
     examples = verbs_and_examples()
     assert list(examples) == list(VERBS)
     for verb, text in examples.items():
@@ -111,9 +110,7 @@ def test_every_verb_has_an_example() -> None:
 # verbs whose examples take long have tests of their own
 @pytest.mark.long("atlas", "check", "conformance", "doctor", "export", "recommend", "run", "sweep", "tune", "verify")
 @pytest.mark.parametrize("verb", [x for x in VERBS if x not in ("studio", "releases", "report", "certify")])
-def test_the_example_of_a_verb_runs(
-    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_of_a_verb_runs(verb, tmp_path, monkeypatch, capsys):
     """The example of `report` uses the rows of that of `run`, and the example of `verify` the certificate of that of `certify`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -121,7 +118,7 @@ def test_the_example_of_a_verb_runs(
         carry_out(verbs_and_examples()[name], tmp_path, capsys)
 
 
-def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def carry_out(text, folder, capsys):
     """Save the files of a page, run its commands and Python code in order, and compare their output with the page."""
     printed = ""
     for block in blocks(text):
@@ -140,7 +137,7 @@ def carry_out(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> No
             assert block.language == "text", f"a block that nobody runs: {block.language}"
 
 
-def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
+def run_commands(block, capsys):
     """Run the commands of a block and return their output; their exit code must be that in the remark of the block, or 0."""
     code = int(block.remark.removeprefix("exit code")) if block.remark.startswith("exit code") else 0
     printed = ""
@@ -154,7 +151,7 @@ def run_commands(block: Block, capsys: pytest.CaptureFixture[str]) -> str:
     return printed
 
 
-def tables_of(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+def tables_of(document):
     """Return name of a class -> properties, for all tables of a JSON Schema."""
     definitions = document.pop("$defs")
     return {name: x["properties"] for name, x in {document["title"]: document, **definitions}.items()}
@@ -171,7 +168,7 @@ LINES = (
 )
 
 
-def test_the_index_has_every_key_of_the_grammar_once_with_type_unit_default_and_edition() -> None:
+def test_the_index_has_every_key_of_the_grammar_once_with_type_unit_default_and_edition():
     expected = {(name, key) for name, keys in tables_of(schema.LinkageTable.model_json_schema()).items() for key in keys}
     indexed = [(entry.table.__name__, key) for entry, key, _ in list_keys()]
     assert len(indexed) == len(set(indexed))
@@ -184,7 +181,7 @@ def test_the_index_has_every_key_of_the_grammar_once_with_type_unit_default_and_
     assert {*LINES} <= {*page.splitlines()}
 
 
-def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> None:
+def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names():
     guide = pages_from_code.write_grammar()
     sections = {x.splitlines()[0]: x for x in re.split(r"^### ", guide, flags=re.MULTILINE)}
     definitions = tables_of(schema.LinkageTable.model_json_schema())
@@ -197,7 +194,7 @@ def test_every_number_of_the_grammar_has_a_unit_that_its_explanation_names() -> 
             assert unit == "1" or unit in section, f"{address}: its explanation does not name the unit {unit}"
 
 
-def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -> None:
+def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist():
     assert set(schema.FORCES) <= set(re.findall(r"`(\w+)`", pages_from_code.write_grammar()))
     page = pages_from_code.write_commands((DOCS / "pages" / "commands.md").read_text(encoding="utf-8"))
     assert all(f"## {name}\n" in page and f"usage: gauss-bench {name} " in page for name in VERBS)
@@ -208,7 +205,7 @@ def test_the_pages_have_every_force_and_every_verb_and_name_files_that_exist() -
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """Return the folder of a site with one page, its search page, and the documentation."""
     folder = tmp_path_factory.mktemp("site")
     build_guide(folder / "docs")
@@ -221,7 +218,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Path) -> None:
+def test_the_documentation_builds_and_loads_nothing_from_other_machines(site):
     assert sum(x.stat().st_size for x in (site / "docs").rglob("*") if x.is_file()) < DOCUMENTATION
     for name in list_formats():
         assert json.loads((site / "docs" / "formats" / f"{name}.json").read_text(encoding="utf-8")) == find_schema(name)
@@ -234,7 +231,7 @@ def test_the_documentation_builds_and_loads_nothing_from_other_machines(site: Pa
 
 
 @pytest.mark.slow
-def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser: Any, site: Path) -> None:
+def test_the_search_box_of_a_page_finds_keys_verbs_and_pages_without_a_network(browser, site):
     context = browser.new_context(offline=True)
     page = context.new_page()
     wrong = watch(page, "file:")

@@ -1,24 +1,23 @@
 """Test the checkup of a machine: parts that are missing or broken, and the verdict."""
 
 import re
-from pathlib import Path
 
 import pytest
 
 from gauss_bench.api import doctor as room
-from gauss_bench.api.doctor import Checkup, Finding, doctor
+from gauss_bench.api.doctor import Finding, doctor
 from gauss_bench.engines.pinocchio import build as building
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.trajectory import Status
 from tests.conftest import needs
 
 
-def looked_at(monkeypatch: pytest.MonkeyPatch, *engines: Offer) -> Checkup:
+def looked_at(monkeypatch, *engines):
     monkeypatch.setattr(room, "offers", lambda: list(engines))
     return doctor()
 
 
-def named(findings: tuple[Finding, ...], name: str) -> Finding:
+def named(findings, name):
     return next(x for x in findings if x.name == name)
 
 
@@ -33,7 +32,7 @@ GAUSS = Offer("gauss", "1", integrators=("rk4",), stabilizations=("none",))
         (Offer("lagrange", "1", status=Status.ERROR, reason="numpy is broken"), "broken", "not usable: lagrange"),
     ],
 )
-def test_only_an_own_formulation_is_needed(offer: Offer, status: str, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_an_own_formulation_is_needed(offer, status, verdict, monkeypatch):
     found = looked_at(monkeypatch, GAUSS, offer)
     assert re.fullmatch(verdict, found.verdict)
     assert found.usable is verdict.startswith("usable")
@@ -41,7 +40,7 @@ def test_only_an_own_formulation_is_needed(offer: Offer, status: str, verdict: s
     assert named(found.engines, offer.name) == Finding(offer.name, offer.version, status, offer.reason)
 
 
-def test_a_cache_that_others_may_enter_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_cache_that_others_may_enter_is_not_used(monkeypatch, tmp_path):
     folder = tmp_path / "gauss-bench" / "kernels"
     folder.mkdir(parents=True)
     folder.chmod(0o777)
@@ -53,13 +52,13 @@ def test_a_cache_that_others_may_enter_is_not_used(monkeypatch: pytest.MonkeyPat
     assert named(looked_at(monkeypatch).findings, "cache").status == "ok"
 
 
-def test_where_double_is_the_longest_number_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_double_is_the_longest_number_it_is_said(monkeypatch):
     monkeypatch.setattr(room.np, "longdouble", float)
     found = named(looked_at(monkeypatch).findings, "long double")
     assert (found.value, found.status) == ("53 bits", "missing")
 
 
-def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch):
     needs("pinocchio")
     pinocchio = offer("pinocchio")
     states = {

@@ -16,17 +16,17 @@ FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
 
 
-def run_apart(arguments: list[str], **given: object) -> subprocess.CompletedProcess[str]:
+def run_apart(arguments, **given):
     """Run the command in a process of its own."""
     command = [sys.executable, "-m", "gauss_bench", *arguments]
-    return subprocess.run(command, text=True, timeout=120, check=False, **{"stderr": subprocess.PIPE} | given)  # type: ignore[call-overload]
+    return subprocess.run(command, text=True, timeout=120, check=False, **{"stderr": subprocess.PIPE} | given)
 
 
 @pytest.mark.long("kinematics")
 @needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["show", "four_bar"], ["kinematics", "four_bar", "--json"], ["--help"]], ids=lambda x: x[0])
-def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> None:
+def test_a_full_or_closed_output_is_74_and_a_sentence(arguments):
     with FULL.open("w") as full:
         ended = run_apart(arguments, stdout=full)
     assert ended.returncode == 74
@@ -41,12 +41,12 @@ def test_a_full_or_closed_output_is_74_and_a_sentence(arguments: list[str]) -> N
 @needs_full
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "code"), [(["show", "nosuch"], 2), (["--nosuch"], 2), (["list"], 0)], ids=str)
-def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments: list[str], code: int) -> None:
+def test_a_full_stderr_leaves_the_exit_code_of_the_verb(arguments, code):
     with FULL.open("w") as full:
         assert run_apart(arguments, stdout=subprocess.DEVNULL, stderr=full).returncode == code
 
 
-def test_help_and_pages_list_every_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_and_pages_list_every_exit_code(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     texts = [capsys.readouterr().out.partition("Exit codes:")[2]]
@@ -57,7 +57,7 @@ def test_help_and_pages_list_every_exit_code(capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize("kilobytes", [250_000, pytest.param(300_000, marks=pytest.mark.long), 400_000])
-def test_too_little_memory_is_told_before_any_library_looks_for_it(kilobytes: int) -> None:
+def test_too_little_memory_is_told_before_any_library_looks_for_it(kilobytes):
     """With some limits the import of a library never ends."""
     code = f"import resource as r, sys; r.setrlimit(r.RLIMIT_AS, ({kilobytes << 10},) * 2); "
     code += "from gauss_bench.cli import main; code = main(['simulate', 'four_bar', '--engine', 'mujoco', '--at', '0.1']); "
@@ -69,7 +69,7 @@ def test_too_little_memory_is_told_before_any_library_looks_for_it(kilobytes: in
 
 
 @pytest.mark.slow
-def test_a_reader_that_leaves_is_74_too() -> None:
+def test_a_reader_that_leaves_is_74_too():
     command = [sys.executable, "-m", "gauss_bench", "kinematics", "four_bar", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout
@@ -81,7 +81,7 @@ def test_a_reader_that_leaves_is_74_too() -> None:
 
 
 @pytest.mark.slow
-def test_a_title_beyond_the_outputs_characters_is_escaped(tmp_path: Path) -> None:
+def test_a_title_beyond_the_outputs_characters_is_escaped(tmp_path):
     file = tmp_path / "four_bar.toml"
     lines = FOUR_BAR.read_text(encoding="utf-8").splitlines()
     file.write_text("\n".join('title = "Kurbel \u00e4 \u2192"' if x.startswith("title") else x for x in lines), encoding="utf-8")
@@ -90,7 +90,7 @@ def test_a_title_beyond_the_outputs_characters_is_escaped(tmp_path: Path) -> Non
     assert "Kurbel \\xe4 \\u2192" in ended.stdout
 
 
-def test_a_time_that_is_none_is_bad_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_time_that_is_none_is_bad_input(monkeypatch, capsys):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1" * 5000)
     assert main(["list"]) == 2
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "abc")
@@ -110,9 +110,7 @@ CALLS = [
 
 
 @pytest.mark.parametrize("call", CALLS, ids=lambda x: f"{x[0]} {x[-1]}")
-def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_link(
-    call: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_verb_writes_over_what_it_reads_over_another_kind_of_file_or_over_a_link(call, tmp_path, monkeypatch, capsys):
     """The file is a link to the linkage that is read, another linkage with the ending of the kind, or a link to nothing."""
     monkeypatch.chdir(tmp_path)
     source, file = Path("four_bar.toml"), Path(call[-1])
@@ -141,7 +139,7 @@ INTO_FOLDERS = [
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder into which not even root may write")
 @pytest.mark.parametrize("call", [*([x[0], "four_bar", *x[1:]] for x in CALLS), *INTO_FOLDERS], ids=lambda x: f"{x[0]} {x[-1]}")
-def test_a_folder_that_takes_no_file_is_refused_before_the_work(call: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_takes_no_file_is_refused_before_the_work(call, capsys):
     assert main([*call[:-1], f"/proc/{call[-1]}"]) == 2
     said = capsys.readouterr().err
     reason = "No such file or directory" if call[0] == "sweep" else "nothing may be written into the folder /proc"
@@ -149,14 +147,14 @@ def test_a_folder_that_takes_no_file_is_refused_before_the_work(call: list[str],
     assert " steps up to " not in said, "it was found out after the work"
 
 
-def test_one_file_under_two_paths_is_named_twice(tmp_path: Path) -> None:
+def test_one_file_under_two_paths_is_named_twice(tmp_path):
     (tmp_path / "folder").mkdir()
     asked = {"plot": tmp_path / "x.svg", "animate": tmp_path / "folder" / ".." / "x.svg"}
     with pytest.raises(FileRefused, match="is named twice"):
         describe_files(asked, dict.fromkeys(asked, (".svg",)), replace=False)
 
 
-def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path: Path) -> None:
+def test_a_file_of_its_own_kind_is_replaced_where_that_is_asked_for(tmp_path):
     old = tmp_path / "old.c"
     old.write_text("int x;", encoding="utf-8")
     assert writable(old, True, suffix=".c") == old
@@ -180,7 +178,7 @@ CONTENTS = [  # ending of a kind, and how its files begin; an empty file may be 
 ]
 
 
-def test_the_first_bytes_of_a_file_tell_its_kind(tmp_path: Path) -> None:
+def test_the_first_bytes_of_a_file_tell_its_kind(tmp_path):
     for kind, first in CONTENTS:
         (tmp_path / "x").write_bytes(first)
         fits_all = kind in (".c", ".py", "")  # programs begin in any way, so their ending tells
@@ -194,9 +192,7 @@ TAKEN += [(ATLAS, x) for x in ("index.html", "atlas.svg", "atlas.csv")]
 
 
 @pytest.mark.parametrize(("call", "name"), TAKEN, ids=lambda x: x if isinstance(x, str) else x[0])
-def test_no_verb_takes_the_place_of_a_page_or_picture_of_the_users(
-    call: list[str], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_verb_takes_the_place_of_a_page_or_picture_of_the_users(call, name, tmp_path, capsys):
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("my own words", encoding="utf-8")
     (tmp_path / "site.css").write_text("", encoding="utf-8")
@@ -206,13 +202,13 @@ def test_no_verb_takes_the_place_of_a_page_or_picture_of_the_users(
     assert {x.name for x in tmp_path.glob("*.*")} == {"site.css", *([] if "/" in name else [name])}
 
 
-def test_an_atlas_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None:
+def test_an_atlas_takes_the_place_of_an_earlier_one(tmp_path):
     for _ in range(2):
         assert main([*ATLAS, "--out", str(tmp_path)]) == 0
 
 
 @pytest.mark.long
-def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_sweep_takes_the_place_of_a_picture_of_the_users(tmp_path, capsys):
     picture, call = tmp_path / "s" / "summary.svg", [*SWEEP, "--out", str(tmp_path / "s")]
     assert main(call) == 0
     picture.write_text("<svg>mine</svg>", encoding="utf-8")

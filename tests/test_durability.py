@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -23,14 +22,14 @@ from tests.fuzz.kills import faults_of_the_end, over_kills
 ROWS = {"results": [{"x": 0.1, "y": float("inf")}]}
 
 
-def written(path: Path, count: int = 3) -> bytes:
+def written(path, count=3):
     with Journal(path) as journal:
         for k in range(count):
             journal.add(f"case {k}", "stamp", {"results": [{"x": k + 0.123456789}]})
     return path.read_bytes()
 
 
-def test_a_line_says_what_was_written_or_nothing() -> None:
+def test_a_line_says_what_was_written_or_nothing():
     entry = {"key": 'a ", "sum": "b', "stamp": "s", "tables": ROWS}
     line = line_of(entry)
     assert json.loads(line)["key"] == entry["key"]
@@ -40,7 +39,7 @@ def test_a_line_says_what_was_written_or_nothing() -> None:
     assert entry_of(b'{"key": "old", "stamp": "s", "tables": {}}\n') is None
 
 
-def test_an_altered_line_is_told_and_its_task_is_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_altered_line_is_told_and_its_task_is_run_again(tmp_path, capsys):
     path = tmp_path / "journal.jsonl"
     lines = written(path).splitlines(keepends=True)
     lines[1] = lines[1].replace(b'{"key": "case 1"', b"garbage\x00\xff{{{")
@@ -55,7 +54,7 @@ def test_an_altered_line_is_told_and_its_task_is_run_again(tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize("how", ["cut", "altered", "column", "text"])
-def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_reference_is_told_and_built_again(tmp_path, how, capsys):
     mechanism = load("four_bar", "torque")
     true = load_stored(mechanism, 0.0125, tmp_path)
     (path,) = tmp_path.iterdir()
@@ -75,7 +74,7 @@ def test_a_damaged_reference_is_told_and_built_again(tmp_path: Path, how: str, c
     assert [x.name for x in tmp_path.iterdir()] == [path.name]
 
 
-def test_what_killed_processes_left_among_object_code_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_killed_processes_left_among_object_code_is_removed(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert user_cache.store("first", b"code")
     left = [user_cache.folder() / f"{name}.part" for name in ("old", "ahead", "new")]
@@ -93,7 +92,7 @@ SHORT = [*RUN[3:], "--engine", "gauss", "--steps", "0.01"]
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["run", "sweep"])
-def test_kills_at_random_moments_lose_and_double_nothing(name: str, tmp_path: Path) -> None:
+def test_kills_at_random_moments_lose_and_double_nothing(name, tmp_path):
     """An undisturbed run by one worker, and a run by two workers that is killed again and again, write the same bytes."""
     ((_, word, fault),) = over_kills(1, 1, tmp_path, names=(name,))
     assert not fault
@@ -101,7 +100,7 @@ def test_kills_at_random_moments_lose_and_double_nothing(name: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("how", ["lost", "changed"])
-def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path: Path, how: str) -> None:
+def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path, how):
     """A script that writes the journal anew each time stands for the run."""
     script = tmp_path / "run.py"
     anew = [line_of({"key": f"case {k}", "stamp": "s", "tables": {}}) for k in range(2)][how == "lost" :]
@@ -115,8 +114,8 @@ def test_a_run_that_loses_or_changes_what_was_finished_is_told(tmp_path: Path, h
     assert found == (["going on loses what was finished"] if how == "lost" else ["differs from the undisturbed one: results.csv"])
 
 
-def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(file: BinaryIO, **_: object) -> None:
+def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path, monkeypatch):
+    def full(file, **_):
         file.write(b"half")
         raise OSError(28, "No space left on device")
 
@@ -127,7 +126,7 @@ def test_nothing_is_kept_of_a_reference_that_cannot_be_written(tmp_path: Path, m
 
 
 @pytest.mark.long
-def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: Path) -> None:
+def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path):
     """A limit on the size of files stands for the disk."""
     vary = ["--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--step", "0.01", "--until", "0.05"]
     for asked, most, results in (
@@ -149,7 +148,7 @@ def test_a_verb_whose_disk_is_full_says_so_and_the_next_call_goes_on(tmp_path: P
         assert (full / results).read_bytes() == (whole / results).read_bytes()
 
 
-def test_a_second_run_into_a_folder_is_refused_by_its_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_second_run_into_a_folder_is_refused_by_its_verb(tmp_path, capsys):
     varied = ["--vary", "links.rod.mass=0.7:0.8:2", "--engine", "gauss", "--until", "0.01"]
     for arguments, said in ((RUN[3:], "another run"), (["sweep", "crank_slider", *varied], "another sweep")):
         locked = folder = tmp_path / arguments[0]

@@ -6,7 +6,6 @@ import csv
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from gauss_bench.engines.base import Choice, ask
 from gauss_bench.engines.programs import coordinates, plan, rates
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.programs import run_there
 from gauss_bench.runs.worker import Interpreter
 from gauss_bench.trajectory import RunFailure
@@ -28,9 +26,7 @@ LIBRARIES = {"drake": {"pydrake"}, "bullet": {"pybullet"}, "dart": {"dartpy"}, "
 LINKAGES = [("four_bar", "torque"), ("crank_slider", "paper"), ("parallelogram", "torque"), ("crank_slider", "driven")]
 
 
-def write(
-    engine: str, mechanism: Mechanism, settings: str = "default", integrator: str = "", tolerance: float | None = None
-) -> str:
+def write(engine, mechanism, settings="default", integrator="", tolerance=None):
     """The program of an engine that takes the linkage; Drake's, Bullet's, DART's and OpenSim's need no library to be written."""
     adapter = get(engine)
     choice = Choice(settings, integrator or adapter.integrators[0], tolerance=tolerance)
@@ -39,12 +35,12 @@ def write(
 
 
 @pytest.fixture
-def adapters(engines: Path) -> None:
+def adapters(engines):
     """The adapters by name, though no environment is installed."""
     engines.write_text("".join(f'[{name}]\npython = "{sys.executable}"\n' for name in LIBRARIES), encoding="utf-8")
 
 
-def list_undefined(text: str) -> set[str]:
+def list_undefined(text):
     """Names that a program uses and does not have."""
     known, used = {*dir(builtins), "__name__"}, set[str]()
     for node in ast.walk(ast.parse(text)):
@@ -63,7 +59,7 @@ def list_undefined(text: str) -> set[str]:
 @pytest.mark.usefixtures("adapters")
 @pytest.mark.parametrize("engine", LIBRARIES)
 @pytest.mark.parametrize(("name", "scenario"), LINKAGES)
-def test_a_program_has_all_that_it_names_and_needs_its_library_alone(engine: str, name: str, scenario: str) -> None:
+def test_a_program_has_all_that_it_names_and_needs_its_library_alone(engine, name, scenario):
     if engine == "mjx":
         needs("mujoco")
     mechanism = load(name, scenario)
@@ -79,7 +75,7 @@ def test_a_program_has_all_that_it_names_and_needs_its_library_alone(engine: str
 
 
 @pytest.mark.usefixtures("adapters")
-def test_every_setting_of_drake_has_its_closure_and_integrator() -> None:
+def test_every_setting_of_drake_has_its_closure_and_integrator():
     mechanism = load("four_bar", "torque")
     assert "AddBallConstraint" in write("drake", mechanism)
     chosen = write("drake", mechanism, "bushing", "runge_kutta3_adaptive", tolerance=1e-7)
@@ -89,7 +85,7 @@ def test_every_setting_of_drake_has_its_closure_and_integrator() -> None:
 
 
 @pytest.mark.usefixtures("adapters")
-def test_what_no_program_holds_is_refused_with_the_reason() -> None:
+def test_what_no_program_holds_is_refused_with_the_reason():
     for engine, name, settings, words in (
         ("bullet", "four_bar", "coordinates=bodies", "every link is a free body"),
         ("bullet", "jansen", "default", "not those between points"),
@@ -99,7 +95,7 @@ def test_what_no_program_holds_is_refused_with_the_reason() -> None:
             write(engine, load(name), settings)
 
 
-def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls() -> None:
+def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls():
     script = Script({"Add": "item_", "System": "system"})
     library = script.stand_in("library")
     system = library.System()
@@ -118,7 +114,7 @@ def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls() -> No
         system.Add(lambda: 0)
 
 
-def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:
+def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked():
     assert plan(1.0, 0.25) == (4, 1)
     assert plan(1.0, 0.3) == (4, 1)
     assert plan(1.0, 1e-3) == (1000, 10)
@@ -128,14 +124,14 @@ def test_rows_are_at_most_a_hundred_and_no_step_is_longer_than_asked() -> None:
 # How a program is run
 
 
-def table(mechanism: Mechanism) -> str:
+def table(mechanism):
     """Return a program that prints a library's greeting, then a heading and two rows: zeros, and all coordinates at 2."""
     heading = ",".join(["t", *coordinates(mechanism), *rates(mechanism)])
     n = 2 * mechanism.n
     return f"print('library 1.0')\nprint({heading!r})\nprint(0.0, *[0.0] * {n}, sep=',')\nprint(1.0, *[2.0] * {n}, sep=',')\n"
 
 
-def test_the_table_of_a_program_is_read_below_what_its_library_prints() -> None:
+def test_the_table_of_a_program_is_read_below_what_its_library_prints():
     mechanism = load("four_bar", "torque")
     rows, why = run_python(table(mechanism), mechanism, Interpreter(), 60.0)
     assert why == ""
@@ -143,7 +139,7 @@ def test_the_table_of_a_program_is_read_below_what_its_library_prints() -> None:
     assert rows.q.tolist() == rows.v.tolist() == [[0.0] * mechanism.n, [2.0] * mechanism.n]
 
 
-def test_a_program_sees_no_package_but_those_of_its_interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_sees_no_package_but_those_of_its_interpreter(tmp_path, monkeypatch):
     (tmp_path / "neighbour.py").write_text("", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     assert "No module named 'neighbour'" in run_there("import neighbour\n", 60.0)["failed"]
@@ -153,13 +149,13 @@ ENDS = {"raise ValueError('no such joint')": "no such joint", "exit(3)": "code 3
 
 
 @pytest.mark.parametrize(("program", "words"), ENDS.items())
-def test_a_program_that_does_not_end_well_says_why(program: str, words: str) -> None:
+def test_a_program_that_does_not_end_well_says_why(program, words):
     with pytest.raises(ProgramFailed, match=words):
         run_python(program, load("four_bar", "torque"), Interpreter(), 5.0)
 
 
 @pytest.mark.parametrize("rows", [["0,1,nan"], [], ["0,1,x"], ["0,1"]])
-def test_numbers_that_are_none_or_not_finite_are_no_motion(rows: list[str]) -> None:
+def test_numbers_that_are_none_or_not_finite_are_no_motion(rows):
     with pytest.raises(ProgramFailed, match=r"not finite|no numbers"):
         read_rows(rows, 1)
 
@@ -181,9 +177,7 @@ RUNS = [  # runs with chosen steps end where the program's rows end, so that the
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("engine", "name", "scenario", "choice", "tolerance"), RUNS)
-def test_a_program_moves_as_the_engines_run(
-    engine: str, name: str, scenario: str, choice: Choice, tolerance: float, elsewhere: str, tmp_path: Path
-) -> None:
+def test_a_program_moves_as_the_engines_run(engine, name, scenario, choice, tolerance, elsewhere, tmp_path):
     """The program runs in the engine's environment, which has no gauss_bench."""
     mechanism, file = load(name, scenario), tmp_path / "linkage.py"
     file.write_text(ask(get(engine), "program")(mechanism, choice), encoding="utf-8")

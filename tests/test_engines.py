@@ -2,7 +2,6 @@
 
 import os
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,9 +11,7 @@ from gauss_bench.engines import FOREIGN, MissingExtra, get, not_installed
 
 
 @pytest.mark.parametrize("engine", FOREIGN)
-def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
-    engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(engine, tmp_path, monkeypatch):
     missing = f'raise ModuleNotFoundError("No module named {engine}", name="{engine}")\n'
     (tmp_path / f"{engine}.py").write_text(missing, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))  # of the engine's process
@@ -26,7 +23,7 @@ def test_an_engine_that_is_not_installed_is_a_skip_with_a_reason(
     assert "not installed" in found["message"]
 
 
-def test_a_missing_library_is_named_with_the_command_that_installs_it() -> None:
+def test_a_missing_library_is_named_with_the_command_that_installs_it():
     missing = not_installed(ImportError("no package mujoco", name="mujoco"))
     assert missing == "not installed: no package mujoco; pip install 'gauss-bench[mujoco]'"
     assert not_installed(MissingExtra(missing, name="mujoco")) == missing

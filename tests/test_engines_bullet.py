@@ -3,9 +3,6 @@
 Tests that need PyBullet are skipped without its environment, in CI too.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,16 +12,14 @@ from gauss_bench.engines.bullet.adapter import Bullet, step_through
 from gauss_bench.engines.bullet.translate import body_forces, joint_forces
 from gauss_bench.engines.bullet.world import STRONGEST, BodyWorld, TreeWorld, list_joints
 from gauss_bench.engines.shared import drivers_by_coordinate, open_tree
-from gauss_bench.engines.tree import Tree, spanning_tree, turning
+from gauss_bench.engines.tree import spanning_tree, turning
 from gauss_bench.integrate.fixed_step import Stretch
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import rotate
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
 from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.reference.build import random_states
-from gauss_bench.terms import Array
 from tests.conftest import everything
 from tests.engine_runs import linkage, relative_error
 
@@ -32,14 +27,14 @@ ENGINE = "bullet"
 
 
 @pytest.mark.usefixtures("elsewhere")
-def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_not() -> None:
+def test_the_damping_that_bullet_ships_is_found_as_a_force_that_the_linkage_has_not():
     run = gauss_bench.simulate("crank_slider", "bullet", "paper", "damping=0.04", at=[0.0, 0.5])
     assert run.status == "invalid"
     assert "accelerations off by" in run.message
 
 
 @pytest.mark.parametrize("name", ["crank_slider", "shaper", "swinging_block", "loaded", "puck", "everything"])
-def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name: str, rng: np.random.Generator) -> None:
+def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name, rng):
     mechanism = everything() if name == "everything" else linkage(name)
     tree = spanning_tree(mechanism)
     y = rng.uniform(-2.0, 2.0, tree.n)
@@ -61,27 +56,27 @@ def test_the_joints_of_the_tree_put_every_link_where_the_linkage_has_it(name: st
 class StandIn:
     """Steps on velocities as Bullet takes them, computed in numpy from the suite's own terms."""
 
-    def __init__(self, mechanism: Mechanism, tree: Tree):
+    def __init__(self, mechanism, tree):
         self.tree, self.evaluator = tree, Evaluator(mechanism)
         self.joint_rows = self.evaluator.constraints.joint_rows
 
-    def set_step(self, step: float) -> None:
+    def set_step(self, step):
         self.h = step
 
-    def set_residual(self, residual: float) -> None:
+    def set_residual(self, residual):
         pass
 
-    def put(self, y: Array, dy: Array) -> None:
+    def put(self, y, dy):
         self.y, self.dy = y, dy
-        self.rates: dict[int, float] = {}
+        self.rates = {}
 
-    def drive(self, joint: int, rate: float) -> None:
+    def drive(self, joint, rate):
         self.rates[joint] = rate
 
-    def state(self) -> tuple[Array, Array]:
+    def state(self):
         return self.y, self.dy
 
-    def step(self, tau: Sequence[float]) -> None:
+    def step(self, tau):
         """Let velocities follow from the forces, and project them onto those that closures and motors allow: J v = b."""
         tree, own = self.tree, open_tree(self.evaluator, self.tree, self.y, self.dy)
         v = self.dy + self.h * np.linalg.solve(own.mass, own.forces)
@@ -97,11 +92,11 @@ class StandIn:
 @pytest.mark.parametrize(
     ("name", "scenario"), [("four_bar", "torque"), ("crank_slider", "driven"), ("four_bar", "cycloid"), ("parallelogram", "torque")]
 )
-def test_steps_on_velocities_alone_show_the_accelerations_of_closed_loops(name: str, scenario: str) -> None:
+def test_steps_on_velocities_alone_show_the_accelerations_of_closed_loops(name, scenario):
     mechanism = load(name, scenario)
     tree = spanning_tree(mechanism)
     laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, tree).items()}
-    world: Any = StandIn(mechanism, tree)
+    world = StandIn(mechanism, tree)
     found = Accelerations(world, joint_forces(mechanism, tree), laws)
     states = random_states(mechanism, 3)
     for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
@@ -112,18 +107,18 @@ def test_steps_on_velocities_alone_show_the_accelerations_of_closed_loops(name: 
 class Clock(StandIn):
     """A world of one joint, which moves at the rate of its motor; `seen` lists the forces that it is given."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.rates, self.seen = {0: 0.0}, list[float]()
         self.y = self.dy = np.zeros(1)
 
-    def step(self, tau: Sequence[float]) -> None:
+    def step(self, tau):
         self.y = self.y + self.h * self.rates[0]
         self.seen += tau
 
 
-def test_a_driven_joint_is_where_its_law_has_it_after_every_step() -> None:
+def test_a_driven_joint_is_where_its_law_has_it_after_every_step():
     law = MotionLaw("square", lambda t: (t * t, 2 * t, 2 + 0 * t))
-    world: Any = Clock()
+    world = Clock()
     y, dy = np.full((3, 1), np.nan), np.full((3, 1), np.nan)
     plan = [Stretch(0.0, 2, 0.1, np.inf, 1), Stretch(0.2, 1, 0.4, np.inf, None), Stretch(0.6, 2, 0.2, np.inf, 2)]
     step_through(world, lambda t, y, dy: np.array([t]), {0: law}, plan, (y, dy))
@@ -134,29 +129,29 @@ def test_a_driven_joint_is_where_its_law_has_it_after_every_step() -> None:
 class Recorder:
     """A stand-in for PyBullet, which records every call and its keywords."""
 
-    def __init__(self) -> None:
-        self.calls: list[tuple[str, Mapping[str, Any]]] = []
+    def __init__(self):
+        self.calls = []
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         if name.isupper():
             return name
 
-        def record(*arguments: Any, **keywords: Any) -> int:
+        def record(*arguments, **keywords):
             self.calls.append((name, keywords))
             return len(self.calls)
 
         return record
 
-    def of(self, name: str) -> list[Mapping[str, Any]]:
+    def of(self, name):
         return [keywords for called, keywords in self.calls if called == name]
 
 
-def tree_world(recorder: Any) -> TreeWorld | BodyWorld:
+def tree_world(recorder):
     mechanism = load("four_bar", "torque")
     return TreeWorld(recorder, mechanism, spanning_tree(mechanism), Bullet.settings["default"])
 
 
-def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base() -> None:
+def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_base():
     for build in (tree_world, lambda x: BodyWorld(x, load("four_bar", "torque"), Bullet.settings["default"])):
         recorder = Recorder()
         build(recorder)
@@ -167,7 +162,7 @@ def test_masses_are_set_in_calls_that_set_nothing_which_would_send_them_to_the_b
         assert sum("mass" in x for x in changes) == 3  # one call for each link
 
 
-def test_closures_may_exert_the_same_impulse_in_a_step_of_any_length() -> None:
+def test_closures_may_exert_the_same_impulse_in_a_step_of_any_length():
     recorder = Recorder()
     world = tree_world(recorder)
     for step in (1e-3, 1e-15):
@@ -175,7 +170,7 @@ def test_closures_may_exert_the_same_impulse_in_a_step_of_any_length() -> None:
         assert recorder.of("changeConstraint")[-1]["maxForce"] * step == pytest.approx(STRONGEST)
 
 
-def test_free_bodies_are_given_the_linkages_forces_without_gravity() -> None:
+def test_free_bodies_are_given_the_linkages_forces_without_gravity():
     mechanism = load("four_bar", "torque")
     q, v = mechanism.q0, mechanism.v0 + 1.0
     own = Evaluator(mechanism).applied

@@ -10,9 +10,8 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.casadi import functions
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift, state_errors
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import DATA, everything, exhaustive, redundant
 from tests.engine_runs import certified, ran
 
@@ -21,17 +20,15 @@ TIMES = np.arange(201) * 1e-3
 TRIED = ("sleigh", "six_bar.cycloid")
 
 
-def run(
-    mechanism: Mechanism, integrator: str = "idas", stabilization: str = "none", settings: str = "tight", times: np.ndarray = TIMES
-) -> Trajectory:
+def run(mechanism, integrator="idas", stabilization="none", settings="tight", times=TIMES):
     return ran(ENGINE, mechanism, times, settings=settings, integrator=integrator, stabilization=stabilization)
 
 
-def position_error(mechanism: Mechanism, trajectory: Trajectory) -> float:
+def position_error(mechanism, trajectory):
     return float(state_errors(mechanism, trajectory, certified(mechanism, float(trajectory.t[-1]))).position.max())
 
 
-def position_drift(mechanism: Mechanism, trajectory: Trajectory) -> float:
+def position_drift(mechanism, trajectory):
     return float(drift(Evaluator(mechanism), trajectory).position.max())
 
 
@@ -43,7 +40,7 @@ def position_drift(mechanism: Mechanism, trajectory: Trajectory) -> float:
     ),
 )
 @pytest.mark.parametrize("integrator", ENGINE.adaptive)
-def test_every_form_follows_the_certified_motion(linkage: str, integrator: str) -> None:
+def test_every_form_follows_the_certified_motion(linkage, integrator):
     mechanism = load(*linkage.split("."))
     times = TIMES[: int(mechanism.duration / 1e-3 + 1.5)]
     coarse, fine = (position_error(mechanism, run(mechanism, integrator, "none", s, times)) for s in ("default", "tight"))
@@ -51,7 +48,7 @@ def test_every_form_follows_the_certified_motion(linkage: str, integrator: str) 
     assert fine < 1e-2 * coarse or fine < 1e-12
 
 
-def test_index_1_drifts_the_stabilised_forms_less_and_projection_not_at_all() -> None:
+def test_index_1_drifts_the_stabilised_forms_less_and_projection_not_at_all():
     mechanism = load("four_bar", "torque")
     times = np.arange(501) * 2e-3
     found = {
@@ -66,7 +63,7 @@ def test_index_1_drifts_the_stabilised_forms_less_and_projection_not_at_all() ->
 
 
 @pytest.mark.parametrize("integrator", ["idas", "cvodes_bdf", "cvodes_adams"])
-def test_projection_starts_the_method_again_and_its_steps_are_counted(integrator: str) -> None:
+def test_projection_starts_the_method_again_and_its_steps_are_counted(integrator):
     mechanism = load("eight_bar", "torque")
     plain, projected = run(mechanism, integrator), run(mechanism, integrator, "projection")
     intervals = len(TIMES) - 1
@@ -75,7 +72,7 @@ def test_projection_starts_the_method_again_and_its_steps_are_counted(integrator
     assert position_error(mechanism, projected) < 1e-6
 
 
-def test_samples_are_where_they_were_asked_for_and_cost_no_steps() -> None:
+def test_samples_are_where_they_were_asked_for_and_cost_no_steps():
     mechanism = load("four_bar", "torque")
     coarse, fine = run(mechanism, times=TIMES[::50]), run(mechanism, times=TIMES)
     assert coarse.steps == fine.steps
@@ -89,7 +86,7 @@ def test_samples_are_where_they_were_asked_for_and_cost_no_steps() -> None:
     np.testing.assert_array_equal(still.q[0], mechanism.q0)
 
 
-def test_what_it_cannot_model_it_refuses_with_a_reason() -> None:
+def test_what_it_cannot_model_it_refuses_with_a_reason():
     for mechanism, word in ((load(DATA / "friction.toml"), "friction"), (redundant(), "redundant")):
         assert word in (ENGINE.skip(mechanism, Choice(integrator="idas")) or "")
         with pytest.raises(ValueError, match=word):
@@ -98,7 +95,7 @@ def test_what_it_cannot_model_it_refuses_with_a_reason() -> None:
 
 
 @pytest.mark.parametrize("integrator", ENGINE.adaptive)
-def test_a_solver_that_gives_up_is_a_failure_with_a_sentence(integrator: str) -> None:
+def test_a_solver_that_gives_up_is_a_failure_with_a_sentence(integrator):
     sound = load("four_bar", "torque")
     falling = replace(sound, v0=1e9 * np.ones(sound.n))  # not a motion of this linkage: accelerations of 1e18
     with pytest.raises(RunFailure, match=r"gave up: .*|not finite") as caught:
@@ -108,7 +105,7 @@ def test_a_solver_that_gives_up_is_a_failure_with_a_sentence(integrator: str) ->
 
 
 @pytest.mark.parametrize("mechanism", [everything(), load("six_bar", "cycloid"), load("sleigh")], ids=lambda m: m.name)
-def test_the_functions_are_the_equations_of_motion(mechanism: Mechanism, rng: np.random.Generator) -> None:
+def test_the_functions_are_the_equations_of_motion(mechanism, rng):
     own, given = Evaluator(mechanism), functions(mechanism)
     q, v = mechanism.q0, mechanism.v0 + rng.normal(size=mechanism.n)
     a, multipliers = (np.array(x)[:, 0] for x in given.acceleration(0.1, q, v))
@@ -123,7 +120,7 @@ def test_the_functions_are_the_equations_of_motion(mechanism: Mechanism, rng: np
     np.testing.assert_allclose(np.array(phi_dot)[:, 0], terms.phi_dot, atol=1e-12)
 
 
-def test_open_parameters_take_the_place_of_numbers_and_can_be_differentiated() -> None:
+def test_open_parameters_take_the_place_of_numbers_and_can_be_differentiated():
     mechanism = everything()
     names = ("links.arm.mass", "gravity.y", "gravity.x", "forces.stretch.k", "joints.slot.offset")
     opened, plain = functions(mechanism, names), functions(mechanism)
@@ -141,7 +138,7 @@ def test_open_parameters_take_the_place_of_numbers_and_can_be_differentiated() -
 
 
 @pytest.mark.parametrize("name", ["links.arm.colour", "links.nobody.mass", "forces.push.value", "speed", "joints.O.offset"])
-def test_a_parameter_that_is_not_there_is_refused_by_name(name: str) -> None:
+def test_a_parameter_that_is_not_there_is_refused_by_name(name):
     with pytest.raises(ValueError, match=name):
         functions(everything(), (name,))
     with pytest.raises(ValueError, match="twice"):

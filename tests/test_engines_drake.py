@@ -29,7 +29,7 @@ FINDINGS = Path(gauss_bench.__file__).parents[1] / "reports" / "findings"
 @pytest.mark.slow
 @pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize("wind", ['"wind", ', ""])
-def test_every_force_that_drake_takes_acts_as_defined(wind: str, tmp_path: Path) -> None:
+def test_every_force_that_drake_takes_acts_as_defined(wind, tmp_path):
     """The judge compares the run with the suite's own motion; the jet is a propeller, and a wind enters beside it."""
     text = (FOLDER / "linkages" / "kinds.toml").read_text(encoding="utf-8")
     whole = '"wind", "jet", "guy", "cord", "buffer", "spring"'
@@ -41,7 +41,7 @@ def test_every_force_that_drake_takes_acts_as_defined(wind: str, tmp_path: Path)
 
 
 @pytest.mark.long
-def test_the_findings_on_drake_are_as_told(elsewhere: str) -> None:
+def test_the_findings_on_drake_are_as_told(elsewhere):
     crash, ignored = (
         subprocess.run([elsewhere, str(FINDINGS / f"{name}.py")], capture_output=True, text=True, check=True).stdout.splitlines()
         for name in ("drake_world_constraint", "drake_ignored_forces")
@@ -63,14 +63,14 @@ def test_the_findings_on_drake_are_as_told(elsewhere: str) -> None:
         ({"c": -1.0}, "Drake has no spring or damper with a negative constant (stretch)"),
     ],
 )
-def test_a_spring_between_points_beyond_drakes_is_refused_by_name(change: dict[str, float], reason: str) -> None:
+def test_a_spring_between_points_beyond_drakes_is_refused_by_name(change, reason):
     whole = everything()
     (stretch,) = (f for f in whole.forces if f.name == "stretch")
-    alone = replace(whole, forces=(replace(stretch, **change),))  # type: ignore[arg-type]
+    alone = replace(whole, forces=(replace(stretch, **change),))
     assert refusal(alone, spanning_tree(alone)) == reason
 
 
-def test_only_discrete_plants_have_constraints() -> None:
+def test_only_discrete_plants_have_constraints():
     four_bar = load("four_bar", "torque")
     assert Drake().skip(four_bar, Choice(integrator="sap")) is None
     assert "in discrete plants only" in str(Drake().skip(four_bar, Choice(integrator="radau3")))
@@ -79,20 +79,20 @@ def test_only_discrete_plants_have_constraints() -> None:
     assert Drake().skip(open_chain, Choice(integrator="radau3")) is None
 
 
-def test_a_coordinate_belongs_to_the_branch_that_begins_last_before_it() -> None:
+def test_a_coordinate_belongs_to_the_branch_that_begins_last_before_it():
     tree = spanning_tree(everything())
     owners = [branch_of(tree, at).at for at in range(tree.n)]
     assert owners == [b.at for b in tree.branches for _ in b.coordinates]
 
 
-def test_a_bushing_vibrates_with_its_period_and_damping() -> None:
+def test_a_bushing_vibrates_with_its_period_and_damping():
     """A mass of 2 kg on the spring has the period; a damper of twice the critical one has the ratio 2."""
     stiffness, damping = Closure("bushing", period=0.1, damping_ratio=2.0).constants(2.0)
     assert 2 * np.pi * np.sqrt(2.0 / stiffness) == pytest.approx(0.1)
     assert damping == pytest.approx(2 * (2 * np.sqrt(stiffness * 2.0)))
 
 
-def test_a_gap_moves_the_least_mass() -> None:
+def test_a_gap_moves_the_least_mass():
     """Two masses of 1 and 3 kg that move along x and y: the gap is their own place, and the lighter one is the least mass."""
     assert least_mass(np.eye(2), np.diag([1.0, 3.0])) == pytest.approx(1.0)
     assert least_mass(np.array([[1.0, -1.0], [0.0, 0.0]]), np.diag([1.0, 1.0])) == pytest.approx(0.5)  # a spring between two masses
@@ -113,7 +113,7 @@ class Settling:
     blur: float = 0.0
     coarse: float = 0.0
 
-    def last_changes(self, y: Array, dy: Array, steps: int) -> tuple[Array, Array]:
+    def last_changes(self, y, dy, steps):
         shown = self.acceleration + 5.0 * self.length - 30.0 * self.length**2
         if self.length < self.coarse:
             shown = shown + self.blur
@@ -121,17 +121,17 @@ class Settling:
         return before, last
 
 
-def test_the_acceleration_is_what_ever_more_and_ever_shorter_steps_show() -> None:
+def test_the_acceleration_is_what_ever_more_and_ever_shorter_steps_show():
     acceleration, rest = np.array([3.0, -4.0]), np.zeros(2)
     found = settled_acceleration(lambda longest: [Settling(longest / 2**k, acceleration) for k in range(3)], rest, rest)
     assert found == pytest.approx(acceleration, abs=1e-10)
     assert 2.0 / 2**SETTLING > 1e-3  # without the last two steps' difference, it would be that far off
 
 
-def test_longer_steps_are_taken_where_short_ones_do_not_agree() -> None:
+def test_longer_steps_are_taken_where_short_ones_do_not_agree():
     acceleration, rest, asked = np.array([3.0, -4.0]), np.zeros(2), []
 
-    def steppers(longest: float) -> list[Settling]:
+    def steppers(longest):
         asked.append(longest)
         return [Settling(longest / 2**k, acceleration, 1.0, 0.6 * LENGTHS[0]) for k in range(3)]
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,21 +20,19 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.bullet.translate import joint_forces
 from gauss_bench.engines.dart.messages import Messages
 from gauss_bench.engines.dart.translate import EXPLICIT, IMPLICIT, forces_of
-from gauss_bench.engines.given_forces import GivenForces, on_one_joint
+from gauss_bench.engines.given_forces import on_one_joint
 from gauss_bench.engines.newton import kernels
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_loads import OnJoints
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import NOT_TOLD, in_python, offers
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import USERS_CACHE, everything
 from tests.engine_runs import certified, linkage
 
 
-def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install(engines: Path) -> None:
+def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install(engines):
     assert not {*ELSEWHERE} & {*all_names()}
     for name in ELSEWHERE:
         for ask in (get, lambda name: offers([name])):
@@ -48,7 +45,7 @@ def test_without_its_environment_an_engine_is_not_listed_and_told_how_to_install
     assert in_python("opensim", load("four_bar"), Choice()) == NOT_TOLD  # and that class is not imported here
 
 
-def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(engines: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(engines, monkeypatch):
     point = EntryPoint("dart", "tests.faulty_engines:Sound", "gauss_bench.engines")
     monkeypatch.setattr("gauss_bench.engines._plug_ins", lambda: [point])
     assert names().count("dart") == 1
@@ -58,7 +55,7 @@ def test_a_plug_in_of_that_name_is_used_where_there_is_no_environment(engines: P
 WORDS = {"newton": r"\bkamino\b|engines.newton"}  # where an engine has the name of laws and of methods
 
 
-def test_outside_its_room_one_line_of_python_names_an_engine() -> None:
+def test_outside_its_room_one_line_of_python_names_an_engine():
     package = Path(gauss_bench.__file__).parent
     for name in ELSEWHERE:
         files = [p for p in package.rglob("*.py") if package / "engines" / name not in p.parents]
@@ -68,7 +65,7 @@ def test_outside_its_room_one_line_of_python_names_an_engine() -> None:
         assert "://" not in (package / "engines" / name / "requirements.txt").read_text("utf-8")
 
 
-def adapter(name: str) -> Any:
+def adapter(name):
     """The adapter of an engine, which needs no library."""
     module, _, kind = ELSEWHERE[name].partition(":")
     return getattr(import_module(module), kind)()
@@ -93,15 +90,13 @@ REFUSED = [  # engine, linkage, scenario, settings -> words of the refusal; None
 
 
 @pytest.mark.parametrize(("engine", "name", "scenario", "settings", "words"), REFUSED)
-def test_what_an_engine_cannot_have_is_refused_by_name(
-    engine: str, name: str, scenario: str | None, settings: str, words: str | None
-) -> None:
+def test_what_an_engine_cannot_have_is_refused_by_name(engine, name, scenario, settings, words):
     reason = adapter(engine).skip(load(name, scenario), Choice(settings or "default"))
     assert reason is None if words is None else words in str(reason)
 
 
 @pytest.mark.parametrize(("engine", "library"), [("bullet", "Bullet"), ("dart", "DART")])
-def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine: str, library: str) -> None:
+def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine, library):
     mechanism = load("four_bar", "driven")
     (driver,) = mechanism.drivers
     assert adapter(engine).skip(mechanism, Choice()) is None
@@ -109,15 +104,15 @@ def test_a_driven_link_without_a_hinge_on_the_ground_is_refused(engine: str, lib
     assert refusal == f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
 
 
-def refusal_of(engine: str, mechanism: Mechanism, *forces: Any) -> str | None:
+def refusal_of(engine, mechanism, *forces):
     """Return an engine's reason to refuse a mechanism with only these forces; None if it takes the mechanism."""
     alone = replace(mechanism, forces=forces)
-    reason: str | None = import_module(f"gauss_bench.engines.{engine}.translate").refusal(alone, spanning_tree(alone))
+    reason = import_module(f"gauss_bench.engines.{engine}.translate").refusal(alone, spanning_tree(alone))
     return reason
 
 
 @pytest.mark.parametrize(("engine", "library"), [("drake", "Drake"), ("opensim", "OpenSim")])
-def test_a_force_without_an_exact_element_is_refused_by_name(engine: str, library: str) -> None:
+def test_a_force_without_an_exact_element_is_refused_by_name(engine, library):
     whole = everything()
     refused = {
         "guy": f"{library} cannot turn the force guy with a third link",
@@ -129,7 +124,7 @@ def test_a_force_without_an_exact_element_is_refused_by_name(engine: str, librar
     assert refusal_of(engine, whole, far) == f"{library} has no spring or damper on a sum of coordinates (coil)"
 
 
-def forces_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
+def forces_of_joints(forces, y, dy):
     """Return the forces (n,) of the springs and dampers that are elements of the library."""
     found = np.zeros_like(y)
     for x in forces.own:
@@ -137,7 +132,7 @@ def forces_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
     return found
 
 
-def dampers_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
+def dampers_of_joints(forces, y, dy):
     """Return the forces (n,) of Bullet's joint damping, its only element."""
     return -forces.joint_damping * dy
 
@@ -152,9 +147,7 @@ def dampers_of_joints(forces: GivenForces, y: Array, dy: Array) -> Array:
     ],
     ids=["bullet", "dart implicit", "dart explicit"],
 )
-def test_forces_that_a_library_has_and_is_given_are_all_forces(
-    name: str, sort: Any, own_forces: Any, has_own: bool, rng: np.random.Generator
-) -> None:
+def test_forces_that_a_library_has_and_is_given_are_all_forces(name, sort, own_forces, has_own, rng):
     """As forces on the tree coordinates, at random states and two times."""
     mechanism = everything() if name == "everything" else linkage(name)
     tree = spanning_tree(mechanism)
@@ -169,7 +162,7 @@ def test_forces_that_a_library_has_and_is_given_are_all_forces(
         np.testing.assert_allclose(found, expected, atol=1e-12 * max(1.0, float(np.abs(expected).max())))
 
 
-def test_libraries_have_springs_on_one_coordinate_of_the_tree_alone() -> None:
+def test_libraries_have_springs_on_one_coordinate_of_the_tree_alone():
     assert on_one_joint(OnJoints(np.array([0.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
     assert not on_one_joint(OnJoints(np.array([1.0, -1.0, 0.0]), 0.0, 1.0, 0.0, 0.0))
 
@@ -202,7 +195,7 @@ SHARE = {"dart": (0.8, 1.2), "drake": (0.99, 1.01), "mjx": (0.5, 2.0), "opensim"
 
 
 @pytest.fixture
-def kept_kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def kept_kernels(request, monkeypatch):
     """The user's machine code of Newton, which takes minutes to compile."""
     if request.node.callspec.params["engine"] == "newton":
         monkeypatch.setenv("XDG_CACHE_HOME", os.environ[USERS_CACHE])
@@ -215,9 +208,7 @@ def kept_kernels(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     ("engine", "name", "scenario", "settings", "step", "measured"), [(x, *row) for x, rows in MEASURED.items() for row in rows]
 )
-def test_the_crank_is_off_the_certificate_by_what_was_measured(
-    engine: str, name: str, scenario: str, settings: str, step: float, measured: float
-) -> None:
+def test_the_crank_is_off_the_certificate_by_what_was_measured(engine, name, scenario, settings, step, measured):
     mechanism = load(name, scenario)
     true, crank = certified(mechanism, 1.0), mechanism.crank
     at = int(np.abs(true.t - (0.1 if engine == "newton" else 1.0)).argmin())
@@ -233,7 +224,7 @@ def test_the_crank_is_off_the_certificate_by_what_was_measured(
 
 @pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize("engine", ["dart"])
-def test_a_run_that_blows_up_is_a_warning_of_one_sentence(engine: str) -> None:
+def test_a_run_that_blows_up_is_a_warning_of_one_sentence(engine):
     run = gauss_bench.simulate("eight_bar", engine, "torque", "shut,lcp=PGS", at=[0.0, 1.0], step=1e-2)
     assert run.status == "warning"
     assert run.message.startswith("DART: Warning")
@@ -241,8 +232,8 @@ def test_a_run_that_blows_up_is_a_warning_of_one_sentence(engine: str) -> None:
 
 
 def test_what_a_library_prints_is_a_failure_with_its_first_line_and_does_not_reach_the_streams(
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    capfd,
+):
     with Messages() as messages:
         messages.check()
         os.write(2, b"\x1b[1;33mWarning [X.cpp:1]\x1b[0m Non-finite\n" * 3)

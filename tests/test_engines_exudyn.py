@@ -11,9 +11,8 @@ from gauss_bench.engines.exudyn.adapter import Exudyn, library, simulation_setti
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference, random_states
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import exhaustive, needs
 from tests.engine_runs import LINKAGES, acceleration_errors, by_gauss, document, linkage, ran, relative_error
 
@@ -23,11 +22,11 @@ ENGINE = Exudyn()
 INTEGRATORS = ENGINE.integrators
 
 
-def run(mechanism: Mechanism, times, integrator: str = INTEGRATORS[0], step: float = 1e-3, settings: str = "tuned") -> Trajectory:
+def run(mechanism, times, integrator=INTEGRATORS[0], step=1e-3, settings="tuned"):
     return ran(ENGINE, mechanism, times, integrator=integrator, step=step, settings=settings)
 
 
-def with_forces(*names: str) -> Mechanism:
+def with_forces(*names):
     """The linkage with every kind of joint, under some of its forces."""
     content = document("all_kinds")
     content["scenarios"]["all"]["forces"] = list(names)

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 import zipfile
-from pathlib import Path
 
 import pytest
 
@@ -26,12 +25,12 @@ OWN = '# engines of mine\n[heun]  # a trial\nclass = "my_engine:Heun"\npython = 
 
 
 class Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
 @pytest.fixture
-def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def engines(tmp_path, monkeypatch):
     """The user's file of engines; the folder for environments lies beside it."""
     path = tmp_path / "settings" / "engines.toml"
     path.parent.mkdir()
@@ -43,7 +42,7 @@ def engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def twin(tmp_path, monkeypatch):
     """The room of an engine that can be installed: `stand_in:Twin`, whose wheel pip finds in a folder.
 
     It has the name of DART, because worker processes have the engines of ELSEWHERE as they are.
@@ -66,7 +65,7 @@ def twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return room
 
 
-def write_wheel(folder: Path, tmp_path: Path) -> Path:
+def write_wheel(folder, tmp_path):
     """Write a wheel of the stand-in, which also makes the numpy of this environment importable, and that alone."""
     there = tmp_path / "numpy alone"
     there.mkdir()
@@ -86,15 +85,13 @@ def write_wheel(folder: Path, tmp_path: Path) -> Path:
     return path
 
 
-def left() -> list[str]:
+def left():
     """Names of all that lies in the folder of environments."""
     return sorted(x.name for x in home().iterdir()) if home().exists() else []
 
 
 @pytest.mark.slow
-def test_an_engine_is_installed_used_and_removed_and_the_users_file_stays(
-    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_engine_is_installed_used_and_removed_and_the_users_file_stays(engines, twin, capsys):
     text = OWN + '[dart]\nclass = "stand_in:Twin"\n'
     engines.write_text(text)
     assert main(["engines", "install", "dart", "--yes"]) == 0
@@ -111,9 +108,7 @@ def test_an_engine_is_installed_used_and_removed_and_the_users_file_stays(
 
 
 @pytest.mark.slow
-def test_an_installation_that_fails_leaves_nothing_and_says_why(
-    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_installation_that_fails_leaves_nothing_and_says_why(engines, twin, capsys):
     requirements = twin / "requirements.txt"
     sound = requirements.read_text()
     for pins, said in (
@@ -129,8 +124,8 @@ def test_an_installation_that_fails_leaves_nothing_and_says_why(
 @pytest.mark.long
 @pytest.mark.parametrize(("end", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_an_interrupted_installation_ends_pip_and_leaves_nothing_and_a_killed_one_nothing_after_the_next_call(
-    end: signal.Signals, code: int, engines: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    end, code, engines, monkeypatch
+):
     with socket.create_server(("127.0.0.1", 0)) as index:  # which accepts connections and never answers
         monkeypatch.setenv("PIP_INDEX_URL", f"http://127.0.0.1:{index.getsockname()[1]}/simple")
         monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
@@ -154,10 +149,8 @@ def test_an_interrupted_installation_ends_pip_and_leaves_nothing_and_a_killed_on
 
 
 @pytest.mark.parametrize("step", ["run_program", "after"])
-def test_an_interrupt_at_any_step_leaves_nothing(
-    step: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupt(*_: object) -> str:
+def test_an_interrupt_at_any_step_leaves_nothing(step, engines, twin, monkeypatch, capsys):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(installation, "run_program", lambda *_: None)
@@ -168,7 +161,7 @@ def test_an_interrupt_at_any_step_leaves_nothing(
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-def test_what_killed_installations_left_is_removed(engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_killed_installations_left_is_removed(engines, twin, monkeypatch):
     hidden = home() / ".dart.part-x"
     hidden.mkdir(parents=True)  # of an installation that was killed before
     install_without_packages(monkeypatch)
@@ -179,7 +172,7 @@ def test_what_killed_installations_left_is_removed(engines: Path, twin: Path, mo
     assert left() == ["dart"]
 
 
-def test_an_environment_that_is_there_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_environment_that_is_there_is_replaced(tmp_path, monkeypatch):
     monkeypatch.setattr(installation, "run_program", lambda *_: None)
     place = tmp_path / "dart"
     place.mkdir()
@@ -188,9 +181,7 @@ def test_an_environment_that_is_there_is_replaced(tmp_path: Path, monkeypatch: p
     assert ([x.name for x in tmp_path.iterdir()], (place / "half").exists()) == (["dart"], False)
 
 
-def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(engines, twin, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
     assert main(["engines", "install", "dart"]) == 2
     assert "--yes installs without" in capsys.readouterr().err
@@ -200,9 +191,7 @@ def test_without_a_terminal_nothing_is_installed_unless_yes_is_given(
     assert (engines.read_text(), left()) == (OWN, [])
 
 
-def test_what_was_not_installed_here_is_neither_removed_nor_replaced(
-    engines: Path, twin: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_not_installed_here_is_neither_removed_nor_replaced(engines, twin, capsys):
     folder = home() / "dart"
     folder.mkdir(parents=True)
     (folder / "of mine").touch()
@@ -219,9 +208,7 @@ def test_what_was_not_installed_here_is_neither_removed_nor_replaced(
     assert (engines.read_text(), left()) == (entry, ["elsewhere"])
 
 
-def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_engines(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_engines(engines, twin, monkeypatch, capsys):
     monkeypatch.setattr(installation, "run_program", lambda *_: pytest.fail("it began"))
     home().mkdir(parents=True)
     other = os.open(home(), os.O_RDONLY)
@@ -234,7 +221,7 @@ def test_an_installation_is_refused_beside_another_and_with_a_faulty_file_of_eng
         os.close(other)
 
 
-def install_without_packages(monkeypatch: pytest.MonkeyPatch) -> str:
+def install_without_packages(monkeypatch):
     """Make an environment of the engine without packages, and return its interpreter."""
     monkeypatch.setattr(installation, "run_program", lambda *_: None)
     installation.install("dart", lambda _: "", lambda _: None)
@@ -242,9 +229,7 @@ def install_without_packages(monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.mark.parametrize("before", ["", OWN, OWN + "[dart]\nmemory = 3\n", '[dart]\npython = "/p"\n' + OWN])
-def test_an_installed_engine_is_found_by_its_folder_and_the_users_file_stays(
-    before: str, engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_installed_engine_is_found_by_its_folder_and_the_users_file_stays(before, engines, twin, monkeypatch):
     python = install_without_packages(monkeypatch)
     engines.write_text(before) if before else engines.unlink()
     found = environment_of("dart")
@@ -256,9 +241,7 @@ def test_an_installed_engine_is_found_by_its_folder_and_the_users_file_stays(
     assert (engines.read_text() if engines.exists() else "") == before
 
 
-def test_a_table_that_an_earlier_version_entered_is_of_no_consequence(
-    engines: Path, twin: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_that_an_earlier_version_entered_is_of_no_consequence(engines, twin, monkeypatch):
     for _ in range(2):
         python = install_without_packages(monkeypatch)
         engines.write_text(OWN + f'[dart]\nclass = "stand_in:Twin"\npython = "{python}"\n')
@@ -267,7 +250,7 @@ def test_a_table_that_an_earlier_version_entered_is_of_no_consequence(
         assert [*read_environments()] == ["heun"]
 
 
-def test_only_what_was_removed_is_left_out(engines: Path, twin: Path) -> None:
+def test_only_what_was_removed_is_left_out(engines, twin):
     """An environment of the user in the place where `install` would make one."""
     (home() / "dart").mkdir(parents=True)
     engines.write_text(f'[dart]\npython = "{interpreter_in(home() / "dart")}"\n')

@@ -31,14 +31,14 @@ SLIDES = [(str(DATA / "gripper.toml"), "close"), (str(DATA / "excavator_arm.toml
 
 
 @pytest.fixture(autouse=True)
-def _library(request: pytest.FixtureRequest) -> None:
+def _library(request):
     if "missing" not in request.node.name:
         needs(request.node.callspec.params["name"])
 
 
 @ENGINES
 @pytest.mark.parametrize(("kind", "scenario"), exhaustive([*LINKAGES.items(), *DRIVEN], ("eight_bar", "torque"), *QUICK))
-def test_accelerations_at_given_states_are_those_of_the_linkage(kind: str, scenario: str, name: str) -> None:
+def test_accelerations_at_given_states_are_those_of_the_linkage(kind, scenario, name):
     mechanism = load(kind, scenario)
     errors = acceleration_errors(get(name), mechanism, BEST[name], random_states(mechanism, 25))
     assert np.median(errors) < RIGHT[name][0]
@@ -49,7 +49,7 @@ def test_accelerations_at_given_states_are_those_of_the_linkage(kind: str, scena
 @pytest.mark.parametrize(
     ("kind", "scenario"), exhaustive([*SLIDES, *SEVERAL, ("six_bar", "cycloid")], SLIDES[0], SEVERAL[0], ("six_bar", "cycloid"))
 )
-def test_what_is_driven_follows_its_law(kind: str, scenario: str, name: str) -> None:
+def test_what_is_driven_follows_its_law(kind, scenario, name):
     mechanism, times = load(kind, scenario), np.array([0.0, 0.05, 0.1])
     if (kind, scenario) in REFUSED[name]:
         return
@@ -61,7 +61,7 @@ def test_what_is_driven_follows_its_law(kind: str, scenario: str, name: str) -> 
 
 
 @ENGINES
-def test_samples_are_where_they_were_asked_for(name: str) -> None:
+def test_samples_are_where_they_were_asked_for(name):
     """The first is the start, angles are not wrapped, and a time between two steps is met by shorter ones."""
     mechanism, times = load("crank_slider", "paper"), [0.0, 0.0707, 0.1, 0.10012, 0.2]
     found, exact = (ran(get(name), mechanism, times, settings=BEST[name], integrator=EQUAL[name]), by_gauss(mechanism, times))
@@ -86,7 +86,7 @@ REFUSED = {  # linkage, scenario -> a word of the reason
 
 
 @ENGINES
-def test_a_linkage_is_refused_with_a_reason_even_if_the_library_is_missing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_linkage_is_refused_with_a_reason_even_if_the_library_is_missing(name, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)  # importing it now fails
     choice = Choice(BEST[name], EQUAL[name])
     for (kind, scenario), reason in (REFUSED[name] | {("friction", None): "friction"}).items():

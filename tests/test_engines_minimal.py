@@ -1,7 +1,6 @@
 """The equation in one coordinate: right on every dyad and force and through dead centres, refused where one is not enough."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +11,8 @@ from gauss_bench.engines.minimal import adapter
 from gauss_bench.engines.minimal.adapter import Minimal
 from gauss_bench.engines.minimal.equation import write_equation
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.terms import Array
-from gauss_bench.trajectory import RunFailure, Status, Trajectory
+from gauss_bench.trajectory import RunFailure, Status
 from tests.conftest import needs
 from tests.engine_runs import certified, changed, linkage, open_by, ran, relative_error
 
@@ -41,17 +38,17 @@ SHORT_ROD = {  # shorter than the crank, which therefore swings: dead centres of
 needs("llvmlite")
 
 
-def by_kernel(mechanism: Mechanism, times: Array) -> Trajectory:
+def by_kernel(mechanism, times):
     """Gauss's principle in absolute coordinates, compiled: another derivation, and in hundredths of a second."""
     return ran(get("gauss-native"), mechanism, times, integrator="dop853", tolerance=1e-12)
 
 
-def with_dead_centres(name: str) -> Mechanism:
+def with_dead_centres(name):
     return changed("four_bar", "conservative", ROCKERS) if name == "rockers" else changed("crank_slider", "conservative", SHORT_ROD)
 
 
 @pytest.mark.parametrize(("name", "scenario"), FREE)
-def test_accelerations_are_those_of_the_linkage(name: str, scenario: str | None) -> None:
+def test_accelerations_are_those_of_the_linkage(name, scenario):
     mechanism = linkage(name, scenario)
     model, states = ENGINE.build(mechanism, Choice()), random_states(mechanism, 20)
     for t, q, v, a in zip(states.t, states.q, states.v, states.a, strict=True):
@@ -59,7 +56,7 @@ def test_accelerations_are_those_of_the_linkage(name: str, scenario: str | None)
 
 
 @pytest.mark.parametrize(("name", "scenario"), LINKAGES)
-def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> None:
+def test_it_moves_as_the_certified_reference_does(name, scenario):
     mechanism = load(name, scenario)
     exact = certified(mechanism, 0.5)
     found = ran(ENGINE, mechanism, exact.t, integrator="dop853_fixed", step=5e-4)
@@ -73,7 +70,7 @@ def test_it_moves_as_the_certified_reference_does(name: str, scenario: str) -> N
 
 
 @pytest.mark.parametrize(("integrator", "order"), [("rk4", 4), ("semi_implicit_euler", 1)])
-def test_errors_fall_by_the_order_of_the_method(integrator: str, order: int) -> None:
+def test_errors_fall_by_the_order_of_the_method(integrator, order):
     exact = certified(load("four_bar", "torque"), 0.2)
     runs = [ran(ENGINE, load("four_bar", "torque"), exact.t, integrator=integrator, step=h) for h in (1e-3, 5e-4)]
     coarse, fine = (np.abs(found.q - exact.q).max() for found in runs)
@@ -84,7 +81,7 @@ def test_errors_fall_by_the_order_of_the_method(integrator: str, order: int) -> 
 @pytest.mark.slow("rockers-dop853")
 @pytest.mark.parametrize("integrator", ["rk4", "dop853_fixed", "dop853"])
 @pytest.mark.parametrize("name", ["rockers", "short_rod"])
-def test_dead_centres_are_passed_in_another_coordinate(name: str, integrator: str) -> None:
+def test_dead_centres_are_passed_in_another_coordinate(name, integrator):
     mechanism, times = with_dead_centres(name), np.linspace(0.0, 1.0, 7)
     model = ENGINE.build(mechanism, Choice(integrator=integrator, step=2e-4))
     assert (model.open.min(axis=1) < 0.1).all()  # no coordinate is regular everywhere
@@ -100,7 +97,7 @@ def test_dead_centres_are_passed_in_another_coordinate(name: str, integrator: st
     assert open_by(mechanism, found) < 1e-13
 
 
-def test_a_sample_may_fall_on_a_change_of_coordinate() -> None:
+def test_a_sample_may_fall_on_a_change_of_coordinate():
     """Samples at every step hold the one at which a guard stopped the steps, and all agree with rare ones."""
     mechanism = with_dead_centres("short_rod")
     often = ran(ENGINE, mechanism, np.linspace(0.0, 1.0, 2001), step=5e-4, integrator="rk4")
@@ -111,7 +108,7 @@ def test_a_sample_may_fall_on_a_change_of_coordinate() -> None:
 
 
 @pytest.mark.slow
-def test_a_spring_on_the_angle_of_a_link_that_dyads_hold_counts_whole_turns() -> None:
+def test_a_spring_on_the_angle_of_a_link_that_dyads_hold_counts_whole_turns():
     """The shaper's lever only swings, the crank turns; a coil between them is wound up turn by turn."""
     coil = {"type": "rotational_spring_damper", "links": ["lever", "crank"], "k": 0.02, "c": 0.005}
     scenario = {"start": {"crank_deg": 0.0, "speed": 20.0}, "duration": 1.0, "forces": ["coil"]}
@@ -132,12 +129,12 @@ REFUSED = {
 }
 
 
-def test_a_linkage_that_one_coordinate_cannot_describe_is_skipped_with_a_reason() -> None:
+def test_a_linkage_that_one_coordinate_cannot_describe_is_skipped_with_a_reason():
     for case, reason in REFUSED.items():
         assert reason in str(ENGINE.skip(linkage(*case), Choice()))
 
 
-def test_a_run_ends_with_a_reason_if_no_coordinate_is_regular() -> None:
+def test_a_run_ends_with_a_reason_if_no_coordinate_is_regular():
     """Steps of a fifth of a turn go past every dead centre at once."""
     with pytest.raises(RunFailure, match="smaller step") as failure:
         ran(ENGINE, with_dead_centres("rockers"), np.linspace(0.0, 2.0, 11), integrator="rk4", step=0.2)
@@ -145,8 +142,8 @@ def test_a_run_ends_with_a_reason_if_no_coordinate_is_regular() -> None:
     assert np.isfinite(failure.value.reached.q).all(axis=1)[[0, -1]].tolist() == [True, False]
 
 
-def test_a_derivation_that_is_wrong_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(mechanism: Mechanism, *rest: Any) -> Any:
+def test_a_derivation_that_is_wrong_is_refused(monkeypatch):
+    def wrong(mechanism, *rest):
         links = tuple(replace(link, inertia=1.05 * link.inertia) for link in mechanism.links)
         return write_equation(replace(mechanism, links=links), *rest)
 

@@ -7,7 +7,6 @@ import copy
 import os
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from gauss_bench.engines.mjx.adapter import Mjx
 from gauss_bench.engines.mjx.xla import Evaluated, Libraries
 from gauss_bench.engines.mujoco.adapter import Mujoco, MujocoModel
 from gauss_bench.linkage.load import load
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 from tests.conftest import needs
 from tests.engine_runs import linkage, moved
@@ -32,33 +30,33 @@ ENGINE = "mjx"
 class OnMujoco:
     """The calls of `Device`, carried out by MuJoCo; models and states are MuJoCo's."""
 
-    def __init__(self, libraries: Libraries, model: Any, torque: Array):
+    def __init__(self, libraries, model, torque):
         self.mujoco, self.torque = libraries.mujoco, torque
         self.set(model)
 
-    def set(self, model: Any) -> None:
+    def set(self, model):
         self.model = model
 
-    def with_step(self, size: float) -> Any:
+    def with_step(self, size):
         model = copy.copy(self.model)
         model.opt.timestep = size
         return model
 
-    def start(self, y: Array, dy: Array, t: float) -> Any:
+    def start(self, y, dy, t):
         data = self.mujoco.MjData(self.model)
         data.qpos[:], data.qvel[:], data.time, data.qfrc_applied[:] = y, dy, t, self.torque
         return data
 
-    def take_steps(self, model: Any, state: Any, count: int) -> Any:
+    def take_steps(self, model, state, count):
         state = copy.copy(state)
         for _ in range(count):
             self.mujoco.mj_step(model, state)
         return state
 
-    def tree_state(self, state: Any) -> tuple[Array, Array]:
+    def tree_state(self, state):
         return state.qpos, state.qvel
 
-    def evaluate(self, y: Array, dy: Array) -> Evaluated:
+    def evaluate(self, y, dy):
         data, mass = self.start(y, dy, 0.0), np.zeros((len(y), len(y)))
         self.mujoco.mj_forward(self.model, data)
         self.mujoco.mj_fullM(self.model, data, mass)
@@ -68,7 +66,7 @@ class OnMujoco:
 
 
 @pytest.fixture
-def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def stand_in(monkeypatch):
     """MuJoCo stands in for MJX."""
     mujoco = needs("mujoco")
     monkeypatch.setattr(adapter, "load_libraries", lambda: Libraries(None, mujoco, None))
@@ -78,7 +76,7 @@ def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("stand_in")
 @pytest.mark.parametrize(("name", "scenario"), [("loaded", None), ("crank_slider", "paper"), ("four_bar", "driven")])
 @pytest.mark.parametrize("native", [True, False])
-def test_where_mujoco_computes_the_motion_is_mujocos_own(name: str, scenario: str | None, native: bool) -> None:
+def test_where_mujoco_computes_the_motion_is_mujocos_own(name, scenario, native):
     mechanism, times = linkage(name, scenario), np.array([0.0, 0.01, 0.0137, 0.03])
     choice = Choice("tuned", "rk4", "none", 1e-3)
     given, own = (moved(model, times, native) for model in (Mjx().build(mechanism, choice), MujocoModel(mechanism, choice)))
@@ -88,7 +86,7 @@ def test_where_mujoco_computes_the_motion_is_mujocos_own(name: str, scenario: st
 
 
 @pytest.mark.usefixtures("stand_in")
-def test_a_model_takes_another_step_and_its_softness_with_it() -> None:
+def test_a_model_takes_another_step_and_its_softness_with_it():
     mechanism, times = load("crank_slider", "paper"), np.array([0.0, 0.02])
     resized = Mjx().build(mechanism, Choice("tuned", "rk4", "none", 1e-3))
     moved(resized, times)
@@ -100,8 +98,8 @@ def test_a_model_takes_another_step_and_its_softness_with_it() -> None:
 
 @pytest.mark.usefixtures("stand_in")
 @pytest.mark.parametrize("field", ["dof_damping", "tendon_stiffness", "actuator_gear"])
-def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def spoil(device: OnMujoco, model: Any) -> None:
+def test_a_model_that_is_not_the_linkage_is_refused(field, monkeypatch):
+    def spoil(device, model):
         getattr(model, field)[...] *= 1.01
         device.model = model
 
@@ -110,14 +108,14 @@ def test_a_model_that_is_not_the_linkage_is_refused(field: str, monkeypatch: pyt
         Mjx().build(linkage("loaded"), Choice())
 
 
-def test_settings_are_those_of_mujoco_under_their_names() -> None:
+def test_settings_are_those_of_mujoco_under_their_names():
     for label in ("default", "tuned"):
         assert Mjx.file.options(label) == Mujoco.file.options(label)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("elsewhere")
-def test_conformance_names_the_velocity_term_that_mjx_leaves_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conformance_names_the_velocity_term_that_mjx_leaves_out(monkeypatch):
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "same_states"])
     broken = {x.name: x.message for x in conformance("mjx") if x.passed is False}
     assert "the velocity term dJ/dt v of the constraints is missing" in broken["accelerations (default, rk4, none)"]
@@ -161,7 +159,7 @@ print(float(device.tree_state(state)[0][0]), data.qpos[0])
 """
 
 
-def printed_there(python: str, script: str) -> list[str]:
+def printed_there(python, script):
     """Words that a script prints in the environment of MJX."""
     root = str(Path(gauss_bench.__file__).parents[1])
     command, where = [python, "-c", script], os.environ | {"PYTHONPATH": root}
@@ -169,7 +167,7 @@ def printed_there(python: str, script: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_spring_between_points_is_stepped_as_mujoco_steps_it(elsewhere: str) -> None:
+def test_a_spring_between_points_is_stepped_as_mujoco_steps_it(elsewhere):
     """Without the types of the state kept, JAX refuses the loop."""
     angle, of_mujoco = map(float, printed_there(elsewhere, TENDON))
     assert angle == pytest.approx(of_mujoco, abs=1e-12)
@@ -177,7 +175,7 @@ def test_a_spring_between_points_is_stepped_as_mujoco_steps_it(elsewhere: str) -
 
 
 @pytest.mark.slow
-def test_steps_are_compiled_once_for_all_sizes_numbers_and_states(elsewhere: str) -> None:
+def test_steps_are_compiled_once_for_all_sizes_numbers_and_states(elsewhere):
     compiled, angle = printed_there(elsewhere, ONCE)
     assert int(compiled) == 1
     assert float(angle) == pytest.approx(0.25 + 2.0 * (2 * 0.1 + 2 * 0.05), abs=1e-12)  # it turns freely

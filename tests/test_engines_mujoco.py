@@ -1,7 +1,7 @@
 """MuJoCo: the generated model is the mechanism, up to a softness of the closures that the settings name."""
 
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from xml.etree.ElementTree import tostring
 
 import numpy as np
@@ -128,7 +128,7 @@ def test_a_feature_that_a_model_uses_stays_on():
 
 
 @pytest.mark.parametrize(("name", "home"), forces.MOVED.items())
-def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name: str, home: ModuleType) -> None:
+def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name, home):
     with pytest.warns(DeprecationWarning, match=rf"{home.__name__}\.{name}"):
         assert getattr(forces, name) is getattr(home, name)
 
@@ -136,8 +136,8 @@ def test_names_of_loads_are_found_under_their_former_module_with_a_warning(name:
 def test_a_release_without_closures_between_sites_is_left_out_and_other_documents_are_errors():
     old = "XML Error: Schema violation: unrecognized attribute: 'site1'"
 
-    def stand_in(message: str) -> SimpleNamespace:
-        def refuse(text: str) -> None:
+    def stand_in(message):
+        def refuse(text):
             raise ValueError(message)
 
         return SimpleNamespace(__version__="2.3.7", MjModel=SimpleNamespace(from_xml_string=refuse))

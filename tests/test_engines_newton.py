@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +16,8 @@ from gauss_bench.engines.newton.world import World
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.reference.build import random_states
-from gauss_bench.trajectory import Trajectory
 from tests import newton_stand_in
 from tests.engine_runs import by_gauss, linkage, moved, ran, relative_error
 from tests.newton_stand_in import Kamino
@@ -28,23 +25,23 @@ from tests.newton_stand_in import Kamino
 STAND_IN = Libraries(newton_stand_in.warp, newton_stand_in.newton, None)
 
 
-def mechanism_of(name: str) -> Mechanism:
+def mechanism_of(name):
     return load(KINDS, "loaded") if name == "kinds" else linkage(name)
 
 
 @pytest.fixture
-def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def stand_in(monkeypatch):
     """A stand-in takes the steps of Newton."""
     monkeypatch.setattr(adapter, "load_libraries", lambda: STAND_IN)
 
 
-def run(mechanism: Mechanism, times: list[float], step: float) -> Trajectory:
+def run(mechanism, times, step):
     return ran(Newton(), mechanism, times, step=step)
 
 
 @pytest.mark.usefixtures("stand_in")
 @pytest.mark.parametrize("name", ["crank_slider", "parallelogram", "loaded", "kinds", "slides"])
-def test_errors_fall_with_the_step_as_those_of_a_method_of_first_order_do(name: str) -> None:
+def test_errors_fall_with_the_step_as_those_of_a_method_of_first_order_do(name):
     mechanism, times = mechanism_of(name), [0.0, 0.02, 0.0205, 0.08]
     true = by_gauss(mechanism, times)
     coarse, fine = (run(mechanism, times, step) for step in (1e-3, 5e-4))
@@ -57,7 +54,7 @@ def test_errors_fall_with_the_step_as_those_of_a_method_of_first_order_do(name: 
 
 @pytest.mark.usefixtures("stand_in")
 @pytest.mark.parametrize("name", ["crank_slider", "parallelogram", "loaded", "kinds", "puck"])
-def test_a_step_of_copies_shows_the_accelerations_of_closed_loops(name: str) -> None:
+def test_a_step_of_copies_shows_the_accelerations_of_closed_loops(name):
     mechanism = mechanism_of(name)
     states, model = random_states(mechanism, 3), Newton().build(mechanism, Choice())
     found = np.array([model.acceleration(*x) for x in zip(states.t, states.q, states.v, strict=True)])
@@ -65,16 +62,16 @@ def test_a_step_of_copies_shows_the_accelerations_of_closed_loops(name: str) -> 
 
 
 @pytest.mark.usefixtures("stand_in")
-def test_a_model_that_has_run_takes_another_step_as_a_new_one_does() -> None:
+def test_a_model_that_has_run_takes_another_step_as_a_new_one_does():
     mechanism, times = load("four_bar", "torque"), [0.0, 0.02]
-    model: Any = Newton().build(mechanism, Choice())
+    model = Newton().build(mechanism, Choice())
     moved(model, times)
     model.choice = Choice(step=2e-3)
     np.testing.assert_array_equal(moved(model, times).q, run(mechanism, times, 2e-3).q)
 
 
 @pytest.mark.usefixtures("stand_in")
-def test_a_crank_that_turns_keeps_count_of_its_turns() -> None:
+def test_a_crank_that_turns_keeps_count_of_its_turns():
     mechanism = load("four_bar", "torque")
     end, true = (angles(x.q[-1])[0] for x in (run(mechanism, [0.0, 1.0], 5e-3), by_gauss(mechanism, [0.0, 1.0])))
     assert abs(end - true) < 2.0
@@ -82,14 +79,14 @@ def test_a_crank_that_turns_keeps_count_of_its_turns() -> None:
 
 
 @pytest.mark.usefixtures("stand_in")
-def test_steps_in_which_the_solver_did_not_converge_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_in_which_the_solver_did_not_converge_are_counted(monkeypatch):
     mechanism, times = load("four_bar", "torque"), [0.0, 0.005]
     assert run(mechanism, times, 1e-3).note == ""
     monkeypatch.setattr(Kamino, "fails", True)
     assert run(mechanism, times, 1e-3).note == "Kamino's solver did not converge in 5 of 5 steps"
 
 
-def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
+def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step():
     mechanism = load("crank_slider", "paper")
     q = mechanism.q0 + 1e-4 * np.arange(mechanism.n)
     evaluator = Evaluator(mechanism)
@@ -102,7 +99,7 @@ def test_gaps_of_joints_are_drawn_shut_by_the_share_alpha_in_a_step() -> None:
     np.testing.assert_allclose(left[1], 0.8 * left[0], atol=1e-2 * np.abs(left[0]).max())
 
 
-def test_each_copy_has_room_for_one_contact_and_each_size_of_steps_in_single_precision_one_recording() -> None:
+def test_each_copy_has_room_for_one_contact_and_each_size_of_steps_in_single_precision_one_recording():
     for copies in (1, 6):
         world = World(STAND_IN, load("four_bar", "torque"), Newton.file.options("default"), copies)
         assert world.solver.model.rigid_contact_max == copies
@@ -111,7 +108,7 @@ def test_each_copy_has_room_for_one_contact_and_each_size_of_steps_in_single_pre
         assert len(world.graphs) == 2
 
 
-def test_the_sample_linkage_is_closed_and_has_a_pin_and_a_slide_that_close_no_tree() -> None:
+def test_the_sample_linkage_is_closed_and_has_a_pin_and_a_slide_that_close_no_tree():
     mechanism = sample_linkage()
     assert np.abs(Evaluator(mechanism).constraints(0.0, mechanism.q0, mechanism.v0).phi).max() < 1e-15
     assert {b.kind for b in spanning_tree(mechanism).branches} == {"revolute", "prismatic"}
@@ -119,7 +116,7 @@ def test_the_sample_linkage_is_closed_and_has_a_pin_and_a_slide_that_close_no_tr
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path, monkeypatch):
     """A user's cache of its own, and a stand-in for Warp and Newton that can be imported."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setitem(sys.modules, "warp", newton_stand_in.warp)
@@ -128,7 +125,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "gauss-bench" / "kernels" / "warp"
 
 
-def test_kernels_are_kept_unless_others_may_write_into_the_cache(cache: Path) -> None:
+def test_kernels_are_kept_unless_others_may_write_into_the_cache(cache):
     kernels.load_libraries.__wrapped__()
     assert newton_stand_in.warp.config.kernel_cache_dir == str(cache)
     assert cache.parent.stat().st_mode & 0o077 == 0
@@ -138,10 +135,10 @@ def test_kernels_are_kept_unless_others_may_write_into_the_cache(cache: Path) ->
     assert place.is_dir()
     assert cache.parent not in place.parents
     assert kernels.are_compiled()  # nothing that is compiled before a run would be kept
-    libraries.folder.cleanup()  # type: ignore[attr-defined]
+    libraries.folder.cleanup()
 
 
-def test_kernels_are_compiled_once_for_each_release(cache: Path, monkeypatch: pytest.MonkeyPatch, stand_in: None) -> None:
+def test_kernels_are_compiled_once_for_each_release(cache, monkeypatch, stand_in):
     newton, tried = Newton(), []
     monkeypatch.setattr(adapter, "compile_kernels", lambda options: tried.append(options["dynamics_solver"]))
     assert newton.unbuilt("default").startswith("Newton's kernels")

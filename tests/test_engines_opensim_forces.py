@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +21,11 @@ import gauss_bench
 from gauss_bench.bench.probes import moving_states
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
-from gauss_bench.engines.tree import Branch, Tree, spanning_tree
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.coordinates import position, rotate
 from gauss_bench.mechanism.evaluate import Evaluator, list_determined
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point
+from gauss_bench.mechanism.model import GROUND, Point
 from gauss_bench.mechanism.spaces import angle_at, place_at
 from gauss_bench.metrics import compare_joint_forces, joint_forces
 from gauss_bench.reference.absolute import AbsoluteCoordinates
@@ -34,7 +33,6 @@ from gauss_bench.runs import questions
 from gauss_bench.runs.apart import Request, run_of
 from gauss_bench.runs.one_run import sampling_at
 from gauss_bench.suites.read import FOLDER
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status, Trajectory
 from tests.conftest import DATA, redundant
 from tests.engine_runs import certified
@@ -48,14 +46,14 @@ SLIDES = (DATA / "slides.toml", "all", ("on_puck",), ("damped", "along", "slot_s
 class Listed:
     """Numbers, or lists of them, as OpenSim's types hold them."""
 
-    def __init__(self, *entries: Any):
+    def __init__(self, *entries):
         self.entries = entries
 
-    def get(self, k: int) -> Any:
+    def get(self, k):
         return self.entries[k]
 
 
-def hangs_on(tree: Tree, link: int, b: Branch) -> bool:
+def hangs_on(tree, link, b):
     """Tell whether a link lies beyond a joint of the tree."""
     above = {x.link: x.parent for x in tree.branches}
     while link not in (b.link, GROUND):
@@ -63,7 +61,7 @@ def hangs_on(tree: Tree, link: int, b: Branch) -> bool:
     return link == b.link
 
 
-def react(tree: Tree, b: Branch, q: Array, lacking: Array) -> Listed:
+def react(tree, b, q, lacking):
     """Return OpenSim's reaction on the child of a joint, from M a - Q (n,) of the forces on bodies."""
     about, force, moment = position(q, Point(b.link, b.anchor, "")), np.zeros(2), 0.0
     for i in (i for i in range(tree.links) if hangs_on(tree, i, b)):
@@ -72,20 +70,20 @@ def react(tree: Tree, b: Branch, q: Array, lacking: Array) -> Listed:
     return Listed(Listed(0.0, 0.0, moment), Listed(*force, 0.0))
 
 
-def stand_in(joints: dict[str, Listed], records: dict[int, Listed]) -> Any:
+def stand_in(joints, records):
     """Return a model that tells these reactions, by OpenSim's name of the joint, and records, by number of the closing pin."""
     told = {name: SimpleNamespace(calcReactionOnChildExpressedInGround=lambda _, x=x: x) for name, x in joints.items()}
     kept = {k: SimpleNamespace(getRecordValues=lambda _, x=x: x) for k, x in records.items()}
     return SimpleNamespace(model=SimpleNamespace(getJointSet=lambda: told, getConstraintSet=lambda: kept))
 
 
-def true_forces(mechanism: Mechanism, t: float, q: Array, v: Array, a: Array) -> dict[str, Array]:
+def true_forces(mechanism, t, q, v, a):
     """Return name of a joint -> (3,) fx, fy and moment, by Newton's laws."""
     found = joint_forces(Evaluator(mechanism), Trajectory(np.array([t]), q[None], v[None], a[None], None))
     return {name: np.array([x["fx"][0], x["fy"][0], x["moment"][0]]) for name, x in found.items()}
 
 
-def compare(mechanism: Mechanism, on_bodies: tuple[str, ...]) -> None:
+def compare(mechanism, on_bodies):
     """Compare the joint forces that are read from the stand-in with those by Newton's laws, at random states."""
     tree, motion = spanning_tree(mechanism), AbsoluteCoordinates(mechanism)
     bodily = Evaluator(replace(mechanism, forces=tuple(f for f in mechanism.forces if f.name in on_bodies)))
@@ -101,15 +99,13 @@ def compare(mechanism: Mechanism, on_bodies: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize(("path", "scenario", "on_bodies", "on_coordinates"), [KINDS, SLIDES], ids=["kinds", "slides"])
-def test_loads_on_coordinates_pass_through_the_joints_of_the_linkage(
-    path: Any, scenario: str, on_bodies: tuple[str, ...], on_coordinates: tuple[str, ...]
-) -> None:
+def test_loads_on_coordinates_pass_through_the_joints_of_the_linkage(path, scenario, on_bodies, on_coordinates):
     document, _, _ = document_of(path)
     document["scenarios"][scenario]["forces"] = [*on_bodies, *on_coordinates]
     compare(load_document(document, scenario), on_bodies)
 
 
-def test_a_driven_slide_that_hangs_on_its_block_exerts_nothing_along_its_line() -> None:
+def test_a_driven_slide_that_hangs_on_its_block_exerts_nothing_along_its_line():
     document, _, _ = document_of(DATA / "slides.toml")
     scenario = document["scenarios"]["all"]
     scenario["drivers"] = [{"joint": "fixed_block", "law": "constant", "start": 0.1, "speed": 0.3}]
@@ -119,7 +115,7 @@ def test_a_driven_slide_that_hangs_on_its_block_exerts_nothing_along_its_line() 
     compare(load_document(document, "all"), ("on_puck",))
 
 
-def test_a_driven_crank_has_no_moment() -> None:
+def test_a_driven_crank_has_no_moment():
     document, _, _ = document_of(KINDS[0])
     scenario = document["scenarios"]["driven"]
     scenario["drivers"] = [{"link": "arm", "law": "constant", "start_deg": 20.0, "speed": 2.0}]
@@ -128,7 +124,7 @@ def test_a_driven_crank_has_no_moment() -> None:
     compare(load_document(document, "driven"), ("wind",))
 
 
-def test_the_force_of_a_closing_pin_is_turned_from_the_frame_of_the_link_that_carries_its_loop() -> None:
+def test_the_force_of_a_closing_pin_is_turned_from_the_frame_of_the_link_that_carries_its_loop():
     mechanism = load("squeezer")
     tree, q, v = spanning_tree(mechanism), mechanism.q0, mechanism.v0
     pins = {pin.name: k for k, pin in enumerate(tree.closures)}
@@ -144,7 +140,7 @@ def test_the_force_of_a_closing_pin_is_turned_from_the_frame_of_the_link_that_ca
         np.testing.assert_allclose(told[name], [3.0, 4.0, 0.0], atol=1e-15, err_msg=name)
 
 
-def test_forces_are_determined_where_no_redundant_row_takes_part() -> None:
+def test_forces_are_determined_where_no_redundant_row_takes_part():
     assert list_determined(load("four_bar")) == ["A", "B", "C", "D"]
     assert list_determined(redundant()) == ["A", "B", "C"]  # its last pin stands there twice
     document, _, _ = document_of("parallelogram")
@@ -166,7 +162,7 @@ FINDING = Path(__file__).parents[1] / "reports" / "findings" / "opensim_redundan
 @pytest.mark.slow
 @pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize(("settings", "status"), [("default", "invalid"), ("tight", "ok")])
-def test_redundant_rows_of_loops_that_open_a_little_take_the_free_motion_away(settings: str, status: str) -> None:
+def test_redundant_rows_of_loops_that_open_a_little_take_the_free_motion_away(settings, status):
     run = gauss_bench.simulate("parallelogram", "opensim", "torque", settings, step=1e-3, at=[0.0, 1.0, 2.0])
     assert run.status == status, run.message
     before, after = np.abs(run.links["crank"]["omega"][1:])
@@ -175,7 +171,7 @@ def test_redundant_rows_of_loops_that_open_a_little_take_the_free_motion_away(se
 
 
 @pytest.mark.long
-def test_the_finding_on_redundant_rows_is_as_told(elsewhere: str) -> None:
+def test_the_finding_on_redundant_rows_is_as_told(elsewhere):
     told = subprocess.run([elsewhere, str(FINDING)], capture_output=True, text=True, check=True).stdout
     energies = {x[1]: (float(x[2]), float(x[3])) for x in re.finditer(r"tolerance (.+): energy (\S+) J becomes (\S+) J", told)}
     kept = {name for name, (before, after) in energies.items() if abs(after - before) < 1e-5}
@@ -192,13 +188,13 @@ def test_the_finding_on_redundant_rows_is_as_told(elsewhere: str) -> None:
     assert max(map(abs, accelerations[6:])) < 0.01
 
 
-def certified_states(mechanism: Mechanism) -> Trajectory:
+def certified_states(mechanism):
     """Return all states of a mechanism's certified motion, over one second at most."""
     reference = certified(mechanism, min(mechanism.duration, 1.0))
     return Trajectory(reference.t, reference.q, reference.v, reference.a, None)
 
 
-def told_forces(mechanism: Mechanism, settings: str, states: Trajectory) -> Array:
+def told_forces(mechanism, settings, states):
     """Return the joint forces (k, joints, 3) that OpenSim tells at states; NaN where it tells none."""
     names = tuple(joint.name for joint in mechanism.joints)
     question = partial(questions.joint_forces, names, states.t, states.q, states.v)
@@ -225,7 +221,7 @@ EXACT = 1e-12  # relative to the largest
 @pytest.mark.slow(*SLOW)
 @pytest.mark.usefixtures("elsewhere")
 @pytest.mark.parametrize(("name", "scenario", "settings"), FORCED)
-def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name: str, scenario: str, settings: str) -> None:
+def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name, scenario, settings):
     mechanism = load(name, scenario)
     states = certified_states(mechanism)
     told = told_forces(mechanism, settings, states)
@@ -235,7 +231,7 @@ def test_forces_of_all_joints_are_those_of_the_certified_accelerations(name: str
 
 
 @pytest.mark.usefixtures("elsewhere")
-def test_forces_that_redundant_rows_leave_undetermined_are_not_told() -> None:
+def test_forces_that_redundant_rows_leave_undetermined_are_not_told():
     parallelogram, doubled = load("parallelogram", "torque"), redundant()  # a four-bar whose last pin stands there twice
     assert np.isnan(told_forces(parallelogram, "default", certified_states(parallelogram))).all()
     states = certified_states(load("four_bar", "torque"))

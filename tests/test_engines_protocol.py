@@ -40,11 +40,11 @@ FAULTY = "tests.faulty_engines"
 ASKED = {*OPTIONAL, *REQUIRED}
 
 
-def calls_of(source: str) -> list[ast.Call]:
+def calls_of(source):
     return [x for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Call) and isinstance(x.func, ast.Name)]
 
 
-def asks_an_engine(call: ast.Call) -> bool:
+def asks_an_engine(call):
     """Whether a call is getattr or hasattr of an engine or model, or of one of their members by name."""
     if not (isinstance(call.func, ast.Name) and call.func.id in ("getattr", "hasattr")):
         return False
@@ -54,14 +54,14 @@ def asks_an_engine(call: ast.Call) -> bool:
 
 
 @pytest.fixture(scope="module")
-def calls() -> list[ast.Call]:
+def calls():
     """All calls of functions by name in files that ask engines: base.py, and all files outside the adapters' own folders."""
     folders = [PAGES, *(x for x in (PACKAGE / "engines").iterdir() if x.is_dir())]
     files = [path for path in PACKAGE.rglob("*.py") if not any(x in path.parents for x in folders)]
     return [x for path in files for x in calls_of(path.read_text(encoding="utf-8"))]
 
 
-def test_no_caller_has_a_default_of_its_own(calls: list[ast.Call]) -> None:
+def test_no_caller_has_a_default_of_its_own(calls):
     """Only base.py itself, by `ask` and `has_own`, looks for members of engines and models."""
     found = sorted(ast.unparse(x) for x in calls if asks_an_engine(x))
     assert found == ["getattr(engine, x, None)"], "ask(engine, member) of engines/base.py knows the default"
@@ -69,13 +69,13 @@ def test_no_caller_has_a_default_of_its_own(calls: list[ast.Call]) -> None:
     assert [asks_an_engine(x) for x in callers] == [True, True, False]
 
 
-def test_an_engine_that_has_nothing_optional_is_asked_nothing_else(calls: list[ast.Call]) -> None:
+def test_an_engine_that_has_nothing_optional_is_asked_nothing_else(calls):
     """Callers ask for optional members of the interface only, and some caller asks for each of them."""
     asked = [x.args[1] for x in calls if ast.unparse(x.func) == "ask" and len(x.args) == 2]
     assert {x.value for x in asked if isinstance(x, ast.Constant)} == {*OPTIONAL}
 
 
-def test_the_page_of_engines_has_every_optional_member_with_its_default() -> None:
+def test_the_page_of_engines_has_every_optional_member_with_its_default():
     page = (PAGES / "engine.md").read_text(encoding="utf-8")
     rows = {name: more for name, *more in re.findall(r"^\| `([a-z_]+)[^|]*\| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)}
     assert {*OPTIONAL} <= rows.keys() <= {*OPTIONAL} | {x for x in dir(Engine) if not x.startswith("_")}
@@ -100,7 +100,7 @@ class Heir(Bare, EngineDefaults):
     first = ("one",)
 
 
-def test_what_an_engine_lacks_is_the_default_inherited_or_not() -> None:
+def test_what_an_engine_lacks_is_the_default_inherited_or_not():
     for engine in (Bare(), Heir()):
         assert ask(engine, "adaptive") == ("dop853",)
         assert ask(engine, "unbuilt")("default") == ""
@@ -122,7 +122,7 @@ def test_what_an_engine_lacks_is_the_default_inherited_or_not() -> None:
 # Steps that are not counted
 
 
-def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
+def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step():
     run = gauss_bench.simulate("four_bar", f"{FAULTY}:Chooser", at=[0.0, 0.05])
     assert run.status is Status.OK
     assert run.metrics["steps"] is None
@@ -135,7 +135,7 @@ def test_a_run_whose_steps_nobody_counts_has_none_and_no_cost_a_step() -> None:
     assert (row["status"], row["steps"]) == ("ok", None)
 
 
-def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_are_unknown() -> None:
+def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_are_unknown():
     mechanism = load("four_bar")
     run, truth = Run("four_bar", mechanism, 0.5), certified(mechanism, 0.5)
     equal = evaluate_run(run, Evaluator(mechanism), truth, Way(f"{FAULTY}:Uncounted", "default", "rk4", "none", 0.005), False, 10)
@@ -145,7 +145,7 @@ def test_equal_steps_that_are_not_counted_are_those_asked_for_and_chosen_ones_ar
     assert chosen.errors["position"] < 1e-6
 
 
-def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted() -> None:
+def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted():
     way = Way("gauss", "default", "rk4", "none", 1e-6)
     assert TriedSetting(way, Trial(1e-6, {}, 100)).work == 400
     assert TriedSetting(way, Trial(1e-6, {}, None)).work == math.inf
@@ -159,13 +159,13 @@ def test_work_of_unknown_steps_is_infinite_unless_evaluations_are_counted() -> N
     assert trial_of(row | {"steps": 12.0}).steps == 12
 
 
-def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
+def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused():
     choice = offer("lagrange").choose(None, "rk4", None, 1e-3)
     run = run_of(Request("four_bar", "torque", "lagrange", choice, sampling_at(1e-3, [0.0, 0.01])), load("four_bar"), 60.0)
     assert run.step_time == run.seconds / 10
     assert replace(run, trajectory=replace(run.trajectory, steps=None)).step_time is None
     for steps, known in ((10, True), (None, True), (-1, False), ("many", False), (10**400, False)):
-        told = replace(run.trajectory, steps=steps)  # type: ignore[arg-type]
+        told = replace(run.trajectory, steps=steps)
         assert (leading(told, run.trajectory.t, 9) is not None) is known
 
 
@@ -182,13 +182,13 @@ def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused() -> None:
         ({"refused": "no slides"}, "^no slides$"),
     ],
 )
-def test_what_is_no_program_is_not_written(answer: object, words: str) -> None:
+def test_what_is_no_program_is_not_written(answer, words):
     with pytest.raises(RunFailure, match=words):
         read_program("heun", answer)
     assert read_program("heun", {"text": "#" * LONGEST}) == "#" * LONGEST
 
 
-def test_versions_of_the_packages_that_engines_name_are_provenance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_versions_of_the_packages_that_engines_name_are_provenance(monkeypatch):
     offers = [
         Offer("one", packages={"library": "2.5", "numpy": np.__version__, "gone": NOT_INSTALLED}),
         Offer("two", packages={"library": "2.6"}),
@@ -202,7 +202,7 @@ def test_versions_of_the_packages_that_engines_name_are_provenance(monkeypatch: 
 # Joint forces
 
 
-def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accelerations() -> None:
+def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accelerations():
     mechanism = load("four_bar")
     truth = certified(mechanism, 0.5)
     states = Trajectory(truth.t[:3], truth.q[:3], truth.v[:3], truth.a[:3], None)
@@ -217,11 +217,11 @@ def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accele
 
 
 @pytest.mark.long
-def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch):
     monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
     sound, opposed, silent = (conformance(f"{FAULTY}:{x}")[-1] for x in ("Reacting", "Opposed", "Sound"))
     assert sound.passed
-    assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9  # type: ignore[index]
+    assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9
     assert opposed.passed is False
     assert "off by" in opposed.message
     assert (silent.passed, silent.message) == (None, "it reports none")
@@ -231,12 +231,12 @@ def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch: pytest.Monke
     assert not gauss_bench.diagnose("four_bar", f"{FAULTY}:Sound", until=0.1).remarks
 
 
-def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition() -> None:
+def test_a_whole_run_whose_steps_nobody_counts_is_one_repetition():
     run, way = Run("four_bar", load("four_bar"), 0.01), Way(f"{FAULTY}:Chooser", "default", "dop853", "none", 1e-3)
     assert [one_step(run, way, steps, {}).count for steps in (None, 7)] == [1, 7]
 
 
-def test_a_class_derived_from_an_adapter_has_its_settings() -> None:
+def test_a_class_derived_from_an_adapter_has_its_settings():
     class Derived(Bullet):
         name = "derived"
 

@@ -21,14 +21,14 @@ TIMES = np.array([0.0, 0.1, 0.35, 0.5])
 
 
 @pytest.fixture
-def compiler() -> None:
+def compiler():
     needs("cc", "gcc", "clang")
 
 
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("integrator", HAND.integrators)
 @pytest.mark.parametrize(("name", "scenario"), exhaustive(LOOPS, LOOPS[0], LOOPS[2]))
-def test_the_derivation_by_hand_accelerates_and_moves_as_gauss_does(name: str, scenario: str, integrator: str) -> None:
+def test_the_derivation_by_hand_accelerates_and_moves_as_gauss_does(name, scenario, integrator):
     mechanism = load(name, scenario)
     errors = acceleration_errors(HAND, mechanism, "default", random_states(mechanism, 40))
     assert errors.max() < 1e-10  # rounding, amplified by transmission angles
@@ -40,7 +40,7 @@ def test_the_derivation_by_hand_accelerates_and_moves_as_gauss_does(name: str, s
 
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("engine", ["by_hand", "minimal"])
-def test_angles_are_followed_over_turns_however_rare_the_samples(engine: str) -> None:
+def test_angles_are_followed_over_turns_however_rare_the_samples(engine):
     mechanism = load("crank_slider", "paper")
     rare, often = (ran(get(engine), mechanism, times, step=1e-3) for times in ([0.0, 2.0], np.linspace(0.0, 2.0, 401)))
     np.testing.assert_allclose(rare.q[-1], often.q[-1], atol=1e-12)
@@ -49,7 +49,7 @@ def test_angles_are_followed_over_turns_however_rare_the_samples(engine: str) ->
 
 
 @pytest.mark.usefixtures("compiler")
-def test_a_derivation_that_is_wrong_is_refused() -> None:
+def test_a_derivation_that_is_wrong_is_refused():
     mechanism = load("four_bar", "torque")
     loop = loop_of(mechanism)
     wrong = replace(loop, numbers={**loop.numbers, "I2": loop.numbers["I2"] * 1.01})
@@ -60,11 +60,11 @@ def test_a_derivation_that_is_wrong_is_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "scenario"), [("six_bar", "torque"), ("parallelogram", "torque"), ("four_bar", "driven"), ("sleigh", "glide")]
 )
-def test_what_nobody_has_derived_is_said(name: str, scenario: str) -> None:
+def test_what_nobody_has_derived_is_said(name, scenario):
     assert "derived by hand" in str(HAND.skip(load(name, scenario), Choice()))
 
 
-def test_without_a_compiler_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_there_is_a_sentence(monkeypatch):
     monkeypatch.setattr(c_code.shutil, "which", lambda program: None)
     assert HAND.skip(load("four_bar", "torque"), Choice()) == c_code.NO_COMPILER
     assert HAND.version() == c_code.NO_COMPILER
@@ -75,7 +75,7 @@ def test_without_a_compiler_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize(("integrator", "stabilization"), [("rk4", "baumgarte"), ("dop853_fixed", "none")])
-def test_steps_in_c_in_casadis_virtual_machine_and_in_the_suite_are_the_same(integrator: str, stabilization: str) -> None:
+def test_steps_in_c_in_casadis_virtual_machine_and_in_the_suite_are_the_same(integrator, stabilization):
     needs("casadi")
     mechanism, step = load("six_bar", "cycloid"), 1e-3  # whose law depends on the time of every stage
     expected = by_gauss(mechanism, TIMES[:2], integrator=integrator, stabilization=stabilization, step=step)
@@ -88,7 +88,7 @@ def test_steps_in_c_in_casadis_virtual_machine_and_in_the_suite_are_the_same(int
         assert found.steps == 100
 
 
-def test_pinocchios_symbolic_scalar_is_a_row_with_its_reason() -> None:
+def test_pinocchios_symbolic_scalar_is_a_row_with_its_reason():
     needs("pinocchio")
     with pytest.raises(RunFailure, match=r"pinocchio\.casadi") as failure:
         get("pinocchio_casadi").build(load("four_bar", "torque"), Choice())

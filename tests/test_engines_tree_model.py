@@ -1,23 +1,20 @@
 """The common parts of adapters to libraries of joint trees, tested on a stand-in for a library."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import closing_pins, driven_rows, drivers_by_coordinate, jointed, open_tree
-from gauss_bench.engines.tree import Tree, spanning_tree
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, acceleration_by_steps, comparison, extrapolate, verify
 from gauss_bench.formulations.gauss import gauss
 from gauss_bench.integrate.fixed_step import STEPS, held_back
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles, places
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure
 from tests.engine_runs import DRIVEN, by_gauss, linkage, moved
 
@@ -29,16 +26,16 @@ class StandIn(TreeModel):
 
     library = "Stand-in"
 
-    def __init__(self, mechanism: Mechanism, choice: Choice):
+    def __init__(self, mechanism, choice):
         super().__init__(mechanism, choice, TREE)
         self.evaluator = Evaluator(mechanism)
 
-    def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
+    def tree_acceleration(self, t, y, dy):
         q, v, rest = self.tree.absolute(y, dy, np.zeros(self.tree.n))
         speeds = np.array([self.tree.absolute(y, one, one)[1] for one in np.eye(self.tree.n)])
         return np.asarray(np.linalg.lstsq(speeds.T, gauss(self.evaluator.terms(t, q, v)).a - rest, rcond=None)[0])
 
-    def run(self) -> None:
+    def run(self):
         y, dy = self.y0, self.dy0
         for begin, count, h, last, row in self.plan:
             for i in range(count):
@@ -48,7 +45,7 @@ class StandIn(TreeModel):
 
 
 @pytest.mark.parametrize("name", ["crank_slider", "four_bar", "swinging_block"])
-def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> None:
+def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name):
     mechanism, times = linkage(name), np.linspace(0.0, 0.1, 6)
     found, expected = moved(StandIn(mechanism, Choice(step=5e-3)), times), by_gauss(mechanism, times)
     assert np.abs(found.q - expected.q).max() < 1e-9  # DOP853 with a tolerance of 1e-10, along a tenth of a second
@@ -56,7 +53,7 @@ def test_a_motion_in_tree_coordinates_is_that_in_absolute_ones(name: str) -> Non
     assert found.steps == 5 * 4  # five intervals of 20 ms
 
 
-def described(mechanism: Mechanism, tree: Tree, y: Array, dy: Array) -> OpenModel:
+def described(mechanism, tree, y, dy):
     """The linkage itself, described as a library would."""
     own = open_tree(Evaluator(mechanism), tree, y, dy)
     gaps = np.array([position(own.q, b) - position(own.q, a) for a, b in closing_pins(tree)]).reshape(-1, 2)
@@ -73,12 +70,12 @@ QUANTITIES = {
 
 
 @pytest.mark.parametrize("part", QUANTITIES)
-def test_a_quantity_that_differs_by_a_millionth_is_named(part: str) -> None:
+def test_a_quantity_that_differs_by_a_millionth_is_named(part):
     mechanism = linkage("loaded")
     tree = spanning_tree(mechanism)
     verify(mechanism, tree, lambda y, dy: described(mechanism, tree, y, dy), 1e-10)
 
-    def spoiled(y: Array, dy: Array) -> OpenModel:
+    def spoiled(y, dy):
         model = described(mechanism, tree, y, dy)
         return replace(model, **{part: getattr(model, part) * (1 + 1e-6)})
 
@@ -86,7 +83,7 @@ def test_a_quantity_that_differs_by_a_millionth_is_named(part: str) -> None:
         verify(mechanism, tree, spoiled, 1e-10)
 
 
-def test_differences_are_measured_by_lengths_masses_and_loads_of_the_linkage() -> None:
+def test_differences_are_measured_by_lengths_masses_and_loads_of_the_linkage():
     mechanism = linkage("loaded")
     tree = spanning_tree(mechanism)
     y, dy = tree.relative(mechanism.q0, mechanism.v0)
@@ -102,7 +99,7 @@ def test_differences_are_measured_by_lengths_masses_and_loads_of_the_linkage() -
 
 
 @pytest.mark.parametrize("told", [{}, {"mass": np.eye(1)}, {"forces": np.zeros(1)}])
-def test_a_description_that_leaves_the_motion_open_is_refused(told: dict[str, Any]) -> None:
+def test_a_description_that_leaves_the_motion_open_is_refused(told):
     with pytest.raises(TypeError, match="they determine the motion"):
         OpenModel(np.zeros((0, 2)), **told)
 
@@ -111,9 +108,7 @@ SLIDES = [("excavator_arm", "lift"), ("gripper", "close"), ("pushed", "push")]
 
 
 @pytest.mark.parametrize(("name", "law"), [*DRIVEN, *SLIDES, ("five_bar", "driven"), ("excavator", None)])
-def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_that_its_law_prescribes(
-    name: str, law: str | None
-) -> None:
+def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_that_its_law_prescribes(name, law):
     mechanism = linkage(name, law)
     tree = spanning_tree(mechanism)
     y, dy = tree.relative(mechanism.q0, mechanism.v0)
@@ -126,7 +121,7 @@ def test_a_driven_angle_or_slide_at_the_start_is_the_row_of_tree_coordinates_tha
 
 
 @pytest.mark.parametrize("name", ["dyads", "swinging_block", "four_bar"])
-def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name: str, rng: np.random.Generator) -> None:
+def test_the_angle_of_any_driven_link_is_its_row_of_tree_coordinates(name, rng):
     (driver,) = load("four_bar", "driven").drivers
     undriven = linkage(name)
     mechanism = replace(undriven, drivers=tuple(replace(driver, link=i) for i in range(len(undriven.links))))
@@ -146,7 +141,7 @@ class Bead:
 
     weight = np.array([0.0, -9.81])
 
-    def rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+    def rates(self, t, y, dy, h):
         found = []
         for _ in range(2):
             dy = dy + h * self.weight
@@ -156,14 +151,14 @@ class Bead:
         return found[0], found[1]
 
 
-def test_accelerations_are_measured_with_the_term_of_the_turning_constraint() -> None:
+def test_accelerations_are_measured_with_the_term_of_the_turning_constraint():
     y, dy = np.array([np.cos(0.3), np.sin(0.3)]), 2.0 * np.array([-np.sin(0.3), np.cos(0.3)])
     found = acceleration_by_steps(Bead().rates, 0.0, y, dy, (4e-5, 2e-5, 1e-5))
     along = np.array([-np.sin(0.3), np.cos(0.3)])
     np.testing.assert_allclose(found, (along @ Bead.weight) * along - 4.0 * y, rtol=1e-9)
 
 
-def test_values_of_a_parabola_are_extrapolated_to_its_value_at_zero() -> None:
+def test_values_of_a_parabola_are_extrapolated_to_its_value_at_zero():
     steps = (0.4, 0.2, 0.1)
     values = [np.array([3.0 + 2.0 * h - 5.0 * h * h, h]) for h in steps]
     np.testing.assert_allclose(extrapolate(steps, values), [3.0, 0.0], atol=1e-14)

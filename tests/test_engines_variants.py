@@ -5,7 +5,6 @@ An engine's own options are typed, known, and refused by name otherwise.
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ import gauss_bench
 from gauss_bench.engines import COMPILED, DERIVED, FOREIGN, OWN, get
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.own_options import OptionError, OptionTable
-from gauss_bench.engines.variants import OWN_SEARCH, VariantError, Variants, read_variants
+from gauss_bench.engines.variants import OWN_SEARCH, VariantError, read_variants
 from gauss_bench.linkage.load import load
 from gauss_bench.runs.offers import ChoiceError, offer
 from tests.conftest import DATA, needs
@@ -25,12 +24,12 @@ from tests.engine_runs import by_gauss, ran, table_of_faults
 GOOD = (DATA / "room" / "variants.toml").read_text(encoding="utf-8")
 
 
-def made(folder: Path, text: str) -> Variants:
+def made(folder, text):
     (folder / "variants.toml").write_text(text)
     return read_variants(folder)
 
 
-def test_a_line_is_a_variant_and_a_list_is_every_entry(tmp_path: Path) -> None:
+def test_a_line_is_a_variant_and_a_list_is_every_entry(tmp_path):
     found = made(tmp_path, GOOD)
     assert found.settings["quick"] == {"mu": 1e-8, "rounds": 1, "pair": [1.0, 2.0], "remark": "for those in a hurry"}
     assert [*found.space] == [
@@ -53,7 +52,7 @@ SOFT = GOOD.replace("rounds = 20,", 'soft = "the loops are springs of some stiff
 SHORT = '[[unfinished]]\nrounds = 1\ncause = "one round is too few from a cold start"\n'
 
 
-def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp_path: Path) -> None:
+def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp_path):
     found = made(tmp_path, SOFT + SHORT)
     soft = {"default", "plain", "pairs/[1.0, 1.0]", "pairs/[2.0, 2.0]"}
     assert dict(found.soft) == dict.fromkeys(soft, "the loops are springs of some stiffness")
@@ -63,20 +62,20 @@ def test_what_is_inexact_is_declared_by_settings_and_found_in_their_variants(tmp
 
 
 @pytest.mark.parametrize(("old", "new", "said"), table_of_faults("variants"))
-def test_a_faulty_file_is_told_by_table_and_field(old: str, new: str, said: str, tmp_path: Path) -> None:
+def test_a_faulty_file_is_told_by_table_and_field(old, new, said, tmp_path):
     assert old in GOOD
     with pytest.raises(VariantError, match=said) as error:
         made(tmp_path, GOOD.replace(old, new, 1))
     assert "variants.toml" in str(error.value)
 
 
-def last_of_each_line(name: str) -> list[tuple[str, str]]:
+def last_of_each_line(name):
     """The last variant of each line of an engine's file."""
     return [(name, x) for x in {variant.partition("/")[0]: variant for variant in offer(name).variants}.values()]
 
 
 @pytest.mark.parametrize(("engine", "name"), [x for engine in (*DERIVED, *FOREIGN) for x in last_of_each_line(engine)])
-def test_a_variant_can_be_chosen_by_name_and_moves_the_linkage_as_all_do(engine: str, name: str) -> None:
+def test_a_variant_can_be_chosen_by_name_and_moves_the_linkage_as_all_do(engine, name):
     needs("llvmlite" if engine in DERIVED else engine)
     mechanism, variant = load("four_bar", "torque"), offer(engine).variants[name]
     choice = offer(engine).choose(name, None, None, 1e-4)
@@ -100,7 +99,7 @@ KNOWN = OptionTable(
 )
 
 
-def test_options_change_what_they_name_and_nothing_else() -> None:
+def test_options_change_what_they_name_and_nothing_else():
     usual = KNOWN.resolve("usual")
     assert KNOWN.resolve("rounds=3") == usual | {"rounds": 3}
     named = {"pair": [3.0, 1.0], "method": "PGS", "shut": False}
@@ -110,13 +109,13 @@ def test_options_change_what_they_name_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(("text", "said"), table_of_faults("options"))
-def test_what_an_engine_does_not_know_is_refused_with_what_it_knows(text: str, said: str) -> None:
+def test_what_an_engine_does_not_know_is_refused_with_what_it_knows(text, said):
     with pytest.raises(OptionError, match=said):
         KNOWN.resolve(text)
 
 
 @given(st.text("roundsmuhpair =,.[]{}\"'\n\\#0123456789-+_é", max_size=40))
-def test_whatever_is_written_is_options_or_refused(text: str) -> None:
+def test_whatever_is_written_is_options_or_refused(text):
     try:
         found = KNOWN.resolve(text)
     except (OptionError, KeyError):
@@ -125,11 +124,11 @@ def test_whatever_is_written_is_options_or_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("engine", [OWN[0], COMPILED[0]])
-def test_a_tolerance_given_as_an_option_is_the_one_that_is_used(engine: str) -> None:
+def test_a_tolerance_given_as_an_option_is_the_one_that_is_used(engine):
     if engine in COMPILED:
         needs("llvmlite")
 
-    def count_evaluations(settings: str) -> float:
+    def count_evaluations(settings):
         run = gauss_bench.simulate("crank_slider", engine, settings=settings, integrator="dop853", step=0.1, at=[0.5])
         assert run.settings == settings
         return float(run.metrics["evaluations"])
@@ -137,8 +136,8 @@ def test_a_tolerance_given_as_an_option_is_the_one_that_is_used(engine: str) -> 
     assert count_evaluations("dop853_rtol=1e-4,dop853_atol=1e-6") < 0.7 * count_evaluations("default")
 
 
-def test_the_rate_of_baumgarte_given_as_an_option_closes_gaps_sooner() -> None:
-    def drift(rate: str) -> float:
+def test_the_rate_of_baumgarte_given_as_an_option_closes_gaps_sooner():
+    def drift(rate):
         settings = f"baumgarte_alpha_beta_per_s={rate}"
         run = gauss_bench.simulate("four_bar", "gauss", "conservative", settings, None, "baumgarte", 1e-2, [2.0])
         return float(run.metrics["position_drift"])
@@ -146,7 +145,7 @@ def test_the_rate_of_baumgarte_given_as_an_option_closes_gaps_sooner() -> None:
     assert drift("20") < 0.2 * drift("0")
 
 
-def test_every_engine_with_options_takes_its_own_usual_values_by_name() -> None:
+def test_every_engine_with_options_takes_its_own_usual_values_by_name():
     for name in ("gauss", "mujoco", "pinocchio", "exudyn", "casadi", "minimal"):
         offered = offer(name)
         usual = next(iter(offered.settings.values()))

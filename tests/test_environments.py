@@ -57,7 +57,7 @@ class Greedy(Twin):
 
 
 @pytest.fixture(scope="module")
-def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def python(tmp_path_factory):
     """The interpreter of an environment that has numpy, the stand-in and the template of joint trees, and nothing else."""
     about = "Metadata-Version: 2.1\nName: twin-library\nVersion: 2.5\n"
     template = {f"my_trees/{x.name}": x.read_text(encoding="utf-8") for x in (TEMPLATE / "my_trees").glob("*.*")}
@@ -65,7 +65,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return environment_with(files, tmp_path_factory.mktemp("environment"))
 
 
-def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_one(python: Path, engines: Path) -> None:
+def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_one(python, engines):
     engines.write_text(f'[twin]\nclass = "stand_in:Twin"\npython = "{python}"\n')
     assert "twin" in names()
     assert offer("twin").version.endswith("with numpy alone")
@@ -75,7 +75,7 @@ def test_an_engine_of_another_environment_runs_there_and_sees_nothing_of_this_on
 
 
 @pytest.mark.long
-def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python: Path, engines: Path) -> None:
+def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(python, engines):
     engines.write_text(f'[trees]\nclass = "my_trees:Trees"\npython = "{python}"\n')
     checks = {x.name: x.passed for x in conformance("trees")}
     assert len(checks) > 30
@@ -83,9 +83,7 @@ def test_the_template_of_joint_trees_conforms_where_numpy_alone_is_installed(pyt
     assert [*checks.values()].count(None) == 1  # driven motions
 
 
-def test_an_engine_of_another_environment_offers_all_that_engines_may(
-    python: Path, engines: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_engine_of_another_environment_offers_all_that_engines_may(python, engines, tmp_path, capsys):
     """Its program, the calls of its library and the versions of its packages come from there."""
     engines.write_text(f'[helpful]\nclass = "stand_in:Helpful"\npython = "{python}"\n')
     assert package_versions()["twin-library"] == "2.5"
@@ -102,14 +100,14 @@ def test_an_engine_of_another_environment_offers_all_that_engines_may(
         call_of("helpful", "solve", load("n_four_bar_1"), wanted.q, wanted.v)
 
 
-def test_an_environment_may_have_another_limit_of_memory(python: Path, engines: Path) -> None:
+def test_an_environment_may_have_another_limit_of_memory(python, engines):
     engines.write_text(f'[greedy]\nclass = "stand_in:Greedy"\npython = "{python}"\nmemory = 1\n')
     run = gauss_bench.simulate("four_bar", "greedy", at=[0.01])
     assert run.status != "ok"
     assert "MemoryError" in run.message or "allocate" in run.message
 
 
-def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path: Path, engines: Path) -> None:
+def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path, engines):
     bare = tmp_path / "bare"
     venv.create(bare, with_pip=False)
     for name, python, words in (
@@ -137,9 +135,7 @@ def test_an_interpreter_that_is_not_fit_is_told_in_one_sentence(tmp_path: Path, 
         ("#" * 70000, "larger than"),
     ],
 )
-def test_a_fault_in_the_file_of_engines_is_bad_input(
-    text: str, where: str, engines: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_in_the_file_of_engines_is_bad_input(text, where, engines, capsys):
     engines.write_text(text)
     with pytest.raises((EnvironmentFault, OSError)):
         read_environments()

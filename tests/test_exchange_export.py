@@ -8,8 +8,6 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,15 +17,14 @@ from hypothesis import strategies as st
 
 import gauss_bench
 from gauss_bench.advice.recommending import Recommender
-from gauss_bench.advice.truth import NoTruth, Truth
+from gauss_bench.advice.truth import NoTruth
 from gauss_bench.engines import get
 from gauss_bench.engines.transcript import python
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
 from gauss_bench.exchange.text import C_WORDS, c_comment, c_string, identifiers, python_comment, toml_string, xml_comment
 from gauss_bench.linkage.load import built_in, load, load_document
-from gauss_bench.mechanism.model import Mechanism, Revolute
-from gauss_bench.terms import Array
+from gauss_bench.mechanism.model import Revolute
 from tests.alone import BLOCKED, c_alone, needs_kind, python_alone, rows_of
 from tests.conftest import DATA, exhaustive
 from tests.engine_runs import ran
@@ -41,7 +38,7 @@ SLOW += [(str(DATA / name), "pinocchio") for name in ("loaded.toml", "all_kinds.
 PLAIN_MUJOCO = DATA / "plain_mujoco.txt"
 
 
-def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tuple[Array, Array]:
+def suite_run(mechanism, kind, times, step):
     """Return q and v, both (k, n), of the suite's own run of the engine with the settings of the file."""
     k = KINDS[kind]
     chosen = {"settings": k.settings, "integrator": k.integrator, "stabilization": k.stabilization}
@@ -49,7 +46,7 @@ def suite_run(mechanism: Mechanism, kind: str, times: Array, step: float) -> tup
     return found.q, found.v
 
 
-def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP) -> tuple[list[str], Array]:
+def run_alone(text, kind, folder, end, step=STEP):
     """Return heading and rows of the table that an exported file prints, or that a plain script prints for MJCF."""
     file = folder / f"exported{KINDS[kind].suffix}"
     file.write_text(text, encoding="utf-8")
@@ -60,7 +57,7 @@ def run_alone(text: str, kind: str, folder: Path, end: float, step: float = STEP
     return rows_of(python_alone(file, end, step))
 
 
-def compared(mechanism: Mechanism, kind: str, folder: Path, written: Mechanism | None = None) -> None:
+def compared(mechanism, kind, folder, written=None):
     """Check that a file moves as the suite's own run; the file is that of the linkage, or of `written`, which has other names."""
     end, step = min(END, mechanism.duration), min(STEP, mechanism.duration / 300)
     heading, rows = run_alone(export_linkage(written or mechanism, kind, step).text, kind, folder, end, step)
@@ -83,13 +80,13 @@ def compared(mechanism: Mechanism, kind: str, folder: Path, written: Mechanism |
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), exhaustive([*QUICK, *SLOW], *QUICK))
-def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name: str, kind: str, tmp_path: Path) -> None:
+def test_an_exported_file_alone_moves_as_the_engine_in_the_suite(name, kind, tmp_path):
     needs_kind(kind)
     compared(load(name) if name.endswith(".toml") else load(*name.split("/")), kind, tmp_path)
 
 
 @pytest.mark.parametrize("kind", [pytest.param("exudyn", marks=pytest.mark.long), "pinocchio"])
-def test_a_motion_given_by_a_table_goes_out(kind: str, tmp_path: Path) -> None:
+def test_a_motion_given_by_a_table_goes_out(kind, tmp_path):
     needs_kind(kind)
     document = tomllib.loads(built_in()["four_bar"].read_text(encoding="utf-8"))
     rows = [[0.0, 0.0], [0.05, 0.2], [0.15, 0.1]]
@@ -97,7 +94,7 @@ def test_a_motion_given_by_a_table_goes_out(kind: str, tmp_path: Path) -> None:
     compared(load_document(document, "cycloid"), kind, tmp_path)
 
 
-def test_the_package_is_blocked_where_files_run_alone(tmp_path: Path) -> None:
+def test_the_package_is_blocked_where_files_run_alone(tmp_path):
     file = tmp_path / "imports.py"
     file.write_text("import gauss_bench")
     done = subprocess.run([sys.executable, "-I", "-c", BLOCKED, str(file)], capture_output=True, text=True, check=False)
@@ -108,12 +105,12 @@ HOSTILE = ('quo"te', "new\nline", "*/ int x; /*", "--> <evil/>", "]]>", "</scrip
 HOSTILE += ("'''\"\"\"", "coding: utf-7", "??/", "%s{0}")
 
 
-def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
+def hostile(mechanism, points):
     """Return the mechanism with attacks as title and names, and with `points` as names of points too."""
     names = ("world", *HOSTILE)  # MuJoCo has a body "world" of its own
     links = tuple(replace(link, name=names[k % len(names)] + "#" * k) for k, link in enumerate(mechanism.links))
 
-    def renamed(joint: Any, k: int) -> Any:
+    def renamed(joint, k):
         if not (points and isinstance(joint, Revolute)):
             return replace(joint, name=HOSTILE[k])
         return replace(joint, name=HOSTILE[k], a=replace(joint.a, name=HOSTILE[k]), b=replace(joint.b, name=HOSTILE[k + 1]))
@@ -125,7 +122,7 @@ def hostile(mechanism: Mechanism, points: bool) -> Mechanism:
 
 @pytest.mark.slow("c")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_with_names_and_titles_of_any_kind_moves_alone_as_the_engine_in_the_suite(kind: str, tmp_path: Path) -> None:
+def test_a_file_with_names_and_titles_of_any_kind_moves_alone_as_the_engine_in_the_suite(kind, tmp_path):
     needs_kind(kind)
     mechanism = load("crank_slider")
     compared(mechanism, kind, tmp_path, hostile(mechanism, points=kind != "c"))
@@ -133,7 +130,7 @@ def test_a_file_with_names_and_titles_of_any_kind_moves_alone_as_the_engine_in_t
 
 @pytest.mark.slow("c")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_says_whose_it_is_and_what_it_lacks(kind: str) -> None:
+def test_a_file_says_whose_it_is_and_what_it_lacks(kind):
     needs_kind(kind)
     found = export_linkage(load("crank_slider"), kind, STEP)
     assert OWNED in found.text
@@ -151,7 +148,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("name", "kind", "word"), REFUSED)
-def test_what_a_format_cannot_hold_is_refused_by_name(name: str, kind: str, word: str) -> None:
+def test_what_a_format_cannot_hold_is_refused_by_name(name, kind, word):
     needs_kind(kind)
     mechanism = load(name) if name.endswith(".toml") else load(name.partition("/")[0], name.partition("/")[2] or None)
     with pytest.raises(ExchangeError) as caught:
@@ -161,7 +158,7 @@ def test_what_a_format_cannot_hold_is_refused_by_name(name: str, kind: str, word
 
 
 @pytest.mark.long
-def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> None:
+def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path):
     pytest.importorskip("mujoco")
     file = tmp_path / "four_bar.xml"
     found = gauss_bench.export("four_bar", "mujoco", file, tuned=True, scenario="torque")
@@ -174,11 +171,11 @@ def test_the_loops_of_a_tuned_document_hold_in_plain_mujoco(tmp_path: Path) -> N
 
 
 @pytest.mark.long
-def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch, tmp_path):
     pytest.importorskip("casadi")
     search = Recommender.search
 
-    def known_for_a_second(recommender: Recommender) -> Truth:
+    def known_for_a_second(recommender):
         if recommender.run.until > 1.0:
             raise NoTruth("nobody knows")
         return search(recommender)
@@ -190,7 +187,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: 
     assert found.tuning.until == 5.0 / 16
     assert "Measured over 0.3125 s" in file.read_text()
 
-    def known_never(recommender: Recommender) -> Truth:
+    def known_never(recommender):
         raise NoTruth("nobody knows")
 
     monkeypatch.setattr(Recommender, "search", known_never)
@@ -199,7 +196,7 @@ def test_a_motion_that_nobody_knows_for_long_is_measured_over_less(monkeypatch: 
     assert [x.name for x in tmp_path.iterdir()] == ["script.py"]
 
 
-def test_what_cannot_be_held_is_said_to_be_missed() -> None:
+def test_what_cannot_be_held_is_said_to_be_missed():
     from gauss_bench.api.exchange import Tuning
 
     good = Tuning("tuned", "rk4", 1e-3, 5.0, 4e-7, 4e-5, "certified", 1e-9, 1e-6, 1e-4)
@@ -215,7 +212,7 @@ ANY_TEXT = st.text(max_size=60) | st.sampled_from(HOSTILE)
 
 @pytest.mark.long
 @given(st.lists(ANY_TEXT, max_size=8, unique=True))
-def test_identifiers_are_unique_and_valid(names: list[str]) -> None:
+def test_identifiers_are_unique_and_valid(names):
     found = identifiers([*names, "while", "int"], C_WORDS)
     assert len(set(found.values())) == len({*names, "while", "int"})
     for x in found.values():
@@ -224,7 +221,7 @@ def test_identifiers_are_unique_and_valid(names: list[str]) -> None:
 
 
 @given(ANY_TEXT)
-def test_texts_come_back_as_they_were(text: str) -> None:
+def test_texts_come_back_as_they_were(text):
     whole = text.encode("utf-8", "replace")
     assert ast.literal_eval("b" + c_string(text)) == whole
     assert "??" not in c_string(text)
@@ -234,7 +231,7 @@ def test_texts_come_back_as_they_were(text: str) -> None:
 
 
 @given(st.lists(ANY_TEXT, max_size=4))
-def test_comments_end_where_they_end(lines: list[str]) -> None:
+def test_comments_end_where_they_end(lines):
     told = c_comment(lines)
     assert told.index("*/") == len(told) - 3
     assert told.count("/*") == 1

@@ -18,8 +18,6 @@ from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.planar import pair, plane_of
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.linkage.load import load_document
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
 from tests.conftest import DATA
 from tests.planar_models import random_model
 
@@ -29,18 +27,18 @@ URDF, CLOSE = DATA / "four_bar.urdf", ["coupler.coupler_end=rocker.rocker_end"]
 EXACT = 1e-12  # rounding of places in the world
 
 
-def brought_in(text: str, folder: Path, close: list[str] | None = None) -> Mechanism:
+def brought_in(text, folder, close=None):
     file = folder / "model.xml"
     file.write_text(text, encoding="utf-8")
     return load_document(tomllib.loads(import_file(file, "back", close or []).text))
 
 
-def acceleration(mechanism: Mechanism) -> Array:
+def acceleration(mechanism):
     model = get("gauss").build(mechanism, Choice("default", "rk4"))
     return model.acceleration(0.0, mechanism.q0, mechanism.v0).reshape(-1, 3)
 
 
-def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Array, Array, Array]:
+def flat_motion(text, back, file, rigid):
     """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
     plane, model = plane_of(from_mjcf(read_xml(file), file)), mujoco.MjModel.from_xml_string(text)
     if rigid:
@@ -65,7 +63,7 @@ def flat_motion(text: str, back: Mechanism, file: Path, rigid: bool) -> tuple[Ar
 
 @pytest.mark.parametrize("loops", [0, 1, 2])
 @pytest.mark.parametrize("seed", range(5))
-def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp_path: Path) -> None:
+def test_random_planar_models_accelerate_as_in_mujoco(seed, loops, tmp_path):
     text = random_model(np.random.default_rng(1000 * loops + seed), loops)
     back = brought_in(text, tmp_path)
     places, rates, seconds = flat_motion(text, back, tmp_path / "model.xml", rigid=loops > 0)
@@ -75,7 +73,7 @@ def test_random_planar_models_accelerate_as_in_mujoco(seed: int, loops: int, tmp
     assert np.abs(own - seconds).max() < (1e-5 if loops else 1e-11) * max(1.0, np.abs(own).max())  # closures are nearly rigid
 
 
-def model(joint: str = 'axis="0 0 1"', more: str = "", after: str = "", world: str = "") -> str:
+def model(joint='axis="0 0 1"', more="", after="", world=""):
     """Return a small document: a body on a joint, with more elements in that body, in the world, and after the world."""
     body = f'<body name="b" pos="0.3 0 0"><joint name="j" {joint}/><geom size="0.1" mass="1"/>{more}</body>'
     return f"<mujoco><worldbody>{body}{world}</worldbody>{after}</mujoco>"
@@ -86,7 +84,7 @@ LARGE = {"too deep": "<mujoco>" + "<a>" * 200 + "</a>" * 200 + "</mujoco>", "too
 
 
 @pytest.mark.parametrize("what", REFUSED["mjcf"])
-def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str, tmp_path: Path) -> None:
+def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what, tmp_path):
     given = dict(REFUSED["mjcf"][what])
     words, text = given.pop("words"), given.pop("text", "")
     file = tmp_path / "model.xml"
@@ -100,7 +98,7 @@ def test_what_is_no_planar_linkage_is_refused_with_element_and_reason(what: str,
         assert word in said, said
 
 
-def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
+def test_welded_bodies_are_one_link(tmp_path):
     """The two welded bodies hang on different joints, and the weld locks the hinge of the first body."""
     text = """<mujoco><worldbody>
       <body name="post" pos="0 0 1"><geom size="0.1"/>
@@ -117,14 +115,14 @@ def test_welded_bodies_are_one_link(tmp_path: Path) -> None:
     assert link.inertia == pytest.approx(own + (2 / 3) * 0.1**2, rel=1e-9)
 
 
-def test_names_of_any_kind_become_names(tmp_path: Path) -> None:
+def test_names_of_any_kind_become_names(tmp_path):
     text = model(more='<site name="a &quot;b&#10;c"/><site name="a b c"/>').replace('"j"', '"= ] # &lt;"')
     back = brought_in(text.replace('name="b"', 'name="ground"'), tmp_path)
     assert [x.name for x in back.links] == ["ground_2"]
     assert back.dof == 1
 
 
-def test_a_urdf_with_its_loop_closed(tmp_path: Path) -> None:
+def test_a_urdf_with_its_loop_closed(tmp_path):
     found = import_file(URDF, "back", CLOSE)
     back = load_document(tomllib.loads(found.text))
     assert found.kind == "URDF"
@@ -140,7 +138,7 @@ def test_a_urdf_with_its_loop_closed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("what", REFUSED["urdf"])
-def test_what_a_urdf_may_not_have_is_refused(what: str, tmp_path: Path) -> None:
+def test_what_a_urdf_may_not_have_is_refused(what, tmp_path):
     given, text, file = REFUSED["urdf"][what], URDF.read_text(), tmp_path / "model.urdf"
     assert given.get("old", "") in text
     file.write_text(text.replace(given.get("old", ""), given.get("new", ""), 1))
@@ -167,15 +165,15 @@ BULK = [  # where it stands, what is read, what is refused, and words of the ref
 
 
 @pytest.mark.parametrize(("where", "most", "beyond", "words"), BULK)
-def test_what_a_document_makes_is_bounded(where: str, most: str, beyond: str, words: str) -> None:
+def test_what_a_document_makes_is_bounded(where, most, beyond, words):
     refuse_bulk(fromstring(where.format(most)), Path("m.xml"))
     with pytest.raises(ExchangeError, match=words):
         refuse_bulk(fromstring(where.format(beyond)), Path("m.xml"))
 
 
 @pytest.mark.parametrize("fault", [RuntimeError("Caught an unknown exception!"), MemoryError()])
-def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_: object) -> None:
+def test_what_mujoco_cannot_name_is_a_refusal(fault, monkeypatch):
+    def fail(_):
         raise fault
 
     monkeypatch.setattr(mujoco, "MjData", fail)
@@ -184,9 +182,7 @@ def test_what_mujoco_cannot_name_is_a_refusal(fault: Exception, monkeypatch: pyt
 
 
 @pytest.mark.long
-def test_a_hostile_file_ends_in_bounded_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_hostile_file_ends_in_bounded_time(tmp_path, monkeypatch, capsys):
     """The worker is stopped if MuJoCo's compiler takes too long."""
     monkeypatch.setattr(exchange, "READING", 4.0)
     file = tmp_path / "model.xml"

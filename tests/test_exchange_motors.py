@@ -3,7 +3,6 @@
 import tomllib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +17,7 @@ from gauss_bench.exchange.imports import import_file
 from gauss_bench.exchange.own_model import ENGINE, own_linkage, setting_text
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.forces import AppliedForces
-from gauss_bench.mechanism.model import Mechanism, PointForce, Torque
-from gauss_bench.terms import Array
+from gauss_bench.mechanism.model import PointForce, Torque
 from tests.conftest import DATA, needs
 
 mujoco = needs("mujoco")
@@ -30,7 +28,7 @@ NOT_MJCF = ("everything", "friction", "all_kinds", "dyads", "excavator_arm")  # 
 CARTS = DATA / "motors" / "carts.toml"
 
 
-def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
+def exported(mechanism, folder):
     """Return plain MuJoCo's model of the exported document, with rigid closures, and its data at the keyframe."""
     text = export_linkage(mechanism, "mujoco", 1e-3).text
     (folder / "model.xml").write_text(text, encoding="utf-8")
@@ -41,10 +39,10 @@ def exported(mechanism: Mechanism, folder: Path) -> tuple[Any, Any]:
     return model, data
 
 
-def same_work(back: Mechanism, mechanism: Mechanism, names: list[str]) -> tuple[Array, Array]:
+def same_work(back, mechanism, names):
     """Return for both linkages the sum of some forces at the start, as generalised forces on one tree of joints."""
     order = [[x.name for x in back.links].index(link.name) for link in mechanism.links]
-    found: list[Array] = []
+    found = []
     for x, links in ((back, order), (mechanism, [*range(len(order))])):
         only = replace(x, forces=tuple(f for f in x.forces if f.name in names), gravity=np.zeros(2))
         Q = AppliedForces(only).generalised(x.q0, x.v0).reshape(-1, 3)[links]
@@ -53,7 +51,7 @@ def same_work(back: Mechanism, mechanism: Mechanism, names: list[str]) -> tuple[
 
 
 @pytest.mark.parametrize("file", MOTORS, ids=lambda x: Path(x).stem)
-def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file: str, tmp_path: Path) -> None:
+def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file, tmp_path):
     document = tomllib.loads(Path(file).read_text(encoding="utf-8"))
     compared = 0
     for scenario, given in document.get("scenarios", {}).items():
@@ -70,7 +68,7 @@ def test_a_motor_that_goes_out_comes_back_as_the_same_motor(file: str, tmp_path:
     assert compared or Path(file).stem in NOT_MJCF
 
 
-def check_motors(back: Mechanism, mechanism: Mechanism) -> int:
+def check_motors(back, mechanism):
     """Compare torques by their links and values, and forces at points by their generalised forces; return the number of motors."""
     motors = [f for f in mechanism.forces if isinstance(f, (Torque, PointForce))]
     by_name = {f.name: f for f in back.forces}
@@ -86,7 +84,7 @@ def check_motors(back: Mechanism, mechanism: Mechanism) -> int:
     return len(motors)
 
 
-def test_motors_on_slides_and_between_moving_links_come_back(tmp_path: Path) -> None:
+def test_motors_on_slides_and_between_moving_links_come_back(tmp_path):
     mechanism = load(str(CARTS))
     model, data = exported(mechanism, tmp_path)
     controls = {model.actuator(k).name: (float(data.ctrl[k]), float(model.actuator_gear[k, 0])) for k in range(model.nu)}
@@ -111,7 +109,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "scenario"), CASES, ids=lambda x: Path(x).stem)
-def test_ctrl_changes_qacc_as_the_motor_of_the_linkage_does(name: str, scenario: str, tmp_path: Path) -> None:
+def test_ctrl_changes_qacc_as_the_motor_of_the_linkage_does(name, scenario, tmp_path):
     """Plain MuJoCo with another ctrl accelerates as the suite's own equations with another value of the force."""
     mechanism = load(name, scenario)
     model, data = exported(mechanism, tmp_path)
@@ -135,7 +133,7 @@ def test_ctrl_changes_qacc_as_the_motor_of_the_linkage_does(name: str, scenario:
         assert np.abs(data.qacc - before).max() > 1e-3 * np.abs(own).max(), motor
 
 
-def test_an_exported_file_as_it_stands_accelerates_as_the_linkage_with_its_motor(tmp_path: Path) -> None:
+def test_an_exported_file_as_it_stands_accelerates_as_the_linkage_with_its_motor(tmp_path):
     mechanism, file = load("four_bar", "torque"), tmp_path / "model.xml"
     file.write_text(export_linkage(mechanism, "mujoco", 1e-3).text, encoding="utf-8")
     own = load_document(own_linkage(file, "own").document)
@@ -144,7 +142,7 @@ def test_an_exported_file_as_it_stands_accelerates_as_the_linkage_with_its_motor
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()  # closures are soft
 
 
-def test_a_motor_at_rest_goes_out_so_that_it_can_be_driven(tmp_path: Path) -> None:
+def test_a_motor_at_rest_goes_out_so_that_it_can_be_driven(tmp_path):
     four_bar = load("four_bar", "torque")
     forces = tuple(replace(f, value=0.0) if isinstance(f, Torque) else f for f in four_bar.forces)
     model, data = exported(replace(four_bar, forces=forces), tmp_path)
@@ -156,7 +154,7 @@ def test_a_motor_at_rest_goes_out_so_that_it_can_be_driven(tmp_path: Path) -> No
     assert np.abs(data.qacc - before).max() > 1.0
 
 
-def test_forces_that_no_ctrl_changes_are_named_at_the_head(tmp_path: Path) -> None:
+def test_forces_that_no_ctrl_changes_are_named_at_the_head(tmp_path):
     text = export_linkage(load(str(DATA / "slides.toml")), "mujoco", 1e-3).text
     assert "Motors: with_sledge = 0.538516 N, on_puck = 0.5 N." in text
     assert "No ctrl changes with_puck: " in text

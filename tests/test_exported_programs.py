@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,12 +38,12 @@ REFUSED = {  # by the judge at 1 ms -> a step [s] that it accepts, or None
 }
 
 
-def run_alone(kind: str, file: Path) -> np.ndarray:
+def run_alone(kind, file):
     """Return the numbers that a program prints with its own end and step."""
     return rows_of(c_alone(file) if kind == "c" else python_alone(file))[1]
 
 
-def assert_error_held(file: Path, kind: str, linkage: str) -> None:
+def assert_error_held(file, kind, linkage):
     """Compare the end that a program prints with the certified motion, and its error with the one in its head."""
     text, mechanism = file.read_text(encoding="utf-8"), load(linkage)
     stated, known = STATED.search(text), KNOWN.search(text)
@@ -61,7 +60,7 @@ def assert_error_held(file: Path, kind: str, linkage: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("kind", PROGRAMS)
 @pytest.mark.parametrize("linkage", built_in())
-def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage: str, kind: str, tmp_path: Path) -> None:
+def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage, kind, tmp_path):
     needs_kind(kind)
     file = tmp_path / f"program{KINDS[kind].suffix}"
     if (linkage, kind) in CANNOT:
@@ -81,7 +80,7 @@ def test_a_program_of_a_built_in_linkage_holds_the_error_that_it_states(linkage:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["c", "casadi"])
-def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) -> None:
+def test_a_program_with_a_required_accuracy_holds_it(kind, tmp_path):
     needs_kind(kind)
     file = tmp_path / f"program{KINDS[kind].suffix}"
     found = export("four_bar", kind, file, scenario="torque", position=1e-5)
@@ -94,7 +93,7 @@ def test_a_program_with_a_required_accuracy_holds_it(kind: str, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path, capsys):
     needs_kind("c")
     file = tmp_path / "crank_slider.c"
     call = ["export", "crank_slider", "--engine", "c", "--step", "0.02", "--out", str(file)]  # too coarse a step
@@ -107,11 +106,11 @@ def test_a_program_that_the_judge_refuses_is_written_only_anyway(tmp_path: Path,
 
 
 @pytest.mark.slow
-def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch, tmp_path):
     needs_kind("c")
     run = program_error.run_c
 
-    def run_elsewhere(source: str, n: int):  # type: ignore[no-untyped-def]
+    def run_elsewhere(source, n):
         rows, why = run(source, n)
         return replace(rows, q=rows.q + np.linspace(0.0, 1.0, len(rows.t))[:, None]), why
 
@@ -126,8 +125,8 @@ def test_the_program_in_c_is_judged_by_its_own_numbers(monkeypatch: pytest.Monke
 
 
 @pytest.mark.long
-def test_a_program_without_a_reference_says_why(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def know_nothing(*_: object) -> None:
+def test_a_program_without_a_reference_says_why(monkeypatch, tmp_path):
+    def know_nothing(*_):
         raise NoTruth("nobody knows")
 
     monkeypatch.setattr(program_error, "truth", know_nothing)
@@ -137,10 +136,8 @@ def test_a_program_without_a_reference_says_why(monkeypatch: pytest.MonkeyPatch,
     assert "Error: not known: no reference could be computed: nobody knows." in (tmp_path / "x.c").read_text()
 
 
-def test_a_requirement_that_is_not_reached_leaves_no_file(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def know_nothing(recommender: Recommender) -> None:
+def test_a_requirement_that_is_not_reached_leaves_no_file(monkeypatch, tmp_path, capsys):
+    def know_nothing(recommender):
         raise NoTruth("nobody knows")
 
     monkeypatch.setattr(Recommender, "search", know_nothing)
@@ -152,7 +149,7 @@ def test_a_requirement_that_is_not_reached_leaves_no_file(
 @pytest.mark.long("0.0005", "1e-05")
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [1e-3, 5e-4, 1e-4, 1e-5])
-def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step: float, tmp_path: Path) -> None:
+def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step, tmp_path):
     needs_kind("c")
     with pytest.raises(ExchangeError, match=r"another on its way, at t = 0\.03\d* s for any step"):
         export_linkage(load(GRIPPER, "grip"), "c", step)
@@ -165,7 +162,7 @@ def test_a_program_in_c_passes_no_vanishing_pivot_by_chance(step: float, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypatch, tmp_path):
     needs_kind("c")
     monkeypatch.setattr(to_c, "find_end", lambda *_: None)
     gripper, four_bar = tmp_path / "gripper.c", tmp_path / "four_bar.c"
@@ -183,7 +180,7 @@ def test_a_stopped_program_advises_a_smaller_step_only_where_one_helps(monkeypat
 
 
 @pytest.mark.long
-def test_programs_of_recommend_state_their_error_in_metres() -> None:
+def test_programs_of_recommend_state_their_error_in_metres():
     found = gauss_bench.recommend("four_bar", angle=1e-3, until=0.05, engines=["gauss"], budget=20.0)
     (answer,) = found.answers
     stated = STATED.search(answer.snippet)

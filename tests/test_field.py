@@ -6,7 +6,6 @@ import os
 import struct
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -58,7 +57,7 @@ PART = SameQuestions(
 SEARCH = Search(linkages={"four_bar": "torque"}, own=("gauss",), until=0.1, budget=2, most_steps=9, rounds=1, lead=0.1, brief=True)
 
 
-def test_two_runs_agree_only_if_every_bit_does() -> None:
+def test_two_runs_agree_only_if_every_bit_does():
     x = np.linspace(0.0, 1.0, 12).reshape(4, 3)
     one = Trajectory(np.arange(4.0), x, x + 1, x + 2, 3)
     assert field.repeats(one, replace(one, q=x.copy())) == (True, 0.0)
@@ -73,7 +72,7 @@ def test_two_runs_agree_only_if_every_bit_does() -> None:
     assert field.repeats(one, signed) == (False, 0.0)
 
 
-def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(tmp_path: Path) -> None:
+def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(tmp_path):
     """Two engines: one adds noise below 1e-9 to its samples, one does not."""
     steady, rows = "tests.faulty_engines:Sound", {}
     for name, engine in {"steady": steady, "dice": "tests.faulty_engines:Dice"}.items():
@@ -90,8 +89,8 @@ def test_an_engine_that_does_not_repeat_is_a_row_that_says_so(tmp_path: Path) ->
     assert [(r["quantity"], r["process"], 0 < r["seconds"] < 60) for r in started] == [("start", 1, True)]
 
 
-def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(engines: Path) -> None:
-    tables: dict[str, list[dict[str, Any]]] = {}
+def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(engines):
+    tables = {}
     field.complete(Suite(format="gauss-bench-suite/1", title="one", field=(PART,)), tables)
     rows = {row["engine"]: row for row in tables["field"]}
     assert rows.keys() == ELSEWHERE.keys()
@@ -103,7 +102,7 @@ def test_an_engine_that_is_not_installed_is_a_row_with_its_reason(engines: Path)
         assert row_of(TABLES["field"], row)
 
 
-def test_the_start_of_an_engine_is_the_middle_of_its_processes() -> None:
+def test_the_start_of_an_engine_is_the_middle_of_its_processes():
     samples = [{"quantity": "start", "engine": "x", "seconds": s} for s in (1.0, 3.0, 2.0)]
     others = [{"quantity": "step", "engine": "x", "seconds": 9.0}, {"quantity": "start", "engine": "y", "seconds": 9.0}]
     columns = field.start_columns([*samples, *others], "x")
@@ -113,7 +112,7 @@ def test_the_start_of_an_engine_is_the_middle_of_its_processes() -> None:
     assert field.start_columns(samples, "z") == {}
 
 
-def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines: Path, tmp_path: Path) -> None:
+def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines, tmp_path):
     """Without caches and links."""
     place = tmp_path / "there"
     (place / "bin" / "__pycache__").mkdir(parents=True)
@@ -128,14 +127,14 @@ def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines: 
     assert size_of("gauss").of == "a part of the suite"
 
 
-def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch):
     monkeypatch.setattr(sizes, "direct_requirements", lambda engine: ["Jinja2"])
     monkeypatch.setattr(sizes, "size_of_distribution", lambda found: 3_000_000)
     assert sorted(x.metadata["Name"].lower() for x in required_by(["Jinja2", "jinja2"])) == ["jinja2", "markupsafe"]
     assert size_of("mujoco").megabytes == 6.0
 
 
-def test_a_brief_search_tries_what_an_engine_names_first_or_its_first_integrators() -> None:
+def test_a_brief_search_tries_what_an_engine_names_first_or_its_first_integrators():
     mujoco, own = offer("mujoco"), offer("gauss-native")
     assert {x.name for x in space_of(mujoco, SEARCH)} == set(mujoco.first)
     assert {(x.integrator, x.stabilization) for x in space_of(own, SEARCH)} == {(x, "none") for x in own.integrators[:2]}
@@ -143,7 +142,7 @@ def test_a_brief_search_tries_what_an_engine_names_first_or_its_first_integrator
     assert len(space_of(mujoco, whole)) == len(mujoco.variants)
 
 
-def test_the_suite_asks_every_engine_within_twenty_minutes() -> None:
+def test_the_suite_asks_every_engine_within_twenty_minutes():
     suite = read_suite("field")
     (part,) = suite.field
     assert (suite.hours or 1.0) <= 1 / 3
@@ -183,17 +182,17 @@ WINNERS = [
 
 
 @pytest.fixture
-def run() -> Run:
+def run():
     rows = {"field": FIELD, "results": CASES, "search_winners": WINNERS}
     return Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()})
 
 
-def cells(table: Table) -> list[dict[str, tuple[str, str]]]:
+def cells(table):
     """The lines of a table: head -> text and, of a dash, its reason."""
     return [dict(zip(table.head, ((cell.text, cell.why) for cell in line), strict=True)) for line in table.rows]
 
 
-def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
+def test_every_cell_has_an_answer_or_its_reason(run):
     asked = cells(lay_out("field", shown.answers(run)))
     dice, gone, good, tuned = sorted(asked, key=lambda x: (x["engine"], x["settings"][0]))
     assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
@@ -217,7 +216,7 @@ def test_every_cell_has_an_answer_or_its_reason(run: Run) -> None:
         assert gone[head] == ("-", "the engine gone is not installed")
 
 
-def test_an_engine_has_one_line_of_costs(run: Run) -> None:
+def test_an_engine_has_one_line_of_costs(run):
     table = lay_out("field_costs", shown.costs(run))
     _, dice, gone = cells(table)
     assert [cell.text for cell in table.rows[0]] == [
@@ -231,7 +230,7 @@ def test_an_engine_has_one_line_of_costs(run: Run) -> None:
         assert gone[head] == ("-", "the engine gone is not installed")
 
 
-def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest() -> None:
+def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest():
     costs = {"own": 1e-3, "slow": 8e-3, "apart": 2.5e-3, "soft": math.nan}
     winners = [WINNER | {"engine": x, "accuracy": 1e-4, "seconds": seconds} for x, seconds in costs.items()]
     rows = {"field": [ASKED | {"engine": x, "status": "ok"} for x in costs], "search_winners": winners}
@@ -246,7 +245,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
     assert shown.compare_costs(lines, ["apart"], "fine") == ""
 
 
-def test_findings_pages_and_commands_of_engines_name_what_was_asked(run: Run) -> None:
+def test_findings_pages_and_commands_of_engines_name_what_was_asked(run):
     (finding,) = shown.findings(run)
     assert finding.text == (
         "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not asked: `gone`."
@@ -269,7 +268,7 @@ def test_findings_pages_and_commands_of_engines_name_what_was_asked(run: Run) ->
     )
 
 
-def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_cause(run: Run) -> None:
+def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_cause(run):
     said = "Under `tuned` the relative error of accelerations at given states is 1.0e-03 in the median, where 1e-06 counts as none"
     assert list_inexact(run, "good") == [f"{said}."]
     soft = replace(run, environment={"engines": {"good": {"soft": {"tuned": "its closures are springs"}}}})
@@ -310,7 +309,7 @@ two.
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """A run of two engines, and beside it a run of the field that alone has the engine good."""
     folder = tmp_path / "reports"
     beside = folder / "field"
@@ -331,11 +330,11 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def texts(site: Path) -> dict[str, str]:
+def texts(site):
     return {path.name: path.read_text() for path in site.glob("*.html")}
 
 
-def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder: Path) -> None:
+def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder):
     run = read_run(folder)
     assert run.field_run is run.beside
     assert [x.title for x in shown.findings(run)] == ["Runs that repeat", "Engines in environments of their own"]
@@ -370,7 +369,7 @@ def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder:
     assert {k for k in pages if after[k] != pages[k]} == {"data.html", "cite.html"}
 
 
-def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(folder: Path) -> None:
+def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(folder):
     (folder / "environment.json").write_text(json.dumps(MACHINE | {"suite": "full", "commit": "0123456789ab"}))
     text = renew("before\nidentifiers:\n  - type: other\nafter: 1\n", folder)
     assert text.startswith("before\nidentifiers:\n  - type: other\n")
@@ -384,7 +383,7 @@ def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(
         read_run(folder)
 
 
-def test_a_report_on_a_fault_becomes_a_section() -> None:
+def test_a_report_on_a_fault_becomes_a_section():
     (section,) = faults_of({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
     assert (section.title, section.anchor) == ("Good 3: one is two", "good_one_is_two")
     text, table, bullets = section.blocks
@@ -396,7 +395,7 @@ def test_a_report_on_a_fault_becomes_a_section() -> None:
 
 
 @pytest.mark.parametrize("path", sorted((REPORTS / "findings").glob("*.md")), ids=lambda x: x.stem)
-def test_every_published_fault_is_on_the_page_of_its_engine(path: Path) -> None:
+def test_every_published_fault_is_on_the_page_of_its_engine(path):
     assert path.stem.partition("_")[0] in {*FOREIGN, *ELSEWHERE}
     (section,) = faults_of({path.stem: path.read_text(encoding="utf-8")}, path.stem.partition("_")[0])
     tables = [x for x in section.blocks if isinstance(x, Table)]
@@ -406,7 +405,7 @@ def test_every_published_fault_is_on_the_page_of_its_engine(path: Path) -> None:
 
 
 @pytest.mark.long
-def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path: Path) -> None:
+def test_two_runs_of_the_suite_give_the_same_rows_bit_by_bit(tmp_path):
     needs("llvmlite")
     suite = of_engines(read_suite("field"), ["gauss", "gauss-native"])
     for name in ("one", "other"):

@@ -3,10 +3,8 @@
 import io
 import json
 import tomllib
-from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -51,7 +49,7 @@ SOMETIMES = {
 OPEN = {"options", "where"}  # keys of an engine's own choice, and of a stored file
 
 
-def print_json(call: list[str], folder: Path) -> Any:
+def print_json(call, folder):
     """Return what a verb prints with --json."""
     certificate = ROOT / "mechanisms" / "certificates" / "four_bar.conservative.npz"
     for name, place in {"OUT": folder, "ROOT": ROOT, "CERTIFICATE": certificate}.items():
@@ -62,12 +60,12 @@ def print_json(call: list[str], folder: Path) -> Any:
     return json.loads(output.getvalue())
 
 
-def faults(schema: Any, data: Any) -> list[str]:
+def faults(schema, data):
     """Return the place and message of everything in the data that does not fit the schema."""
     return [f"{'.'.join(map(str, x.absolute_path))}: {x.message}" for x in Draft202012Validator(schema).iter_errors(data)]
 
 
-def parts_of(schema: Any, name: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def parts_of(schema, name=""):
     """Yield every schema inside a schema, with the key that it describes."""
     yield name, schema
     for group in ("properties", "$defs", "patternProperties"):
@@ -80,7 +78,7 @@ def parts_of(schema: Any, name: str = "") -> Iterator[tuple[str, dict[str, Any]]
         yield from parts_of(part, name)
 
 
-def test_every_verb_with_json_is_called_here() -> None:
+def test_every_verb_with_json_is_called_here():
     assert {call[0] for call in (CALLS | LONGER).values()} == set(formats.PRINTED)
 
 
@@ -90,7 +88,7 @@ def test_every_verb_with_json_is_called_here() -> None:
     *("export a program", "export a step that is sought"),
 )
 @pytest.mark.parametrize("name", [*CALLS, *(pytest.param(x, marks=pytest.mark.slow) for x in LONGER)])
-def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_verb_prints_what_its_schema_names_and_nothing_else(name, tmp_path, monkeypatch):
     if name in NEEDED:
         needs(NEEDED[name])
     use_fake_releases(monkeypatch)
@@ -111,7 +109,7 @@ def test_a_verb_prints_what_its_schema_names_and_nothing_else(name: str, tmp_pat
             assert faults(schema, {k: x for k, x in printed.items() if k != key}) == [f": '{key}' is a required property"]
 
 
-def test_a_schema_is_valid_closed_and_says_what_every_key_means() -> None:
+def test_a_schema_is_valid_closed_and_says_what_every_key_means():
     for name in formats.list_formats():
         schema = formats.find_schema(name)
         Draft202012Validator.check_schema(schema)
@@ -126,7 +124,7 @@ def test_a_schema_is_valid_closed_and_says_what_every_key_means() -> None:
             assert not is_open or key in OPEN or name == "linkage", key
 
 
-def test_every_suite_and_linkage_fits_its_schema_and_none_with_an_unknown_key_does() -> None:
+def test_every_suite_and_linkage_fits_its_schema_and_none_with_an_unknown_key_does():
     for name, paths in {"suite": SUITES.glob("*.toml"), "linkage": [*built_in().values(), *DATA.glob("*.toml")]}.items():
         schema = formats.find_schema(name)
         for path in paths:
@@ -135,7 +133,7 @@ def test_every_suite_and_linkage_fits_its_schema_and_none_with_an_unknown_key_do
             assert any("invented" in x for x in faults(schema, document | {"invented": 1})), path
 
 
-def test_a_faulty_suite_is_refused_by_the_schema_at_the_same_place() -> None:
+def test_a_faulty_suite_is_refused_by_the_schema_at_the_same_place():
     for content, said in FAULTY:
         if said != "TOML syntax":
             (fault,) = faults(formats.find_schema("suite"), tomllib.loads(content))
@@ -143,7 +141,7 @@ def test_a_faulty_suite_is_refused_by_the_schema_at_the_same_place() -> None:
             assert fault.startswith(f"{said}: ") or (fault.startswith(f"{place}: ") and f"'{key}'" in fault)
 
 
-def test_a_schema_is_printed_by_name_and_an_unknown_name_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_schema_is_printed_by_name_and_an_unknown_name_is_refused(capsys):
     assert main(["list", "--schema", "simulate"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == formats.find_schema("simulate")

@@ -16,7 +16,7 @@ from gauss_bench.terms import SingularSystem, Terms, constraint_force, recover_m
 SOUND = sorted(FORMULATIONS.keys() - CONTROLS)
 
 
-def random_terms(seed: int, n: int, m: int) -> Terms:
+def random_terms(seed, n, m):
     """Any symmetric positive definite M, not diagonal, and any independent rows."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
@@ -24,14 +24,14 @@ def random_terms(seed: int, n: int, m: int) -> Terms:
     return Terms(A @ A.T + 0.1 * n * np.eye(n), J, rng.normal(size=n), rng.normal(size=m), zero, zero)
 
 
-def difference(a: np.ndarray, b: np.ndarray) -> float:
+def difference(a, b):
     return float(np.abs(a - b).max() / np.abs(b).max())
 
 
 @pytest.mark.parametrize("name", SOUND)
 @given(seed=st.integers(0, 10_000), n=st.integers(2, 12), rows=st.floats(0.1, 0.99))
 @settings(max_examples=40, deadline=None)
-def test_the_solution_meets_the_constraints_and_is_stationary(name: str, seed: int, n: int, rows: float) -> None:
+def test_the_solution_meets_the_constraints_and_is_stationary(name, seed, n, rows):
     terms = random_terms(seed, n, max(1, int(rows * n)))
     a = FORMULATIONS[name](terms).a
     assert np.abs(terms.J @ a - terms.gamma).max() < 1e-8
@@ -39,7 +39,7 @@ def test_the_solution_meets_the_constraints_and_is_stationary(name: str, seed: i
     assert np.abs(force + terms.J.T @ recover_multipliers(terms, a)).max() < 1e-8 * (1 + np.abs(force).max())
 
 
-def exact(terms: Terms) -> np.ndarray:
+def exact(terms):
     """The accelerations in 60 digits."""
     n, m = len(terms.M), len(terms.J)
     with mpmath.workdps(60):
@@ -51,7 +51,7 @@ def exact(terms: Terms) -> np.ndarray:
 
 @given(seed=st.integers(0, 10_000), decades=st.integers(0, 12))
 @settings(max_examples=40, deadline=None)
-def test_a_light_link_beside_a_heavy_one_that_stands_still_keeps_its_digits(seed: int, decades: int) -> None:
+def test_a_light_link_beside_a_heavy_one_that_stands_still_keeps_its_digits(seed, decades):
     terms = random_terms(seed, 8, 7)
     J = terms.J.copy()
     J[:4, 4:] = 0.0  # four rows hold the four heavy coordinates; three leave one of four light ones free
@@ -59,7 +59,7 @@ def test_a_light_link_beside_a_heavy_one_that_stands_still_keeps_its_digits(seed
     assert difference(FORMULATIONS["gauss"](heavy).a, exact(heavy)) < 1e-16 * 10.0 ** min(max(decades, 1), 6) * np.linalg.cond(J)
 
 
-def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
+def test_redundant_rows_of_uneven_masses_keep_their_digits():
     terms = random_terms(3, 9, 6)
     uneven = replace(terms, M=np.diag(10.0 ** np.linspace(0, 11, 9)))
     twice = replace(uneven, J=np.vstack([uneven.J, uneven.J[::-1]]), gamma=np.concatenate([uneven.gamma, uneven.gamma[::-1]]))
@@ -68,7 +68,7 @@ def test_redundant_rows_of_uneven_masses_keep_their_digits() -> None:
 
 @pytest.mark.parametrize("name", SOUND)
 @pytest.mark.parametrize("what", ["rows", "masses"])
-def test_small_is_not_dependent(name: str, what: str) -> None:
+def test_small_is_not_dependent(name, what):
     """Rows of another unit, 1e-5 of the others, and masses of 1e-10 still count: only rounding makes a row dependent."""
     terms, unit = random_terms(11, 7, 4), np.array([1e-5, 1.0, 1.0, 1.0])
     if what == "rows":
@@ -82,7 +82,7 @@ def test_small_is_not_dependent(name: str, what: str) -> None:
 
 @pytest.mark.parametrize("decades", [0, 4, 8, 12])
 @pytest.mark.parametrize("seed", range(4))
-def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int) -> None:
+def test_multipliers_take_heavy_links_beside_light_ones(seed, decades):
     """Whether rows are redundant is a matter of geometry: masses of 1 to 1e12 kg in one system neither make nor hide it."""
     terms = random_terms(seed, 8, 5)
     J, gamma = terms.J, terms.gamma
@@ -93,7 +93,7 @@ def test_multipliers_take_heavy_links_beside_light_ones(seed: int, decades: int)
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_a_thrown_body_falls_and_a_driven_linkage_has_nothing_left_to_minimise(name: str) -> None:
+def test_a_thrown_body_falls_and_a_driven_linkage_has_nothing_left_to_minimise(name):
     body, driven = load("projectile"), load("six_bar", "cycloid")
     free = Evaluator(body).terms(0.0, body.q0, body.v0)
     assert FORMULATIONS[name](free).a == pytest.approx([0.0, -9.81, 0.0])
@@ -102,7 +102,7 @@ def test_a_thrown_body_falls_and_a_driven_linkage_has_nothing_left_to_minimise(n
     assert difference(FORMULATIONS[name](full).a, np.linalg.solve(full.J, full.gamma)) < 1e-10
 
 
-def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount() -> None:
+def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount():
     mechanism = load("crank_slider")
     terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
     wrong, true = FORMULATIONS["yuan_ge_eq16"](terms).a, FORMULATIONS["gauss"](terms).a
@@ -116,7 +116,7 @@ def test_equation_16_meets_every_constraint_and_is_wrong_by_the_predicted_amount
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_accelerations_do_not_depend_on_the_unit_of_length(name: str) -> None:
+def test_accelerations_do_not_depend_on_the_unit_of_length(name):
     mechanism = load("crank_slider")
     terms = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
     unit = np.tile([1000.0, 1000.0, 1.0], len(mechanism.links))  # millimetres

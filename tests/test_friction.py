@@ -1,7 +1,6 @@
 """Dry friction in joints against closed forms, its power, and the fixed point of loads and accelerations."""
 
 import tomllib
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +16,10 @@ from gauss_bench.linkage.load import built_in, load, load_document, merge
 from gauss_bench.mechanism.coordinates import rate
 from gauss_bench.mechanism.evaluate import Evaluator, UndeterminedLoads
 from gauss_bench.mechanism.forces import Jammed
-from gauss_bench.mechanism.model import Mechanism, Prismatic
+from gauss_bench.mechanism.model import Prismatic
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference, random_states
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, Trajectory
 from tests.conftest import DATA
 from tests.engine_runs import document, ran
@@ -31,12 +29,12 @@ FILE = DATA / "friction.toml"
 GRAVITY = 9.81
 
 
-def crank_slider(scenario: str = "torque", **mu: float) -> Mechanism:
+def crank_slider(scenario="torque", **mu):
     """The linkage with friction in all four joints; `mu` replaces coefficients by the forces' names."""
     return load_document(merge(document("friction"), {"forces": {name: {"mu": value} for name, value in mu.items()}}), scenario)
 
 
-def rubbing(name: str, scenario: str, mu: float = 0.1, radius: float = 0.02, speed: float = 0.5) -> Mechanism:
+def rubbing(name, scenario, mu=0.1, radius=0.02, speed=0.5):
     """Any linkage of the suite, or of the tests' data, with friction in every joint of one scenario."""
     path = built_in().get(name, DATA / f"{name}.toml")
     document = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -47,7 +45,7 @@ def rubbing(name: str, scenario: str, mu: float = 0.1, radius: float = 0.02, spe
     return load_document(document, scenario)
 
 
-def block(slope: float, mu: float, speed: float) -> Mechanism:
+def block(slope, mu, speed):
     """A block of 2 kg on a guide that falls at `slope` degrees, released at 1 m/s downwards; its point is not at its centre."""
     changes = {"joints": {"slope": {"angle_deg": -slope}}, "forces": {"rub": {"mu": mu, "speed": speed}}}
     return load_document(merge(document("small/block"), changes))
@@ -56,14 +54,12 @@ def block(slope: float, mu: float, speed: float) -> Mechanism:
 MASS, LENGTH = 1.3, 0.6
 
 
-def pendulum(mu: float, radius: float, speed: float) -> Mechanism:
+def pendulum(mu, radius, speed):
     """A uniform bar on a pin with friction, released 30 degrees below the horizontal."""
     return load_document(merge(document("small/rubbing_bar"), {"forces": {"rub": {"mu": mu, "radius": radius, "speed": speed}}}))
 
 
-def run(
-    mechanism: Mechanism, h: float = 1e-3, t: float = 1.0, name: str = "gauss", times: Sequence[float] | Array | None = None
-) -> Trajectory:
+def run(mechanism, h=1e-3, t=1.0, name="gauss", times=None):
     every_millisecond = np.arange(round(t / 1e-3) + 1) * 1e-3
     samples = every_millisecond if times is None else times
     return ran(get(name), mechanism, samples, integrator="rk4", stabilization="projection", step=h)
@@ -73,7 +69,7 @@ def run(
 
 
 @pytest.mark.parametrize("name", SOUND)
-def test_a_block_slides_down_at_the_textbook_acceleration(name: str) -> None:
+def test_a_block_slides_down_at_the_textbook_acceleration(name):
     slope, mu = np.radians(30.0), 0.3
     mechanism = block(30.0, mu, speed=1e-3)  # tanh(1000) is 1 to the last digit
     expected = GRAVITY * (np.sin(slope) - mu * np.cos(slope))
@@ -85,12 +81,12 @@ def test_a_block_slides_down_at_the_textbook_acceleration(name: str) -> None:
 
 
 @pytest.mark.parametrize(("theta", "w"), [(-0.4, 3.0), (-1.2, -5.0), (2.0, 0.3), (-np.pi / 2, 8.0)])
-def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: float) -> None:
+def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta, w):
     mu, radius, speed = 0.4, 0.1, 0.5
     mechanism = pendulum(mu, radius, speed)
     toward, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
 
-    def imbalance(alpha: float) -> float:
+    def imbalance(alpha):
         """Moments about the pin, with the pin's force from the acceleration of the centre of mass."""
         pin = MASS * (LENGTH / 2 * (alpha * across - w**2 * toward) + [0.0, GRAVITY])
         torque = -mu * radius * np.linalg.norm(pin) * np.tanh(w / speed)
@@ -104,7 +100,7 @@ def test_a_pin_resists_by_the_force_it_carries_at_that_instant(theta: float, w: 
     assert MinimalCoordinate(mechanism).acceleration(np.array([theta]), np.array([w]))[0] == pytest.approx(alpha, rel=1e-11)
 
 
-def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.Generator) -> None:
+def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng):
     mechanism = rubbing("everything", "free")  # with a multiple pin, and a guide on a moving link
     friction = Evaluator(mechanism).friction
     q, v, u = rng.normal(size=(3, mechanism.n))
@@ -118,7 +114,7 @@ def test_friction_works_on_the_relative_motion_of_its_pair_alone(rng: np.random.
 # The fixed point --------------------------------------------------------------------------------------------------------
 
 
-def test_both_references_agree() -> None:
+def test_both_references_agree():
     mechanism = crank_slider()
     states = random_states(mechanism, 3)
     absolute = AbsoluteCoordinates(mechanism).acceleration(states.t, states.q, states.v)
@@ -127,7 +123,7 @@ def test_both_references_agree() -> None:
 
 
 @pytest.mark.parametrize("name", ["gauss", "lagrange"])
-def test_a_linkage_that_jams_ends_with_a_sentence(name: str) -> None:
+def test_a_linkage_that_jams_ends_with_a_sentence(name):
     mechanism = crank_slider(slideway=30.0)
     with pytest.raises(RunFailure, match="mu is too large for these joints, or they jam") as caught:
         run(mechanism, t=0.5, name=name)
@@ -136,7 +132,7 @@ def test_a_linkage_that_jams_ends_with_a_sentence(name: str) -> None:
         build_reference(mechanism, 0.5)
 
 
-def test_redundant_rows_leave_the_friction_undetermined_and_are_refused() -> None:
+def test_redundant_rows_leave_the_friction_undetermined_and_are_refused():
     mechanism = rubbing("parallelogram", "torque")
     for name in SOUND:
         with pytest.raises(RunFailure, match="redundant") as caught:
@@ -158,7 +154,7 @@ FAULTS = tomllib.loads((DATA / "faults" / "linkages.toml").read_text(encoding="u
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_named_by_table_and_field(name: str) -> None:
+def test_a_fault_is_named_by_table_and_field(name):
     old, new, expected = (FAULTS[name][x] for x in ("text", "becomes", "said"))
     text = FILE.read_text(encoding="utf-8")
     assert old in text
@@ -167,7 +163,7 @@ def test_a_fault_is_named_by_table_and_field(name: str) -> None:
     assert any(expected in str(fault) for fault in caught.value.faults), caught.value.faults
 
 
-def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn() -> None:
+def test_a_driven_crank_supplies_what_friction_dissipates_over_a_turn():
     mechanism = crank_slider("driven")
     evaluator = Evaluator(mechanism)
     true = build_reference(mechanism, 1.0)

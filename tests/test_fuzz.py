@@ -4,8 +4,6 @@ import copy
 import mmap
 import os
 from itertools import islice
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,7 +17,7 @@ from tests.fuzz.files import damaged_file
 from tests.fuzz.lists import hostile_lists
 
 
-def changed(**keys: Any) -> dict[str, Any]:
+def changed(**keys):
     """Return the four-bar with other values at paths, in which two underscores stand for a dot."""
     document = copy.deepcopy(document_of("four_bar")[0])
     for path, value in keys.items():
@@ -55,17 +53,17 @@ def changed(**keys: Any) -> dict[str, Any]:
         (changed(ground__points={f"p{i}": {"from": f"p{(i + 1) % 300}", "r": 0.1} for i in range(300)}), "circular"),
     ],
 )
-def test_what_is_beyond_the_limits_is_refused_by_its_place_and_reason(document: dict[str, Any], said: str) -> None:
+def test_what_is_beyond_the_limits_is_refused_by_its_place_and_reason(document, said):
     with pytest.raises(LinkageError, match=said):
         load_document(document)
 
 
-def test_nothing_that_comes_with_the_suite_is_beyond_the_limits() -> None:
+def test_nothing_that_comes_with_the_suite_is_beyond_the_limits():
     for name in (*built_in(), "n_four_bar_400", "pendulums_400"):
         assert limit_faults(document_of(name)[0]) == []
 
 
-def test_a_start_many_turns_away_is_reached_by_whole_turns() -> None:
+def test_a_start_many_turns_away_is_reached_by_whole_turns():
     turns = 27_000
     far = load_document(changed(scenarios__torque__start__crank_deg=360.0 * turns + 30.0))
     near = load_document(changed(scenarios__torque__start__crank_deg=30.0))
@@ -73,12 +71,12 @@ def test_a_start_many_turns_away_is_reached_by_whole_turns() -> None:
     assert far.q0[:2] == pytest.approx(near.q0[:2], abs=1e-9)
 
 
-def test_harmless_text_drives_no_terminal() -> None:
+def test_harmless_text_drives_no_terminal():
     assert harmless("a\x1b[31m\u202eb\ufffe\nc é 😀") == "a\\x1b[31m\\u202eb\\ufffe\nc é 😀"
 
 
 @pytest.mark.parametrize("arguments", ["show \x1b[2J", "show a\x00b", "show \ud800", "import \x1b[31m.xml --out a.toml"])
-def test_no_argument_comes_back_as_it_was(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_argument_comes_back_as_it_was(arguments, capsys):
     assert cli.main(arguments.split(" ")) == 2
     told = capsys.readouterr().err
     assert "error: " in told
@@ -86,7 +84,7 @@ def test_no_argument_comes_back_as_it_was(arguments: str, capsys: pytest.Capture
 
 
 @pytest.mark.slow
-def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path, capsys):
     evil = tmp_path / "\x1b[31m"
     (evil / ".run").mkdir(parents=True)
     (evil / ".run" / "journal.jsonl").write_bytes(b"garbage\n")
@@ -99,7 +97,7 @@ def test_no_path_drives_a_terminal_wherever_it_is_told(tmp_path: Path, capsys: p
     assert "\x1b" not in told
 
 
-def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_of_the_program_is_a_sentence(capsys, monkeypatch):
     monkeypatch.delenv(cli.TRACE, raising=False)
     monkeypatch.setitem(cli.ACTIONS, "list", lambda options: 1 // 0)
     assert cli.main(["list"]) == 70
@@ -109,7 +107,7 @@ def test_a_fault_of_the_program_is_a_sentence(capsys: pytest.CaptureFixture[str]
         cli.main(["list"])
 
 
-def test_the_same_numbers_make_the_same_files_and_no_list_of_arguments_comes_twice() -> None:
+def test_the_same_numbers_make_the_same_files_and_no_list_of_arguments_comes_twice():
     assert [damaged_file(7, i) for i in range(20)] == [damaged_file(7, i) for i in range(20)]
     assert len({damaged_file(7, i) for i in range(20)}) == 20
     made = [tuple(x) for x, _ in islice(hostile_lists(3, only=("list", "doctor")), 40)]
@@ -120,7 +118,7 @@ def test_the_same_numbers_make_the_same_files_and_no_list_of_arguments_comes_twi
 @pytest.mark.long("30")
 @pytest.mark.slow("6")
 @pytest.mark.parametrize("count", [6, 30])
-def test_hostile_files_and_arguments_are_refused_or_done(count: int, tmp_path: Path) -> None:
+def test_hostile_files_and_arguments_are_refused_or_done(count, tmp_path):
     warm(tmp_path)
     (tmp_path / "files").mkdir()
     assert [x for x in over_files(3, count, tmp_path / "files") if x[1].fault] == []
@@ -128,16 +126,16 @@ def test_hostile_files_and_arguments_are_refused_or_done(count: int, tmp_path: P
     assert [x for x in made if x[1].fault] == []
 
 
-def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
-    kept: list[object] = []
+def test_memory_or_handles_that_grow_with_every_call_are_told():
+    kept = []
 
-    def leaking(number: int) -> str:
+    def leaking(number):
         pages = mmap.mmap(-1, 200_000)  # pages of the system: memory that other tests have left free in this process is not used
         pages.write(bytes(200_000))
         kept.append(pages)
         return ""
 
-    def opening(number: int) -> str:
+    def opening(number):
         if number % 100 == 0:
             kept.append(open(os.devnull))
         return "" if number != 7 else "wrong"
@@ -150,5 +148,5 @@ def test_memory_or_handles_that_grow_with_every_call_are_told() -> None:
 
 
 @pytest.mark.long
-def test_calls_in_one_process_hold_no_more_at_their_end() -> None:
+def test_calls_in_one_process_hold_no_more_at_their_end():
     assert [x for x in over_calls(simulated(3), 200) if x[2]] == []

@@ -17,11 +17,11 @@ FEW = {"dop853_fixed": (1 / 5, 1 / 8, 1 / 16), "gauss_legendre": (1 / 5, 1 / 10,
 MARGINS = {"dop853_fixed": 0.7}  # those are large: the term of order 9 is as large as that of order 8
 
 
-def pendulum(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def pendulum(t, q, v):
     return -np.sin(q) * 9.81
 
 
-def end(integrator: str, h: float) -> float:
+def end(integrator, h):
     q, v = np.array([1.0]), np.array([0.5])
     for k in range(round(1.0 / h)):
         q, v = STEPS[integrator](pendulum, k * h, q, v, h)
@@ -29,7 +29,7 @@ def end(integrator: str, h: float) -> float:
 
 
 @pytest.mark.parametrize("integrator", STEPS)
-def test_each_integrator_converges_at_its_order(integrator: str) -> None:
+def test_each_integrator_converges_at_its_order(integrator):
     (q, v), times = np.array([[[1.0], [np.nan]], [[0.5], [np.nan]]]), np.array([0.0, 1.0])
     dop853(pendulum, times, q, v, 1e-13, 1e-13)
     true = q[-1, 0]
@@ -41,7 +41,7 @@ def test_each_integrator_converges_at_its_order(integrator: str) -> None:
     assert np.abs(order[1:] - ORDERS[integrator]).max() < MARGINS.get(integrator, 0.15)
 
 
-def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_back() -> None:
+def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_back():
     mechanism, times, drift = load("six_bar"), 1e-2 * np.arange(101), {}
     for s in ("none", "baumgarte", "projection"):
         drift[s] = metrics.drift(Evaluator(mechanism), by_gauss(mechanism, times, integrator="rk4", stabilization=s, step=1e-2))
@@ -51,7 +51,7 @@ def test_projection_keeps_the_loops_closed_to_rounding_and_baumgarte_pulls_them_
     assert drift["baumgarte"].position[-1] < 0.2 * drift["none"].position[-1]  # ... small after stabilisation
 
 
-def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
+def test_steps_divide_the_gaps_between_samples_and_are_never_too_long():
     times = np.array([0.0, 0.01, 0.0137, 0.02])
     for gap, (count, h) in zip(np.diff(times), step_counts(times, 1e-3), strict=True):
         assert count * h == pytest.approx(gap, rel=1e-12)
@@ -60,7 +60,7 @@ def test_steps_divide_the_gaps_between_samples_and_are_never_too_long() -> None:
 
 
 @pytest.mark.long
-def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock() -> None:
+def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock():
     mechanism, times = load("parallelogram", "torque"), 1e-3 * np.arange(1001)
     with pytest.raises(RunFailure, match="redundant rows have drifted apart") as caught:
         by_gauss(mechanism, times, integrator="rk4")
@@ -70,7 +70,7 @@ def test_redundant_rows_that_drift_apart_are_named_and_not_followed_into_a_lock(
     assert np.abs(cured.q[:, 2] - cured.q[:, 5]).max() < 1e-12
 
 
-def test_steps_that_shrink_for_ever_come_to_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_that_shrink_for_ever_come_to_an_end(monkeypatch):
     """A frequency that grows beyond all bounds towards t = 1 s."""
     monkeypatch.setattr("gauss_bench.integrate.adaptive.MOST", 500)
     q, v = np.ones((2, 1)), np.zeros((2, 1))

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -55,7 +54,7 @@ print(json.dumps({name: ask(name) for name in sys.argv[1:]}))
 @pytest.mark.slow
 @pytest.mark.long("all")
 @pytest.mark.parametrize("chosen", [SOME.split(), [*FAULTS, *LIES, *IMPORTS]], ids=["some", "all"])
-def test_faults_are_typed_rows_and_leave_no_orphans(tmp_path: Path, chosen: list[str]) -> None:
+def test_faults_are_typed_rows_and_leave_no_orphans(tmp_path, chosen):
     assert len(FAULTS) >= 40
     names = [x for x in write_modules(tmp_path, SLEEP) if {*x.split(":")} & {*chosen}]
     sign = f"SIGN_OF_THIS_TEST={os.urandom(8).hex()}"
@@ -82,14 +81,14 @@ def test_faults_are_typed_rows_and_leave_no_orphans(tmp_path: Path, chosen: list
     assert not alive(sign.encode())
 
 
-def burn(seconds: float) -> float:
+def burn(seconds):
     start = time.process_time()
     while time.process_time() - start < seconds:
         pass
     return seconds
 
 
-def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch):
     """The system reports how long a process waited for a processor; here it reports that it waited nearly always."""
     start = time.monotonic()
     monkeypatch.setattr(worker._Clock, "_waiting_time", lambda self: 0.99 * (time.monotonic() - start))
@@ -103,7 +102,7 @@ def test_waiting_for_a_processor_is_not_held_against_a_task(monkeypatch: pytest.
             one.call(time.sleep, (60,), 0.3)
 
 
-def test_a_thread_that_waits_for_a_processor_is_not_held_against_the_one_that_waits_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_thread_that_waits_for_a_processor_is_not_held_against_the_one_that_waits_for_it(monkeypatch):
     """A compiler's thread waits 3 s for a processor, the first thread 1 s: of 10 s, 6 s are left after 8 s."""
     monkeypatch.setattr(worker, "read_waits", lambda pid: {1: 1.0, 7: 5.0, 8: 2.0})
     clock = worker._Clock(1, 10.0)
@@ -112,11 +111,11 @@ def test_a_thread_that_waits_for_a_processor_is_not_held_against_the_one_that_wa
     assert clock.remaining() == pytest.approx(10.0 - (8.0 - 4.0), abs=0.1)
 
 
-def start_a_daemon() -> int:
+def start_a_daemon():
     return subprocess.Popen(["sleep", "3600"], start_new_session=True).pid
 
 
-def start_a_daemon_further_in() -> int:
+def start_a_daemon_further_in():
     return int(Worker().call(start_a_daemon, (), 20.0))  # which nobody ends, as where its owner is killed
 
 
@@ -132,17 +131,17 @@ os._exit(0)
 """
 
 
-def start_a_daemon_without_a_mark() -> int:
+def start_a_daemon_without_a_mark():
     """Start a process by two forks, in a session of its own and with an empty environment, so that nothing shows its origin."""
     return int(subprocess.run([sys.executable, "-c", HIDDEN], stdout=subprocess.PIPE, check=True).stdout)
 
 
-def start_an_unmarked_daemon_and_hang() -> None:
+def start_an_unmarked_daemon_and_hang():
     Path(os.environ["SAID"]).write_text(str(start_a_daemon_without_a_mark()), encoding="ascii")
     time.sleep(3600)
 
 
-def ends(pid: int) -> bool:
+def ends(pid):
     """Tell whether a process ends within five seconds."""
     deadline = time.monotonic() + 5.0
     while Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
@@ -151,14 +150,14 @@ def ends(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("start", [start_a_daemon, start_a_daemon_further_in, start_a_daemon_without_a_mark])
-def test_what_hides_in_a_session_of_its_own_ends_with_its_worker(start: Callable[[], int]) -> None:
+def test_what_hides_in_a_session_of_its_own_ends_with_its_worker(start):
     with Worker() as one:
         pid = one.call(start, (), 30.0)
         assert Path(f"/proc/{pid}").exists()
     assert ends(pid)
 
 
-def test_what_hides_from_a_task_that_takes_too_long_ends_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_hides_from_a_task_that_takes_too_long_ends_with_it(tmp_path, monkeypatch):
     monkeypatch.setenv("SAID", str(tmp_path / "said"))
     with Worker() as one:
         with pytest.raises(WorkerFailure, match="no answer within"):
@@ -167,7 +166,7 @@ def test_what_hides_from_a_task_that_takes_too_long_ends_with_it(tmp_path: Path,
 
 
 @pytest.mark.parametrize("start", ["start_a_daemon_further_in", "start_a_daemon_without_a_mark"])
-def test_what_a_worker_has_started_ends_with_whoever_started_the_worker(start: str) -> None:
+def test_what_a_worker_has_started_ends_with_whoever_started_the_worker(start):
     code = f"import os; from tests.test_isolation import {start} as f; from gauss_bench.runs.worker import Worker; "
     code += "os.write(1, b'%d' % Worker().call(f, (), 30.0)); os._exit(1)"
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=False, timeout=60)

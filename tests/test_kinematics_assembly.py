@@ -2,23 +2,21 @@
 
 import copy
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 from gauss_bench.kinematics.assembly import find_open_loop, rank_about
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.linkage.sketch import sketch
-from gauss_bench.mechanism.model import Mechanism
 
 
-def place_as_drawn(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
+def place_as_drawn(mechanism, document):
     """Leave the joints open, as the sketch draws them."""
     q = sketch(mechanism, document)
     return replace(mechanism, q0=q, v0=0.0 * q)
 
 
-def four_bar(**lengths: float) -> dict[str, Any]:
+def four_bar(**lengths):
     document = copy.deepcopy(document_of("four_bar")[0])
     for link, length in lengths.items():
         document["links"][link]["points"]["C"] = [length, 0.0]
@@ -26,7 +24,7 @@ def four_bar(**lengths: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("lengths", "gap", "link"), [({"rocker": 0.9}, 0.02, "rocker"), ({"coupler": 1.0}, 0.18, "coupler")])
-def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[str, float], gap: float, link: str) -> None:
+def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths, gap, link):
     found = find_open_loop(load_document(four_bar(**lengths), place=place_as_drawn))
     assert found.alone
     assert found.apart == pytest.approx(gap, abs=1e-9)
@@ -37,7 +35,7 @@ def test_a_bar_too_long_leaves_the_gap_of_the_polygon_inequality(lengths: dict[s
     assert f"stay {gap:.4g} m apart" in str(found)
 
 
-def test_a_loop_that_only_others_keep_open_says_so() -> None:
+def test_a_loop_that_only_others_keep_open_says_so():
     """The third crank of a parallelogram has another length: its loop closes alone, but not beside the other loop."""
     document = four_bar()
     document["ground"]["points"]["E"] = [0.2, -0.4]
@@ -52,7 +50,7 @@ def test_a_loop_that_only_others_keep_open_says_so() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(built_in()) - {"sleigh"}))
-def test_what_assembles_is_counted_as_the_loader_counts(name: str) -> None:
+def test_what_assembles_is_counted_as_the_loader_counts(name):
     mechanism = load(name)
     assert find_open_loop(mechanism) is None
     assert rank_about(mechanism, mechanism.q0) == mechanism.n - mechanism.dof

@@ -7,19 +7,18 @@ from gauss_bench.kinematics.dragging import Drag, Locks
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import GROUND, Mechanism
-from gauss_bench.terms import Array
+from gauss_bench.mechanism.model import GROUND
 
 
-def residual(mechanism: Mechanism, q: Array) -> float:
+def residual(mechanism, q):
     return float(np.abs(Constraints(mechanism).residual(q)[0]).max())
 
 
-def at(mechanism: Mechanism, q: Array, point: str) -> Array:
+def at(mechanism, q, point):
     return position(q, mechanism.find_point(point))
 
 
-def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle() -> None:
+def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle():
     mechanism = load("four_bar")
     drag, pin = Drag(mechanism, mechanism.q0, "crank.B"), 0.12
     for angle in np.radians([10.0, 60.0, 130.0, 200.0, 290.0, 400.0, 250.0]):
@@ -33,7 +32,7 @@ def test_a_crank_pin_follows_to_the_nearest_point_of_its_circle() -> None:
             assert residual(mechanism, found.q) < 1e-12
 
 
-def test_a_slider_goes_no_further_than_its_stroke_and_comes_back() -> None:
+def test_a_slider_goes_no_further_than_its_stroke_and_comes_back():
     mechanism = load("crank_slider")
     drag = Drag(mechanism, mechanism.q0, "slider.B")
     for target, end in ((0.9, 0.71), (0.2, 0.41), (0.5, 0.5), (0.9, 0.71), (0.6, 0.6)):
@@ -44,7 +43,7 @@ def test_a_slider_goes_no_further_than_its_stroke_and_comes_back() -> None:
 
 
 @pytest.mark.slow
-def test_an_arm_pulled_straight_folds_back_as_it_was() -> None:
+def test_an_arm_pulled_straight_folds_back_as_it_was():
     mechanism = load("five_bar")
     drag, rng = Drag(mechanism, mechanism.q0, "left_arm.C"), np.random.default_rng(3)
     home = at(mechanism, mechanism.q0, "left_arm.C")
@@ -56,7 +55,7 @@ def test_an_arm_pulled_straight_folds_back_as_it_was() -> None:
         assert np.abs(np.angle(np.exp(1j * (back.q - mechanism.q0)[2::3]))).max() < 1e-8
 
 
-def test_locks_hold_what_they_name_and_the_rest_moves() -> None:
+def test_locks_hold_what_they_name_and_the_rest_moves():
     five, shaper = load("five_bar"), load("shaper")
     joint = next(x for x in five.pins if GROUND not in (x.a.link, x.b.link))
     (ram,) = (x for x in shaper.slides if x.name == "ram")
@@ -73,7 +72,7 @@ def test_locks_hold_what_they_name_and_the_rest_moves() -> None:
         assert any("nothing is left to move" in x.note for x in found) != moves
 
 
-def test_a_parallelogram_goes_straight_through_its_flat_positions() -> None:
+def test_a_parallelogram_goes_straight_through_its_flat_positions():
     """The motion forks there. All three cranks stay parallel if any of them is dragged around, twice each way."""
     mechanism = load("parallelogram")
     name = mechanism.links[0].name
@@ -89,7 +88,7 @@ def test_a_parallelogram_goes_straight_through_its_flat_positions() -> None:
         assert abs(found.q[3 * coupler + 2] - mechanism.q0[3 * coupler + 2]) < 1e-7
 
 
-def test_what_cannot_be_dragged_is_refused_by_name() -> None:
+def test_what_cannot_be_dragged_is_refused_by_name():
     mechanism = load("four_bar")
     for point, locks, said in (
         ("ground.A", Locks(), "fixed to the ground"),

@@ -8,31 +8,29 @@ import pytest
 from gauss_bench.kinematics.branches import branches
 from gauss_bench.kinematics.centres import advantages, centres
 from gauss_bench.kinematics.loop_closure import loop_motion
-from gauss_bench.kinematics.motion import Motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import GROUND, Mechanism
+from gauss_bench.mechanism.model import GROUND
 from gauss_bench.metrics import driving_forces
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 
-def cross(a: Array, b: Array) -> float:
+def cross(a, b):
     return float(a[0] * b[1] - a[1] * b[0])
 
 
-def meeting(a: Array, b: Array, c: Array, d: Array) -> Array:
+def meeting(a, b, c, d):
     """Return the point at which the line through a and b meets the line through c and d."""
     return a + (b - a) * cross(c - a, d - c) / cross(b - a, d - c)
 
 
-def driven(name: str, samples: int) -> tuple[Mechanism, Motion]:
+def driven(name, samples):
     mechanism = load(name, "driven")
     return mechanism, loop_motion(mechanism, np.linspace(0.0, mechanism.duration, samples))
 
 
-def test_any_three_centres_of_the_eight_bar_lie_in_a_line() -> None:
+def test_any_three_centres_of_the_eight_bar_lie_in_a_line():
     mechanism = load("eight_bar")
     found = {x.links: x.at for x in centres(mechanism, mechanism.q0)}
     assert len(found) == 28
@@ -43,7 +41,7 @@ def test_any_three_centres_of_the_eight_bar_lie_in_a_line() -> None:
             assert abs(cross(r - p, s - p)) < 1e-9 * max(1.0, float(np.abs(three).max()) ** 2)
 
 
-def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
+def test_a_slider_has_its_centre_at_infinity_across_its_guide():
     mechanism, motion = driven("crank_slider", 9)
     found = {x.links: x for x in centres(mechanism, motion.q[1])}
     slider, rod = found[GROUND, 2], found[GROUND, 1]
@@ -54,7 +52,7 @@ def test_a_slider_has_its_centre_at_infinity_across_its_guide() -> None:
 
 
 @pytest.mark.parametrize("motion", ["six_bar/driven", "parallelogram/driven", "five_bar/driven", "excavator/dig"])
-def test_drivers_supply_the_power_that_the_links_take_up(motion: str) -> None:
+def test_drivers_supply_the_power_that_the_links_take_up(motion):
     mechanism = load(*motion.split("/"))
     evaluator, times = Evaluator(mechanism), np.linspace(0.0, mechanism.duration, 25)
     x = loop_motion(mechanism, times)
@@ -64,21 +62,21 @@ def test_drivers_supply_the_power_that_the_links_take_up(motion: str) -> None:
     assert supplied == pytest.approx(taken, rel=1e-9, abs=1e-9)
 
 
-def test_at_a_dead_centre_the_advantage_is_infinite() -> None:
+def test_at_a_dead_centre_the_advantage_is_infinite():
     mechanism = load("crank_slider")
     (told,) = advantages(mechanism, mechanism.q0[None])
     assert np.isinf(told.mechanical[0])
     assert abs(told.velocity[0]) < 1e-12
 
 
-def test_more_freedom_than_one_has_no_centres_and_no_branches_of_its_own() -> None:
+def test_more_freedom_than_one_has_no_centres_and_no_branches_of_its_own():
     mechanism = load("five_bar", "spring")
     for search, said in ((centres, "2 free motions"), (branches, "1 of its motions stay free")):
         with pytest.raises(ValueError, match=said):
             search(mechanism, mechanism.q0)
 
 
-def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse() -> None:
+def test_velocity_ratio_of_a_four_bar_by_its_centres_and_advantage_its_inverse():
     """omega_rocker / omega_crank = AP / DP with P the centre of crank and rocker, on the frame line."""
     mechanism, motion = driven("four_bar", 25)
     (told,) = advantages(mechanism, motion.q)

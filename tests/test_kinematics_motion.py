@@ -6,7 +6,6 @@ Loops and link units are those of Wang et al. (2010). A motion never changes to 
 import csv
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from gauss_bench.kinematics.topology import find_graph
 from gauss_bench.linkage.load import load, load_document
 from gauss_bench.mechanism.coordinates import acceleration, position, value, velocity
 from gauss_bench.mechanism.evaluate import Constraints
-from gauss_bench.mechanism.model import AngleDriver, LengthDriver, Mechanism
+from gauss_bench.mechanism.model import AngleDriver, LengthDriver
 from gauss_bench.mechanism.motion_laws import MotionLaw, constant, rise
 from tests.conftest import DATA, driven, everything, redundant
 from tests.drawn_linkages import PARTS, every_freedom, linkages
@@ -36,7 +35,7 @@ SOLVERS = [loop_motion, basic_motion]
 SIX = ["crank_slider", "four_bar", "parallelogram", "six_bar", "shaper", "eight_bar"]
 
 
-def test_links_have_the_names_of_the_paper() -> None:
+def test_links_have_the_names_of_the_paper():
     excavator = load("excavator")
     bars = [d for d in excavator.drivers if isinstance(d, LengthDriver)]
     for mechanism, active, codes in (
@@ -56,7 +55,7 @@ def test_links_have_the_names_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize("name", [*SIX, "five_bar", "jansen", "redundant"])
-def test_loops_are_independent_and_leave_every_link_as_often_as_they_enter_it(name: str) -> None:
+def test_loops_are_independent_and_leave_every_link_as_often_as_they_enter_it(name):
     mechanism = redundant() if name == "redundant" else load(name)
     graph = find_graph(mechanism)
     n, p = len(mechanism.links) + 1, len(mechanism.joints)
@@ -74,7 +73,7 @@ def test_loops_are_independent_and_leave_every_link_as_often_as_they_enter_it(na
 # Motion
 
 
-def violations(mechanism: Mechanism, times: np.ndarray, motion: Motion) -> np.ndarray:
+def violations(mechanism, times, motion):
     """Return the largest |phi|, |J v + phi_t| and |J a - gamma| of joints and drivers in absolute coordinates, as an array (3,)."""
     rows = Constraints(mechanism)(times, motion.q, motion.v)
     rates = (rows.J @ motion.v[..., None])[..., 0] + rows.phi_t
@@ -85,13 +84,13 @@ def violations(mechanism: Mechanism, times: np.ndarray, motion: Motion) -> np.nd
 ROUNDING = np.array([1e-12, 1e-11, 1e-10])  # promised of positions, velocities, accelerations of order 1 to 100
 
 
-def relative(found: np.ndarray, true: np.ndarray) -> float:
+def relative(found, true):
     return float(np.abs(found - true).max() / max(1.0, np.abs(true).max()))
 
 
 @pytest.mark.parametrize("solve", SOLVERS)
 @pytest.mark.parametrize("name", SIX)
-def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve: Solver) -> None:
+def test_driven_points_agree_with_closed_forms_in_forty_digits(name, solve):
     mechanism = load(name, "driven")
     with (DATA / f"kinematics_{name}.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -109,7 +108,7 @@ def test_driven_points_agree_with_closed_forms_in_forty_digits(name: str, solve:
 
 @given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
 @settings(max_examples=12, derandomize=True, database=None, deadline=None)
-def test_any_linkage_moves_by_points_as_by_loops(drawn: dict[str, Any]) -> None:
+def test_any_linkage_moves_by_points_as_by_loops(drawn):
     """Links with one point, slots at any angle and offset, cylinders, active bars, and pins through several links."""
     mechanism, times = load_document(drawn), np.linspace(0.0, 0.2, 5)
     try:
@@ -119,7 +118,7 @@ def test_any_linkage_moves_by_points_as_by_loops(drawn: dict[str, Any]) -> None:
     assert_alike(mechanism, times, true)
 
 
-def assert_alike(mechanism: Mechanism, times: np.ndarray, true: Motion) -> None:
+def assert_alike(mechanism, times, true):
     """Compare motion by points with the true one by loops."""
     found = basic_motion(mechanism, times)
     np.testing.assert_allclose(true.q[0], mechanism.q0, atol=1e-12)
@@ -128,7 +127,7 @@ def assert_alike(mechanism: Mechanism, times: np.ndarray, true: Motion) -> None:
 
 
 @pytest.mark.parametrize(("name", "travel"), [("boom", 0.8), ("bore", 0.1), ("barrel", -0.2)])
-def test_a_barrel_with_one_point_has_the_direction_that_its_piston_shows(name: str, travel: float) -> None:
+def test_a_barrel_with_one_point_has_the_direction_that_its_piston_shows(name, travel):
     mechanism, times = load_document(document("kinematics/cylinder")), np.linspace(0.0, 1.0, 25)
     (still,) = driven(mechanism, **{name: constant(0.0, 0.0)}).drivers
     start = float(value(still.coordinate, mechanism.q0))
@@ -136,7 +135,7 @@ def test_a_barrel_with_one_point_has_the_direction_that_its_piston_shows(name: s
     assert_alike(mechanism, times, loop_motion(mechanism, times))
 
 
-def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
+def test_both_assemblies_of_the_four_bar_are_told_apart():
     mechanism = load("four_bar", "driven")
     both = [replace(mechanism, q0=q) for q in branches(mechanism, mechanism.q0)]
     assert sorted(branch_of(x, x.q0)["C"] for x in both) == [-1, 1]
@@ -148,7 +147,7 @@ def test_both_assemblies_of_the_four_bar_are_told_apart() -> None:
         np.testing.assert_array_equal(np.sign(b[:, 0] * d[:, 1] - b[:, 1] * d[:, 0]), branch["C"])
 
 
-def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch):
     mechanism = load("parallelogram", "driven")
     times = np.array([0.0, 5 / 360])
     assert branch_of(mechanism, mechanism.q0) == {}  # it is redundant: no group distinguishes its assemblies
@@ -164,7 +163,7 @@ def test_a_result_far_from_its_prediction_is_not_believed(monkeypatch: pytest.Mo
 # Where it ends
 
 
-def turned(mechanism: Mechanism, speed: float) -> Mechanism:
+def turned(mechanism, speed):
     return driven(mechanism, **{mechanism.links[0].name: constant(float(mechanism.q0[2]), speed)})
 
 
@@ -176,7 +175,7 @@ def turned(mechanism: Mechanism, speed: float) -> Mechanism:
         (basic_motion, 0.1, 1e-6, r"no solution beyond a = 1\.37"),
     ],
 )
-def test_a_limit_of_motion_is_a_typed_error_that_says_where(solve: Solver, step: float, exact: float, said: str) -> None:
+def test_a_limit_of_motion_is_a_typed_error_that_says_where(solve, step, exact, said):
     mechanism = turned(load_document(four_bar(0.3, 0.2, 0.25, 0.4)), 1.0)
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
     times = np.arange(0.0, 2.0, step)
@@ -197,7 +196,7 @@ def test_a_limit_of_motion_is_a_typed_error_that_says_where(solve: Solver, step:
 
 @pytest.mark.parametrize(("solve", "near"), [(loop_motion, 1e-6), (basic_motion, 1e-3)])  # [rad] where the rank counts as lost
 @pytest.mark.parametrize("samples", [20, 181])
-def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: float, samples: int) -> None:
+def test_a_change_point_is_a_singular_position_not_a_limit(solve, near, samples):
     """A parallelogram with two cranks only: at 180 degrees it may go on as an antiparallelogram. 181 samples meet it exactly."""
     mechanism = load_document(four_bar(0.2, 0.4, 0.2, 0.4))
     with pytest.raises(SingularPosition, match=r"rank 1 of 2|more than one way") as caught:
@@ -206,7 +205,7 @@ def test_a_change_point_is_a_singular_position_not_a_limit(solve: Solver, near: 
     assert reached == pytest.approx(np.pi, abs=near)
 
 
-def test_inputs_and_linkages_that_do_not_fit_are_refused() -> None:
+def test_inputs_and_linkages_that_do_not_fit_are_refused():
     mechanism, five, law = load("crank_slider", "driven"), load("five_bar", "spring"), constant(0.0, 1.0)
     for solve, wrong, text in (
         (loop_motion, driven(mechanism), "1 degrees of freedom, but the inputs are 0"),
@@ -231,14 +230,14 @@ def test_inputs_and_linkages_that_do_not_fit_are_refused() -> None:
 # Searches
 
 
-def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rosenbrock(x):
     return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
 
 
-def circles(apart: float) -> Any:
+def circles(apart):
     """Two unit circles whose centres are `apart`: they meet in 2, 1 or 0 points."""
 
-    def residual(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residual(x):
         to = np.array([x, x - [apart, 0.0]])
         return (np.sum(to**2, axis=1) - 1) / 2, to
 
@@ -246,7 +245,7 @@ def circles(apart: float) -> Any:
 
 
 @pytest.mark.parametrize("method", ROOT_FINDERS)
-def test_a_search_converges_and_says_so(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_converges_and_says_so(method, monkeypatch):
     search = ROOT_FINDERS[method]
     root = search(rosenbrock, np.array([-1.2, 1.0]))
     assert (root.flag, root.x) == (ExitFlag.CONVERGED, pytest.approx([1.0, 1.0], abs=1e-12))
@@ -257,7 +256,7 @@ def test_a_search_converges_and_says_so(method: str, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("method", ROOT_FINDERS)
-def test_circles_that_do_not_meet_have_no_root(method: str) -> None:
+def test_circles_that_do_not_meet_have_no_root(method):
     search = ROOT_FINDERS[method]
     assert search(circles(1.8), np.array([0.8, 0.5])).x == pytest.approx([0.9, np.sqrt(1 - 0.81)], abs=1e-12)
     root = search(circles(2.2), np.array([0.8, 0.5]))

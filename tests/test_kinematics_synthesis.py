@@ -5,14 +5,14 @@ from cmath import phase, rect
 import numpy as np
 import pytest
 
-from gauss_bench.kinematics.synthesis import Drive, NoFourBar, Pose, four_bar_of_pins, four_bar_of_pivots
+from gauss_bench.kinematics.synthesis import NoFourBar, four_bar_of_pins, four_bar_of_pivots
 
 CRANK_ROCKER = (0.10, 0.28, 0.24, 0.30)  # input, coupler, output, frame
 DOUBLE_CRANK = (0.30, 0.20, 0.28, 0.10)
 TRIPLE_ROCKER = (0.24, 0.20, 0.26, 0.45)
 
 
-def pose_of(lengths: tuple[float, ...], angle: float, side: int = 1) -> Pose | None:
+def pose_of(lengths, angle, side=1):
     """Return the pose of the coupler with the input at an angle, on one of two branches, or None; pivots are at 0 and `frame`."""
     a, b, c, d = lengths
     pin = rect(a, angle)
@@ -23,17 +23,17 @@ def pose_of(lengths: tuple[float, ...], angle: float, side: int = 1) -> Pose | N
     return pin, phase(way) + side * float(np.arccos(along / b))
 
 
-def poses(lengths: tuple[float, ...], angles: tuple[float, ...], sides: tuple[int, ...] = (1, 1, 1)) -> list[Pose]:
+def poses(lengths, angles, sides=(1, 1, 1)):
     found = [pose_of(lengths, x, s) for x, s in zip(angles, sides, strict=True)]
     return [x for x in found if x is not None]
 
 
-def drive(lengths: tuple[float, ...], angles: tuple[float, ...], sides: tuple[int, ...] = (1, 1, 1)) -> Drive:
+def drive(lengths, angles, sides=(1, 1, 1)):
     return four_bar_of_pins(poses(lengths, angles, sides), [0j, lengths[1] + 0j]).drives[0]
 
 
 @pytest.mark.parametrize("lengths", [CRANK_ROCKER, DOUBLE_CRANK, TRIPLE_ROCKER])
-def test_pins_give_the_known_pivots_and_pivots_the_known_pins(lengths: tuple[float, ...]) -> None:
+def test_pins_give_the_known_pivots_and_pivots_the_known_pins(lengths):
     given = poses(lengths, (0.4, 0.7, 0.95))
     pins = [0j, lengths[1] + 0j]
     found = four_bar_of_pins(given, pins)
@@ -43,10 +43,10 @@ def test_pins_give_the_known_pivots_and_pivots_the_known_pins(lengths: tuple[flo
     assert [x.pin for x in back.connections] == pytest.approx(pins, abs=1e-9)
 
 
-def test_a_pin_whose_places_lie_on_a_line_slides_and_a_pin_that_nearly_does_is_refused() -> None:
+def test_a_pin_whose_places_lie_on_a_line_slides_and_a_pin_that_nearly_does_is_refused():
     """A crank-slider: the second pin on the line y = 0.02."""
 
-    def slid(rise: float = 0.0) -> list[Pose]:
+    def slid(rise=0.0):
         pins = [rect(0.1, angle) for angle in (0.3, 0.9, 1.4)]
         return [(pin, float(np.arcsin((0.02 + rise * (k == 1) - pin.imag) / 0.3))) for k, pin in enumerate(pins)]
 
@@ -59,7 +59,7 @@ def test_a_pin_whose_places_lie_on_a_line_slides_and_a_pin_that_nearly_does_is_r
         four_bar_of_pins(slid(1e-6), [0j, 0.3 + 0j])
 
 
-def test_poses_without_a_four_bar_are_refused_with_the_reason() -> None:
+def test_poses_without_a_four_bar_are_refused_with_the_reason():
     given = poses(CRANK_ROCKER, (0.4, 0.9, 1.5))
     with pytest.raises(NoFourBar, match="both pins are one"):
         four_bar_of_pins(given, [0.1 + 0j, 0.1 + 0j])
@@ -73,7 +73,7 @@ def test_poses_without_a_four_bar_are_refused_with_the_reason() -> None:
         four_bar_of_pivots(shifted, [0j, 0.3 + 0j])
 
 
-def test_poses_of_two_branches_are_said_to_be() -> None:
+def test_poses_of_two_branches_are_said_to_be():
     found = drive(CRANK_ROCKER, (0.5, 2.0, 4.0), (1, 1, -1))
     assert found.fault == "branch"
     assert "the third is on the other branch" in found.text
@@ -81,7 +81,7 @@ def test_poses_of_two_branches_are_said_to_be() -> None:
 
 
 @pytest.mark.slow
-def test_faults_agree_with_a_walk_along_the_motion() -> None:
+def test_faults_agree_with_a_walk_along_the_motion():
     """The input of random linkages is stepped from pose to pose in both senses while the coupler reaches the output."""
     rng, seen = np.random.default_rng(4), []
     for _ in range(200):
@@ -108,7 +108,7 @@ def test_faults_agree_with_a_walk_along_the_motion() -> None:
     assert min(seen.count(x) for x in ("", "order", "branch")) > 5
 
 
-def walk(lengths: tuple[float, ...], start: float, way: int, goals: list[tuple[float, bool]]) -> list[int]:
+def walk(lengths, start, way, goals):
     """Return the goals on the first pose's branch, in the order in which the input passes them in a turn, or until it stops."""
     steps = 2000
     ahead = [np.mod(way * (x - start), 2 * np.pi) for x, _ in goals]

@@ -3,21 +3,19 @@
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import gauss_bench
 from gauss_bench.cli import main
-from gauss_bench.terms import Array
 
 DATA = Path(__file__).parent / "data"
 ARM = str(DATA / "excavator_arm.toml")
 G = 9.81
 
 
-def crank_slider_on_paper(t: Array) -> dict[str, Array]:
+def crank_slider_on_paper(t):
     """Forces [N] and torque [N m] of `crank_slider`, its crank turning once a second, by Newton for one body after another."""
     r, length, omega = 0.15, 0.56, 2 * np.pi
     crank_mass, rod_mass, slider_mass = 0.37, 0.77, 0.1
@@ -49,7 +47,7 @@ def crank_slider_on_paper(t: Array) -> dict[str, Array]:
     }
 
 
-def test_loads_of_a_crank_slider_are_those_of_newton_on_paper() -> None:
+def test_loads_of_a_crank_slider_are_those_of_newton_on_paper():
     found = gauss_bench.kinematics("crank_slider", forces=True).loads
     times, fine = np.linspace(0.0, 1.0, 361), np.linspace(0.0, 1.0, 20001)
     samples, turn = crank_slider_on_paper(times), crank_slider_on_paper(fine)
@@ -64,7 +62,7 @@ def test_loads_of_a_crank_slider_are_those_of_newton_on_paper() -> None:
     assert (found.acting, found.until, found.determined) == (("gravity", "spring"), 1.0, True)
 
 
-def test_what_is_held_carries_the_weight_beyond_it() -> None:
+def test_what_is_held_carries_the_weight_beyond_it():
     """The arm stands still: held pins carry all beyond them, and held angles the moment about their pins."""
     still = "constant:joint=lift,start=1.2,speed=0"
     found = gauss_bench.kinematics(ARM, "drop", still, 2, hold=["T", "bucket"], forces=True)
@@ -82,7 +80,7 @@ def test_what_is_held_carries_the_weight_beyond_it() -> None:
     assert set(found.loads.acting) == {"gravity", "pin_E", "oil"}
 
 
-def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks() -> None:
+def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks():
     failing = gauss_bench.simulate("crank_slider", step=0.05, forces=True)
     assert not failing.valid
     assert failing.loads.until == failing.trusted_until
@@ -90,12 +88,12 @@ def test_loads_are_taken_from_the_part_of_a_run_that_holds_all_checks() -> None:
     assert failing.loads.until < failing.trajectory.t[-1]
 
 
-def test_wrong_accelerations_give_no_loads(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_accelerations_give_no_loads(capsys):
     assert main(["simulate", "four_bar", "--engine", "yuan_ge_eq16", "--step", "1e-2", "--forces"]) == 1
     assert "loads: none, because no part of the run can be trusted" in capsys.readouterr().out
 
 
-def test_redundant_rows_are_told_and_friction_with_them_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_redundant_rows_are_told_and_friction_with_them_is_refused(tmp_path, capsys):
     assert main(["kinematics", "parallelogram", "--forces", "--intervals", "4"]) == 0
     assert "loads of single joints are not determined" in capsys.readouterr().out
     text = Path(gauss_bench.load("parallelogram").source).read_text(encoding="utf-8")
@@ -108,20 +106,18 @@ def test_redundant_rows_are_told_and_friction_with_them_is_refused(tmp_path: Pat
     assert not (tmp_path / "x.csv").exists()
 
 
-def columns(path: Path) -> dict[str, Array]:
+def columns(path):
     heading, *rows = csv.reader(path.open(encoding="utf-8"))
     return {name: np.array([float(row[k] or "nan") for row in rows]) for k, name in enumerate(heading)}
 
 
-def end_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[list[float], Any]:
+def end_of(capsys, *arguments):
     assert main(["simulate", "four_bar", "--step", "1e-2", "--scenario", "driven", *arguments, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     return told["t"], told["metrics"]["until"]
 
 
-def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(tmp_path, capsys):
     out = tmp_path / "run.csv"
     duration = gauss_bench.load("four_bar", "driven").duration
     assert end_of(capsys, "--at", "0.1,0.3") == ([0.1, 0.3], 0.3)  # nothing else is shown
@@ -133,7 +129,7 @@ def test_times_of_a_report_shorten_no_file_and_a_report_alone_runs_no_further(
     assert columns(out)["t [s]"][-1] == later
 
 
-def test_a_mean_over_time_does_not_count_crowded_samples_twice() -> None:
+def test_a_mean_over_time_does_not_count_crowded_samples_twice():
     even = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, forces=True).loads
     crowded = [*np.linspace(0.1, 0.102, 40)]
     uneven = gauss_bench.simulate("four_bar", scenario="driven", step=2e-3, at=crowded, forces=True).loads
@@ -141,7 +137,7 @@ def test_a_mean_over_time_does_not_count_crowded_samples_twice() -> None:
         assert uneven.peaks[name].mean == pytest.approx(peak.mean, rel=1e-4), name
 
 
-def test_a_driver_in_place_of_the_scenarios_own_leaves_its_forces_and_changes(tmp_path: Path) -> None:
+def test_a_driver_in_place_of_the_scenarios_own_leaves_its_forces_and_changes(tmp_path):
     path = tmp_path / "crank_slider.toml"
     text = (Path(gauss_bench.load("crank_slider").source)).read_text(encoding="utf-8")
     changed = text.replace('forces   = ["spring"]\n', 'forces   = ["spring"]\noverride.forces.spring.k = 50.0\n', 1)

@@ -15,25 +15,24 @@ from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import BLOCK, Block, Models, build_or_reuse, lasting, stepping
+from gauss_bench.runs.blocks import BLOCK, Block, build_or_reuse, lasting, stepping
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.starting import cold_there
 from gauss_bench.suites.schema import Cost
-from tests.synthetic import Clock, Costs, SyntheticModel, replace_engine
+from tests.synthetic import Costs, SyntheticModel, replace_engine
 
 MUJOCO = Cost(linkages={}, engines=("mujoco",), step=1e-3, rounds=4)
 
 
-def test_a_time_is_that_of_the_processor_for_one_repetition_without_getting_ready(clock: Clock) -> None:
+def test_a_time_is_that_of_the_processor_for_one_repetition_without_getting_ready(clock):
     """A clock that ticks one second for a thousand steps reports a millisecond a step."""
     assert measure_seconds(lambda: clock.spend(1.0)) == pytest.approx(1.0)
     block = Block("steps", lambda: clock.spend(5.0), lambda: clock.spend(1.0), 1000)
     assert [seconds for _, _, seconds in interleave([block], 3)] == pytest.approx([1e-3] * 3)
 
 
-def test_a_model_serves_its_own_scenario_alone() -> None:
-    models: Models = {}
+def test_a_model_serves_its_own_scenario_alone():
+    models = {}
     first, other, again = (
         build_or_reuse(models, "gauss", load("four_bar", scenario), choice)
         for scenario, choice in (("torque", Choice()), ("conservative", Choice()), ("torque", Choice(step=1e-2)))
@@ -44,7 +43,7 @@ def test_a_model_serves_its_own_scenario_alone() -> None:
 
 @pytest.mark.parametrize("seconds", [1e-7, 3e-5, 0.3e-3, 0.02])
 @pytest.mark.parametrize("work", [1, 40])
-def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, work: int, clock: Clock) -> None:
+def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds, work, clock):
     """A repetition is a piece of the call's work, and a block lasts a millisecond at least, or as long as one call."""
     block = lasting("call", lambda: clock.spend(seconds), work)
     block.ready()
@@ -53,7 +52,7 @@ def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds: float, 
     assert 1e-3 <= whole <= max(5e-3, seconds * 1.001)
 
 
-def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_quantity_of_an_engine_is_what_it_costs(clock, monkeypatch):
     costs = Costs(build=5e-3, step=7e-6, native_step=3e-6, acceleration=2e-6)
     replace_engine(monkeypatch, "mujoco", clock, costs)
     found = race_cost("four_bar", "torque", MUJOCO)
@@ -67,13 +66,13 @@ def test_every_quantity_of_an_engine_is_what_it_costs(clock: Clock, monkeypatch:
 class Handed(SyntheticModel):
     """A run costs 5 us beside its steps: the hand-over from Python, which is no part of a step."""
 
-    def run(self) -> None:
+    def run(self):
         super().run()
         self.clock.spend(5e-6)
 
 
 @pytest.mark.parametrize("step", [5e-8, 1e-7, 5e-7, 2e-6, 3e-5, 1e-3, 5e-3])
-def test_blocks_are_long_enough_for_every_engine(step: float, clock: Clock) -> None:
+def test_blocks_are_long_enough_for_every_engine(step, clock):
     """From compiled steps of 50 ns to interpreted ones of 5 ms, a step costs what it costs to 1 %, in blocks of 2 ms and more."""
     choice = Choice("default", "rk4", "none", 1e-4)
     model = Handed(load("four_bar", "torque"), choice, clock, Costs(native_step=step))
@@ -87,20 +86,18 @@ def test_blocks_are_long_enough_for_every_engine(step: float, clock: Clock) -> N
 class Compiles:
     """Whatever builds a model runs a compiler."""
 
-    def __init__(self, clock: Clock):
+    def __init__(self, clock):
         self.clock = clock
-        self.stores: list[str] = []
+        self.stores = []
 
-    def build(self, mechanism: Mechanism, choice: Choice) -> SyntheticModel:
+    def build(self, mechanism, choice):
         self.stores.append(os.environ["XDG_CACHE_HOME"])
         self.clock.spend(0.3)
         subprocess.run([sys.executable, "-c", "import time\nwhile time.process_time() < 0.2: pass"], check=True)
         return SyntheticModel(mechanism, choice, self.clock, Costs(native_step=0.1))
 
 
-def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_compilers(
-    clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_compilers(clock, monkeypatch):
     """0.3 s of our own, a step of 0.1 s, and a compiler that takes 0.2 s and a little to start."""
     monkeypatch.setenv("XDG_CACHE_HOME", "what the user has")
     made = Compiles(clock)
@@ -110,7 +107,7 @@ def test_a_cold_build_is_that_of_the_first_step_with_nothing_stored_and_counts_c
     assert made.stores != ["what the user has"]
 
 
-def test_warm_and_cold_builds_stand_in_columns_of_their_own() -> None:
+def test_warm_and_cold_builds_stand_in_columns_of_their_own():
     times = {"build": 0.02, "cold build": 2.0}
     measured = Measured({Key(quantity, "gauss-native"): np.full(3, x) for quantity, x in times.items()}, {})
     row = {"mechanism": "four_bar", "scenario": "torque", "engine": "gauss-native", "settings": "default"}
@@ -119,13 +116,13 @@ def test_warm_and_cold_builds_stand_in_columns_of_their_own() -> None:
     assert (row["build_time"], row["cold_build_time"]) == (0.02, 2.0)
 
 
-def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_are_timed_over_a_second_of_motion_at_most(clock, monkeypatch):
     """An engine in which motion takes no time is not run on and on: drift would change what is timed."""
-    durations: list[float] = []
+    durations = []
     replace_engine(monkeypatch, "mujoco", clock, Costs(step=1e-9, native_step=1e-9))
     true = SyntheticModel.prepare
 
-    def prepare(self: SyntheticModel, times: np.ndarray, native: bool = True) -> None:
+    def prepare(self, times, native=True):
         durations.append(float(times[-1]))
         true(self, times, native)
 
@@ -134,7 +131,7 @@ def test_steps_are_timed_over_a_second_of_motion_at_most(clock: Clock, monkeypat
     assert 0.9 <= max(durations) <= 1.0 + 1e-9
 
 
-def test_a_block_that_takes_long_sits_out_later_rounds_and_others_do_not(clock: Clock) -> None:
+def test_a_block_that_takes_long_sits_out_later_rounds_and_others_do_not(clock):
     long = Block("long", lambda: None, lambda: clock.spend(0.2), 1)
     short = Block("short", lambda: None, lambda: clock.spend(0.01), 1)
     rounds = [(block.entry, number) for block, number, _ in interleave([long, short], 12)]
@@ -142,8 +139,8 @@ def test_a_block_that_takes_long_sits_out_later_rounds_and_others_do_not(clock: 
     assert sorted(n for entry, n in rounds if entry == "long") == list(range(4))
 
 
-def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock: Clock) -> None:
-    resting: list[bool] = []
+def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock):
+    resting = []
     block = Block("x", lambda: None, lambda: resting.append(gc.isenabled()), 1)
     assert gc.isenabled()
     list(interleave([block], 2))
@@ -155,7 +152,7 @@ def test_the_garbage_collector_rests_while_it_is_timed_and_no_longer(clock: Cloc
     assert gc.isenabled()
 
 
-def test_blocks_take_turns_in_another_order_every_round(clock: Clock) -> None:
+def test_blocks_take_turns_in_another_order_every_round(clock):
     blocks = [Block(name, lambda: None, lambda: clock.spend(1e-3), 1) for name in "abcd"]
     order = [block.entry for block, _, _ in interleave(blocks, 20)]
     rounds = [tuple(order[k : k + 4]) for k in range(0, 80, 4)]
@@ -163,7 +160,7 @@ def test_blocks_take_turns_in_another_order_every_round(clock: Clock) -> None:
     assert len(set(rounds)) > 5
 
 
-def test_a_ratio_is_that_of_lower_quartiles() -> None:
+def test_a_ratio_is_that_of_lower_quartiles():
     """Rounds that an interruption has spoilt, even half of them, say nothing."""
     samples = np.array([4.0, 1.0, 3.0, 2.0, 5.0])  # the lower quartile of five is the second smallest
     assert ratio(samples, np.full(5, 0.5))[0] == pytest.approx(4.0)
@@ -172,12 +169,12 @@ def test_a_ratio_is_that_of_lower_quartiles() -> None:
     assert ratio(spoilt, np.full(100, 1.0))[0] == pytest.approx(1.0)
 
 
-def test_what_both_meet_in_a_round_is_in_no_spread() -> None:
+def test_what_both_meet_in_a_round_is_in_no_spread():
     wandering = np.random.default_rng(3).uniform(1.0, 2.0, 40)
     assert ratio(3 * wandering, wandering) == pytest.approx((3.0, 3.0, 3.0))
 
 
-def test_a_spread_holds_nine_tenths() -> None:
+def test_a_spread_holds_nine_tenths():
     """The lower quartile of n uniform samples scatters by sqrt(3/16 / n); 5 and 95 percent lie 1.645 of it away."""
     n = 4000
     value, low, high = ratio(np.random.default_rng(5).uniform(0.0, 1.0, n) + 1.0, np.ones(n))

@@ -28,7 +28,7 @@ from gauss_bench.linkage.load import load
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import Cost
 from tests.engine_runs import moved
-from tests.synthetic import Clock, Costs, charge, replace_engine, rolled
+from tests.synthetic import Costs, charge, replace_engine, rolled
 
 Rows = list[dict[str, Any]]
 SUITE = read_suite("kernel")
@@ -38,16 +38,14 @@ LONG = SUITE.long_runs[0]
 
 
 @pytest.mark.parametrize("off", [0.0, 2e-3])
-def test_a_batch_is_compared_by_the_step_of_one_trajectory_and_its_lanes_with_single_runs(
-    off: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_is_compared_by_the_step_of_one_trajectory_and_its_lanes_with_single_runs(off, clock, monkeypatch):
     """The kernel takes 10 ns for a step of a trajectory, MuJoCo 3 us: 300 times as long, however many steps each is given.
 
     Lanes of the kernel end `off` away from where single runs end.
     """
     true = Kernel.rollout
 
-    def disturbed(self: Kernel, q: np.ndarray, v: np.ndarray, *rest: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    def disturbed(self, q, v, *rest, **options):
         ends, speeds = true(self, q, v, *rest, **options)
         return (ends + off if q.ndim == 2 else ends), speeds
 
@@ -64,7 +62,7 @@ STEP, CALL = 4e-6, 5e-6  # [s] of the kernel: a step of Runge and Kutta, an acce
 MUJOCO, PINOCCHIO, EMPTY = 200e-6, 12e-6, 2e-6  # [s] of rivals: a step, constraintDynamics, a call of nothing
 
 
-def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock, monkeypatch):
     """A step of the kernel takes 4 us, so that one of its four stages takes 1 us; of 12 us of constraintDynamics 2 are the call."""
     charge(monkeypatch, clock, Kernel, "rollout", rolled(STEP))
     charge(monkeypatch, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
@@ -72,9 +70,9 @@ def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock: 
     replace_engine(monkeypatch, "mujoco", clock, Costs(native_step=MUJOCO))
     replace_engine(monkeypatch, "pinocchio", clock, Costs(acceleration=PINOCCHIO, call=EMPTY))
     both = ("gauss-native", "lagrange-native")
-    more: dict[str, Any] = {"batch": both, "bare": ("pinocchio",), "processor": True}
+    more = {"batch": both, "bare": ("pinocchio",), "processor": True}
     part = Cost(linkages={}, engines=(*both, "mujoco", "pinocchio"), integrators=1, step=1e-4, rounds=2, **more)
-    tables: dict[str, Rows] = race_cost("four_bar", "torque", part) | limits.count_operations("four_bar", "torque")
+    tables = race_cost("four_bar", "torque", part) | limits.count_operations("four_bar", "torque")
     complete_rows(SUITE, tables)
     assert not tables["untimed"]
     assert {*Counter(tuple(row[x] for x in Key._fields) for row in tables["samples"]).values()} == {part.rounds}
@@ -93,7 +91,7 @@ def test_steps_right_hand_sides_and_batches_are_counted_as_what_they_are(clock: 
     assert batch["seconds"] == pytest.approx(STEP)  # of one trajectory
 
 
-def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> None:
+def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time():
     keys = {Key("native_step", "gauss-native"): STEP, Key("acceleration", "gauss-native"): CALL}
     for settings in ("default", "one_iteration"):
         keys |= {Key(BARE, "pinocchio", settings): 1e-6, Key("empty call", "pinocchio", settings): 2e-6}
@@ -106,12 +104,12 @@ def test_a_call_that_costs_more_than_what_it_calls_leaves_no_negative_time() -> 
 CLAIM = SUITE.claim[0].model_copy(update={"rounds": 3, "linkages": {}})
 
 
-def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock, monkeypatch):
     """Few unknowns: 2 us a step, 4 with projection, 10 ns in a batch; many: 3, 5 and 40."""
     seconds = {("gauss", "none"): 2e-6, ("gauss", "projection"): 4e-6, ("lagrange", "none"): 3e-6, ("lagrange", "projection"): 5e-6}
     true = Kernel.rollout
 
-    def charged(self: Kernel, q: np.ndarray, v: np.ndarray, h: float, n: int, *rest: Any, **options: Any) -> Any:
+    def charged(self, q, v, h, n, *rest, **options):
         formulation = self.options.formulation
         each = seconds[formulation, self.options.stabilization] if q.ndim == 1 else {"gauss": 1e-8, "lagrange": 4e-8}[formulation]
         clock.spend(each * n * len(np.atleast_2d(q)))
@@ -124,12 +122,12 @@ def test_a_race_of_the_claim_times_each_pair_as_it_should_be(clock: Clock, monke
     assert told == {what: pytest.approx(numbers) for what, numbers in expected.items()}
 
 
-def raced(**ratios: list[float]) -> Rows:
+def raced(**ratios):
     """The races of a linkage: for each thing that is raced the ratio of every process."""
     return [{"what": what, "status": "ok", "message": "", "ratio": x} for what, values in ratios.items() for x in values]
 
 
-def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race_falls() -> None:
+def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race_falls():
     start = {"mechanism": "four_bar", "scenario": "torque"}
     row = claim.claim_row(start, raced(step=[1.5, 1.4, 1.6, 1.45, 1.55], projected=[0.97, 1.02, 1.01], batch=[0.7, 0.71, 0.69]))
     spreads = [foreseen(np.array(x)) for x in ([1.5, 1.4, 1.6, 1.45, 1.55], [0.97, 1.02, 1.01])]
@@ -142,13 +140,13 @@ def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race
     assert claim.claim_row(start, [])["status"] == "skip"
 
 
-def samples(**seconds: float) -> Measured:
+def samples(**seconds):
     own = {"step": Key("native_step", "gauss-native"), "batch": Key("batch step", "gauss-native")}
     keys = own | {"latency": LATENCY_KEY, "rate": RATE_KEY}
     return Measured({keys[name]: np.full(5, x) for name, x in seconds.items()}, {})
 
 
-def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
+def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle():
     """Four cycles take 2 ns, so one takes 0.5 ns; a vector of multiply-adds in 1 ns is two operations a lane."""
     rows = {row["key"]: row["value"] for row in processor_rows(samples(latency=2e-9, rate=1e-9))}
     assert rows["latency"] == pytest.approx(2e-9)
@@ -156,7 +154,7 @@ def test_the_latency_of_a_multiply_add_gives_the_length_of_a_cycle() -> None:
     assert rows["rate"] == pytest.approx(2 * native_code.best_lanes() / 1e-9)
 
 
-def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations() -> None:
+def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations():
     measured = samples(step=1e-6, batch=1e-7, latency=4e-9, rate=1e-9)  # a cycle of 1 ns
     starts = limits.count_operations("four_bar", "torque")["kernel_bounds"]
     one, many = (start | compare_with_bound(start, "gauss-native", measured) for start in starts)
@@ -167,13 +165,11 @@ def test_a_step_cannot_be_shorter_than_its_chain_nor_a_batch_than_its_operations
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-10])
-def test_kinematics_tell_positions_per_second_and_meet_no_target_if_they_are_wrong(
-    off: float, clock: Clock, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kinematics_tell_positions_per_second_and_meet_no_target_if_they_are_wrong(off, clock, monkeypatch):
     """A position takes 50 ns: twenty million a second. One acceleration is off by a share of the largest."""
     true = Closure.turn
 
-    def turn(self: Closure, *arguments: Any, **options: Any) -> Any:
+    def turn(self, *arguments, **options):
         found = true(self, *arguments, **options)
         a = found.a.copy()
         a[7, 5] += off * np.abs(a).max()
@@ -189,7 +185,7 @@ def test_kinematics_tell_positions_per_second_and_meet_no_target_if_they_are_wro
     assert plain["status"] == "ok"
 
 
-def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_growth_counts_four_right_hand_sides_to_a_step(clock, monkeypatch):
     charge(monkeypatch, clock, Kernel, "rollout", rolled(STEP))
     charge(monkeypatch, clock, Kernel, "acceleration", lambda *arguments, **options: CALL)
     for name in list(CONTENDERS):
@@ -202,7 +198,7 @@ def test_growth_counts_four_right_hand_sides_to_a_step(clock: Clock, monkeypatch
         assert row["error"] < 1e-12
 
 
-def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> None:
+def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one():
     wanted = exact_state(1)
     assert wanted.error(1.001 * wanted.a) == pytest.approx(1e-3, rel=1e-9)
 
@@ -219,16 +215,14 @@ def test_the_error_of_an_acceleration_is_relative_to_the_largest_true_one() -> N
         (4.0, 1.1e-13, False),
     ],
 )
-def test_a_long_run_drifts_by_rounding_and_its_energy_error_falls_with_order_four_within_a_fifth(
-    order: float, drift: float, met: bool, column: str
-) -> None:
+def test_a_long_run_drifts_by_rounding_and_its_energy_error_falls_with_order_four_within_a_fifth(order, drift, met, column):
     coarse = {"status": "ok", "position_drift": 1e-16, "velocity_drift": 1e-16, "energy_max": 1e-6}
     found = judge_row(coarse | {"energy_max": 1e-6 / 2**order, column: drift}, coarse, LONG)
     assert found["order"] == pytest.approx(order)
     assert found["met"] is met
 
 
-def test_only_rounds_that_both_have_are_compared_and_a_time_has_one_value() -> None:
+def test_only_rounds_that_both_have_are_compared_and_a_time_has_one_value():
     """A slow one sat the later rounds out, in which the machine was slower."""
     long, short = np.array([1.0, 1.0, 9.0, 9.0, 9.0, 9.0]), np.array([5.0, 5.0])
     row, turned = compare(long, short), compare(short, long)
@@ -237,10 +231,10 @@ def test_only_rounds_that_both_have_are_compared_and_a_time_has_one_value() -> N
     assert row["rival_seconds"] == turned["seconds"] == 5.0
 
 
-def test_mujocos_rigid_setting_spends_no_more_iterations_than_three() -> None:
+def test_mujocos_rigid_setting_spends_no_more_iterations_than_three():
     """One already gives the motion to the digits that the closures' softness leaves: more would only cost the rival time."""
     mechanism = load("four_bar", "torque")
-    model: Any = get("mujoco").build(mechanism, Choice("rigid", "rk4", "none", 1e-3))
+    model = get("mujoco").build(mechanism, Choice("rigid", "rk4", "none", 1e-3))
     moved(model, [0.0, 0.1])
     assert 1 <= model.data.solver_niter.max() <= 3
     assert model.model.opt.iterations == get("mujoco").settings["rigid"]["iterations"]

@@ -1,8 +1,6 @@
 """Metrics of motions with known drift, forces, energy and errors, and the limits of the judge."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from gauss_bench.bench.measure import measure
 from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import Reference, Trajectory
 from tests.engine_runs import document
 from tests.synthetic import Clock, Costs, replace_engine
@@ -21,14 +18,14 @@ from tests.synthetic import Clock, Costs, replace_engine
 G = 9.81
 
 
-def still(mechanism: Mechanism, times: np.ndarray | None = None) -> Trajectory:
+def still(mechanism, times=None):
     """The start, held."""
     times = np.linspace(0.0, 1.0, 3) if times is None else times
     q = np.tile(mechanism.q0, (len(times), 1))
     return Trajectory(times, q, 0 * q, 0 * q, 1)
 
 
-def on_a_guide(angle_deg: float, at: float = 0.3, forces: Sequence[str] = ()) -> Mechanism:
+def on_a_guide(angle_deg, at=0.3, forces=()):
     """A block of 2 kg on a guide through the ground at an angle; its point on the guide lies at `at` from its centre of mass."""
     changes = {
         "links": {"block": {"points": {"K": [at, 0.0]}}},
@@ -39,7 +36,7 @@ def on_a_guide(angle_deg: float, at: float = 0.3, forces: Sequence[str] = ()) ->
     return load_document(merge(document("small/block"), changes))
 
 
-def test_a_guide_carries_the_weight_and_its_moment_about_the_joint() -> None:
+def test_a_guide_carries_the_weight_and_its_moment_about_the_joint():
     """The centre lies 0.3 m to the left of the joint's point: its weight turns the block to the left, the guide to the right."""
     mechanism = on_a_guide(0.0)
     (force,) = metrics.joint_forces(Evaluator(mechanism), still(mechanism)).values()
@@ -53,14 +50,14 @@ def test_a_guide_carries_the_weight_and_its_moment_about_the_joint() -> None:
     assert [*force.values()] == pytest.approx([0.0] * len(force), abs=1e-12)
 
 
-def hanging() -> Mechanism:
+def hanging():
     """A bar of 3 kg and 1 m on a pin, horizontal, at rest."""
     bar, start = {"points": {"E": [1.0, 0.0]}, "mass": 3.0}, {"crank_deg": 0.0}
     changes = {"links": {"bar": bar}, "scenarios": {"swing": {"start": start, "forces": []}}}
     return load_document(merge(document("small/rubbing_bar"), changes))
 
 
-def test_a_bar_let_go_hangs_on_a_quarter_of_its_weight() -> None:
+def test_a_bar_let_go_hangs_on_a_quarter_of_its_weight():
     """A uniform bar turns with 3 g / 2 l, so that its centre falls with three quarters of g."""
     mechanism = hanging()
     a = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
@@ -71,7 +68,7 @@ def test_a_bar_let_go_hangs_on_a_quarter_of_its_weight() -> None:
     assert force["fx"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_drift_is_the_gap_of_the_worst_joint_at_every_sample_of_a_run_of_any_length() -> None:
+def test_drift_is_the_gap_of_the_worst_joint_at_every_sample_of_a_run_of_any_length():
     """The bar's centre is moved by 3 mm and thrown at 0.2 m/s: its pin opens and parts by as much."""
     mechanism, off = hanging(), still(hanging())
     off.q[1, 0] += 3e-3
@@ -87,7 +84,7 @@ def test_drift_is_the_gap_of_the_worst_joint_at_every_sample_of_a_run_of_any_len
     assert metrics.drift(Evaluator(mechanism), long).position == pytest.approx(growing, abs=1e-15)
 
 
-def test_energy_gained_from_nowhere_is_told_to_the_joule() -> None:
+def test_energy_gained_from_nowhere_is_told_to_the_joule():
     """The bar is found 2 rad/s faster than it was: I w^2 / 2 about its pin, with I = m l^2 / 3, is 2 J."""
     mechanism, off = hanging(), still(hanging())
     off.v[-1] = [0.0, 1.0, 2.0]  # the centre at half a metre
@@ -96,7 +93,7 @@ def test_energy_gained_from_nowhere_is_told_to_the_joule() -> None:
     assert bar < 1e-12
 
 
-def test_work_of_a_damper_is_no_error_of_the_energy() -> None:
+def test_work_of_a_damper_is_no_error_of_the_energy():
     """A block that runs against a damper along its guide: v = v0 exp(-c t / m), and what it loses is work."""
     mechanism = on_a_guide(0.0, at=0.0, forces=["brake"])
     t = np.linspace(0.0, 1.0, 201)
@@ -111,13 +108,13 @@ def test_work_of_a_damper_is_no_error_of_the_energy() -> None:
     assert 1e-9 < np.abs(gained).max() <= bar  # honest where samples are few
 
 
-def test_an_acceleration_is_judged_relative_to_the_largest_true_one() -> None:
+def test_an_acceleration_is_judged_relative_to_the_largest_true_one():
     true = np.array([[10.0, -200.0, 3.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
     off = np.array([[0.0, 0.0, 2.0], [0.5, 0.0, 0.0], [0.0, -0.25, 0.1]])
     assert metrics.relative_acceleration_error(true + off, true) == pytest.approx([0.01, 0.5, 0.25])
 
 
-def test_an_order_is_told_only_above_ten_times_the_floor() -> None:
+def test_an_order_is_told_only_above_ten_times_the_floor():
     steps, errors = np.array([4e-3, 2e-3, 1e-3]), np.array([16e-6, 1e-6, 0.5e-6])
     assert metrics.observed_order(steps, errors, np.full(3, 1e-9))[1:] == pytest.approx([4.0, 1.0])
     assert metrics.observed_order(steps, errors, np.full(3, 0.49e-7))[1:] == pytest.approx([4.0, 1.0])
@@ -128,7 +125,7 @@ def test_an_order_is_told_only_above_ten_times_the_floor() -> None:
     assert np.isnan(metrics.observed_order(steps, np.array([16e-6, np.nan, 1e-6]), np.zeros(3))).all()
 
 
-def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:
+def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle():
     mechanism = load("four_bar", "torque")
     true = still(mechanism, np.array([0.0, 0.5, 1.0]))
     zeros = np.zeros(3)
@@ -154,7 +151,7 @@ def test_errors_are_the_largest_of_each_link_and_of_the_cranks_angle() -> None:
     assert found.velocity_bar == pytest.approx([5e-12] * 3)
 
 
-def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, Any]:
+def of(tmp_path_factory, **errors):
     """Return the row of an engine that moves as `gauss` does, with the given errors added."""
     store = str(tmp_path_factory.getbasetemp() / "references")
     with pytest.MonkeyPatch.context() as patched:
@@ -175,9 +172,7 @@ def of(tmp_path_factory: pytest.TempPathFactory, **errors: float) -> dict[str, A
         ({"off_position": 0.03}, "measured_error_t1", 0.03, None),
     ],
 )
-def test_an_engine_that_is_off_by_a_known_amount_is_told_so(
-    errors: dict[str, float], column: str, value: float, valid: bool | None, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_an_engine_that_is_off_by_a_known_amount_is_told_so(errors, column, value, valid, tmp_path_factory):
     """A per cent at the same state is another model."""
     row = of(tmp_path_factory, **errors)
     assert row[column] == pytest.approx(value, rel=1e-3)
@@ -188,9 +183,7 @@ def test_an_engine_that_is_off_by_a_known_amount_is_told_so(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("gap", "shut"), [(3.7e-3, True), (4.3e-3, False)])
-def test_a_loop_that_opens_by_a_hundredth_of_its_size_is_not_this_linkage(
-    gap: float, shut: bool, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_a_loop_that_opens_by_a_hundredth_of_its_size_is_not_this_linkage(gap, shut, tmp_path_factory):
     """The crank is turned about its centre, half its length from the pins, until they open by the gap; the ground is 0.4 m long."""
     a, b = load("four_bar", "torque").links[0].points.values()
     arm = float(np.hypot(*(a - b))) / 2

@@ -1,7 +1,6 @@
 """Scalar coordinates against differences, and the coordinate by which motions are compared."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +19,9 @@ from gauss_bench.mechanism.model import (
     GROUND,
     Along,
     Angle,
-    Coordinate,
     Distance,
     Law,
     Load,
-    Mechanism,
     Point,
     PointForce,
     Weighted,
@@ -36,24 +33,24 @@ LINKS = 3
 STEP = 1e-4  # fourth-order differences: truncation and rounding both near 1e-12
 
 
-def points(random: np.random.Generator) -> list[Point]:
+def points(random):
     return [Point(link, random.normal(size=2), f"{link}") for link in (GROUND, *range(LINKS))]
 
 
-def every_coordinate() -> list[Coordinate]:
+def every_coordinate():
     random = np.random.default_rng(5)
     ends = [(a, b) for a in points(random) for b in points(random) if a.link != b.link]
-    angles: list[Coordinate] = [Angle(a.link, b.link) for a, b in ends]
+    angles = [Angle(a.link, b.link) for a, b in ends]
     return [*angles, *(Along(a, b, random.uniform(-3, 3)) for a, b in ends), *(Distance(a, b) for a, b in ends)]
 
 
-def derivative(f: Any) -> Any:
+def derivative(f):
     near, far = f(STEP) - f(-STEP), f(2 * STEP) - f(-2 * STEP)
     return (8 * near - far) / (12 * STEP)
 
 
 @pytest.mark.parametrize("coordinate", every_coordinate(), ids=lambda c: type(c).__name__)
-def test_rate_and_second_rate_are_the_derivatives_of_the_value(coordinate: Coordinate) -> None:
+def test_rate_and_second_rate_are_the_derivatives_of_the_value(coordinate):
     q, v, a = np.random.default_rng(1).normal(size=(3, 3 * LINKS))
     rate = derivative(lambda t: coordinates.value(coordinate, q + v * t))
     second = derivative(lambda t: coordinates.rate(coordinate, q + v * t + a * t * t / 2, v + a * t))
@@ -64,7 +61,7 @@ def test_rate_and_second_rate_are_the_derivatives_of_the_value(coordinate: Coord
 
 
 @pytest.mark.parametrize("coordinate", every_coordinate(), ids=lambda c: type(c).__name__)
-def test_batches_and_long_double_are_the_single_state_again(coordinate: Coordinate) -> None:
+def test_batches_and_long_double_are_the_single_state_again(coordinate):
     q, v = np.random.default_rng(2).normal(size=(2, 4, 3 * LINKS))
     for f, arguments in ((coordinates.value, (q,)), (coordinates.gradient, (q,)), (coordinates.bias, (q, v))):
         batch = f(coordinate, *arguments)
@@ -82,20 +79,20 @@ class Push:
     parts: tuple[Load, ...]
     factor: Factor | None = None
 
-    def to_loads(self) -> tuple[Load, ...]:
+    def to_loads(self):
         return self.parts
 
 
-def pushed(*parts: Load, factor: Factor | None = None) -> Mechanism:
-    return replace(load("four_bar", "torque"), forces=(Push("push", parts, factor),))  # type: ignore[arg-type]
+def pushed(*parts, factor=None):
+    return replace(load("four_bar", "torque"), forces=(Push("push", parts, factor),))
 
 
-def test_a_law_acts_along_every_coordinate_in_terms_and_kernels() -> None:
+def test_a_law_acts_along_every_coordinate_in_terms_and_kernels():
     """Q is the force of the law times the gradient of its coordinate, and a kernel has the same accelerations."""
     mechanism = load("four_bar", "torque")
     a, b = mechanism.find_point("ground.D"), mechanism.find_point("coupler.P")
     turn = Angle(GROUND, 2)
-    along: list[Coordinate] = [turn, Along(a, b, 0.3, across=True), Along(b, a, 0.3), Along(a, b, 0.2, body=0), Distance(a, b)]
+    along = [turn, Along(a, b, 0.3, across=True), Along(b, a, 0.3), Along(a, b, 0.2, body=0), Distance(a, b)]
     q, v = mechanism.q0, mechanism.v0 + 0.1
     for x in (*along, Weighted(((turn, 0.3), (Distance(a, b), -2.0)))):
         law = Law(x, k=3.0, c=0.5, rest=0.2, bias=0.7, inverse_square=0.04)
@@ -114,7 +111,7 @@ def test_a_law_acts_along_every_coordinate_in_terms_and_kernels() -> None:
         )
 
 
-def test_the_equation_in_one_coordinate_refuses_a_spring_on_a_sum_of_angles_by_name() -> None:
+def test_the_equation_in_one_coordinate_refuses_a_spring_on_a_sum_of_angles_by_name():
     angles = Weighted(((Angle(GROUND, 2), 0.3), (Angle(GROUND, 0), 1.0)))
     minimal = get("minimal")
     assert "sum of angles (push)" in str(minimal.skip(pushed(Law(angles, k=3.0)), Choice()))
@@ -129,7 +126,7 @@ def test_the_equation_in_one_coordinate_refuses_a_spring_on_a_sum_of_angles_by_n
         )
 
 
-def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too() -> None:
+def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too():
     mechanism = load("four_bar", "torque")
     at, values = mechanism.find_point("coupler.P"), np.array([0.0, 4.0])
     computed, given = pushed(PointForce("f", at, values, 1)), replace(mechanism, forces=(PointForce("f", at, values, 1),))
@@ -137,7 +134,7 @@ def test_a_load_made_of_numbers_of_a_force_is_one_of_a_kernel_too() -> None:
     np.testing.assert_allclose(a, b, rtol=1e-12)
 
 
-def test_a_force_of_another_kind_that_varies_is_refused() -> None:
+def test_a_force_of_another_kind_that_varies_is_refused():
     factor = read_factor({"over_time": {"law": "ramp", "start": 0.1, "time": 0.3}})
     at = load("four_bar").find_point("coupler.P")
     for refused in (lambda: pushed(PointForce("f", at, np.ones(2), 1, factor)), lambda: pushed(factor=factor)):
@@ -145,7 +142,7 @@ def test_a_force_of_another_kind_that_varies_is_refused() -> None:
             refused()
 
 
-def test_a_file_with_such_a_force_is_refused_by_its_field(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_with_such_a_force_is_refused_by_its_field(monkeypatch):
     monkeypatch.setattr(TorqueTable, "read", lambda name, table, names: Push(name, (), read_factor(table)))
     varying = document_of("four_bar")[0] | {"format": "planar-linkage/2"}
     varying["forces"]["motor"]["over_time"] = {"law": "step", "start": 0.1}
@@ -153,12 +150,12 @@ def test_a_file_with_such_a_force_is_refused_by_its_field(monkeypatch: pytest.Mo
         load_document(varying, "torque", "four_bar.toml")
 
 
-def slotted(**more: Any) -> dict[str, Any]:
+def slotted(**more):
     """A block on a fixed guide that carries a pendulum, without a crank: the block is the first link and never turns."""
     return document("small/slotted") | more
 
 
-def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured() -> None:
+def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured():
     measured = load_document(slotted()).measured
     assert (measured.name, measured.unit) == ("angle of bar", "rad")
 
@@ -174,7 +171,7 @@ def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured() 
         ({"between": ["ground.O", "bar.B"]}, "distance ground.O-bar.B", "m", np.hypot(0.35, 0.5 * np.sin(np.pi / 3))),
     ],
 )
-def test_a_file_may_name_what_is_measured(measure: dict[str, Any], name: str, unit: str, value: float) -> None:
+def test_a_file_may_name_what_is_measured(measure, name, unit, value):
     mechanism = load_document(slotted(measure=measure))
     measured = mechanism.measured
     assert (measured.name, measured.unit) == (name, unit)
@@ -183,7 +180,7 @@ def test_a_file_may_name_what_is_measured(measure: dict[str, Any], name: str, un
     assert mechanism.digest == load_document(slotted()).digest
 
 
-def test_a_driven_coordinate_goes_before_the_crank() -> None:
+def test_a_driven_coordinate_goes_before_the_crank():
     document, _, _ = document_of("four_bar")
     assert load_document(document, "torque").measured.name == "angle of crank"
     document["scenarios"]["driven"]["driver"] |= {"link": "rocker"}
@@ -193,7 +190,7 @@ def test_a_driven_coordinate_goes_before_the_crank() -> None:
 
 
 @pytest.mark.parametrize(("measure", "fault"), table_of_faults("measures"))
-def test_a_measure_that_means_nothing_is_refused(measure: dict[str, Any], fault: str) -> None:
+def test_a_measure_that_means_nothing_is_refused(measure, fault):
     with pytest.raises(LinkageError) as error:
         load_document(slotted(measure=measure))
     assert fault in str(error.value)

@@ -6,9 +6,7 @@ test_reference_certificate tests that they are byte for byte what they were when
 import copy
 import pickle
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,7 +20,7 @@ from tests.conftest import DATA
 PACKAGE = Path(gauss_bench.__file__).parent
 
 
-def leaves(item: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def leaves(item, path=()):
     """Yield the path of every number and text of a document."""
     if isinstance(item, (dict, list)):
         for key, value in item.items() if isinstance(item, dict) else enumerate(item):
@@ -35,7 +33,7 @@ NOT_PHYSICS = {"format", "name", "title", "expect", "observe", "measure", "durat
 
 
 @pytest.mark.parametrize("source", [DATA / "everything.toml", DATA / "pushed.toml", built_in()["squeezer"]], ids=lambda p: p.stem)
-def test_a_change_of_any_number_or_name_shows_unless_it_moves_nothing(source: Path) -> None:
+def test_a_change_of_any_number_or_name_shows_unless_it_moves_nothing(source):
     document = tomllib.loads(source.read_text(encoding="utf-8"))
     scenario = next(iter(document["scenarios"]))
     acting = document["scenarios"][scenario].get("forces", [])
@@ -54,7 +52,7 @@ def test_a_change_of_any_number_or_name_shows_unless_it_moves_nothing(source: Pa
         assert (physics_digest(changed, scenario) != before) == moves, path
 
 
-def test_how_a_number_is_written_changes_nothing_and_an_override_does() -> None:
+def test_how_a_number_is_written_changes_nothing_and_an_override_does():
     document = document_of("four_bar")[0]
     same = copy.deepcopy(document)
     same["gravity"] = [0, -9.810]
@@ -66,7 +64,7 @@ def test_how_a_number_is_written_changes_nothing_and_an_override_does() -> None:
 
 
 @pytest.mark.parametrize("law", ["constant", "sine", "cosine", "poly345", "table"])
-def test_a_driven_linkage_arrives_in_another_process_as_it_is(law: str) -> None:
+def test_a_driven_linkage_arrives_in_another_process_as_it_is(law):
     rows = [[0.0, 0.0], [0.2, 30.0], [0.5, 90.0]]
     numbers = {"constant": {"speed": 2.0}, "table": {"rows": rows}}.get(law, {"travel_deg": 90.0, "time": 0.5})
     document = document_of("four_bar")[0]
@@ -78,14 +76,14 @@ def test_a_driven_linkage_arrives_in_another_process_as_it_is(law: str) -> None:
         assert arrived.drivers[0].law(t) == sent.drivers[0].law(t)
 
 
-def test_a_digest_of_sources_follows_files_at_any_depth_of_its_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_digest_of_sources_follows_files_at_any_depth_of_its_folders(tmp_path, monkeypatch):
     monkeypatch.setattr(digest, "PACKAGE", tmp_path)
     places = {name: tmp_path / name for name in ("mechanism/forces.py", "reference/taylor/rows.py", "terms.py", "cli.py")}
     for place in places.values():
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text("x = 1\n", encoding="utf-8")
 
-    def digests() -> list[str]:
+    def digests():
         return [digest.source_digest("mechanism", "terms.py"), digest.source_digest("", without=("cli.py",))]
 
     before = digests()

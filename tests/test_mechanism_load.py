@@ -1,7 +1,6 @@
 """A linkage file is read completely, or refused with all its faults, each named by file, table and field."""
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +13,13 @@ from tests.conftest import DATA
 FOUR_BAR = built_in()["four_bar"].read_text(encoding="utf-8")
 
 
-def write(folder: Path, text: str, name: str = "four_bar") -> Path:
+def write(folder, text, name="four_bar"):
     path = folder / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def faults(path: Path, scenario: str | None = None) -> list[str]:
+def faults(path, scenario=None):
     with pytest.raises(LinkageError) as caught:
         load(path, scenario)
     assert str(path) in str(caught.value)
@@ -31,9 +30,7 @@ SINGLE = tomllib.loads((DATA / "faults" / "four_bar.toml").read_text(encoding="u
 
 
 @pytest.mark.parametrize("name", SINGLE)
-def test_a_fault_is_named_by_file_table_and_field_and_ends_with_2(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_is_named_by_file_table_and_field_and_ends_with_2(name, tmp_path, capsys):
     old, new, expected = SINGLE[name].values()
     assert old in FOUR_BAR
     path = write(tmp_path, FOUR_BAR.replace(old, new, 1))
@@ -44,7 +41,7 @@ def test_a_fault_is_named_by_file_table_and_field_and_ends_with_2(
     assert expected in said.err
 
 
-def test_independent_faults_are_reported_together(tmp_path: Path) -> None:
+def test_independent_faults_are_reported_together(tmp_path):
     names = ("unknown key", "unknown link", "unknown force", "mass negative", "not a number", "wrong joint type", "crank unknown")
     text = FOUR_BAR
     for name in names:
@@ -65,13 +62,13 @@ def test_independent_faults_are_reported_together(tmp_path: Path) -> None:
         (b"x = 1" + b"0" * 5000, "a number cannot be read"),
     ],
 )
-def test_what_is_no_linkage_file_is_refused(content: bytes, expected: str, tmp_path: Path) -> None:
+def test_what_is_no_linkage_file_is_refused(content, expected, tmp_path):
     path = tmp_path / "four_bar.toml"
     path.write_bytes(content)
     assert any(expected in fault for fault in faults(path))
 
 
-def test_a_path_that_cannot_be_read_and_an_unknown_scenario_are_refused(tmp_path: Path) -> None:
+def test_a_path_that_cannot_be_read_and_an_unknown_scenario_are_refused(tmp_path):
     assert faults(tmp_path / "missing.toml")
     assert faults(tmp_path / ".")
     with pytest.raises(LinkageError, match=r"scenarios\.rest: unknown scenario; the file has driven, cycloid, torque"):
@@ -79,7 +76,7 @@ def test_a_path_that_cannot_be_read_and_an_unknown_scenario_are_refused(tmp_path
 
 
 @pytest.mark.parametrize("name", built_in())
-def test_every_scenario_of_a_built_in_linkage_starts_on_its_constraints(name: str) -> None:
+def test_every_scenario_of_a_built_in_linkage_starts_on_its_constraints(name):
     from gauss_bench.mechanism.evaluate import Evaluator
 
     for scenario in load(name).scenarios:
@@ -90,7 +87,7 @@ def test_every_scenario_of_a_built_in_linkage_starts_on_its_constraints(name: st
 
 
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_a_link_that_cannot_turn_over_may_start_whole_turns_from_the_sketch(turns: int) -> None:
+def test_a_link_that_cannot_turn_over_may_start_whole_turns_from_the_sketch(turns):
     document = tomllib.loads(FOUR_BAR)
     here = load_document(document, "torque")
     rocker = [link.name for link in here.links].index("rocker")
@@ -101,7 +98,7 @@ def test_a_link_that_cannot_turn_over_may_start_whole_turns_from_the_sketch(turn
     assert there.q0 == pytest.approx(here.q0 + moved, abs=1e-12)
 
 
-def test_a_multiple_joint_is_pairs_in_list_order() -> None:
+def test_a_multiple_joint_is_pairs_in_list_order():
     document = tomllib.loads(FOUR_BAR)
     document["links"]["flag"] = {"points": {"B": [0.0, 0.0], "E": [0.1, 0.0]}, "bars": [["B", "E"]], "mass": 0.1}
     document["joints"]["B"]["at"].append("flag.B")
@@ -114,7 +111,7 @@ def test_a_multiple_joint_is_pairs_in_list_order() -> None:
     assert mechanism.dof == 2
 
 
-def test_a_mechanism_that_others_are_given_too_cannot_be_written_into() -> None:
+def test_a_mechanism_that_others_are_given_too_cannot_be_written_into():
     mechanism = load("four_bar")
     assert load("four_bar") is mechanism
     for array in (mechanism.q0, mechanism.v0, mechanism.gravity):

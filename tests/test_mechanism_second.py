@@ -3,7 +3,6 @@
 import copy
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,11 +20,9 @@ from gauss_bench.formulations import FORMULATIONS
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.certify import Uncertified, certify
 from gauss_bench.runs.offers import ChoiceError
-from gauss_bench.terms import Array
 from tests.conftest import DATA, needs
 from tests.engine_runs import ran
 from tests.fuzz.files import toml
@@ -35,33 +32,33 @@ GIVEN = {*FORMULATIONS, "gauss-native", "lagrange-native", "pinocchio", "mujoco"
 ARM, LEG, GRIPPER = (DATA / f"{name}.toml" for name in ("excavator_arm", "leg", "gripper"))
 
 
-def document(path: Path) -> dict[str, Any]:
+def document(path):
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
-def changed(path: Path, change: dict[str, Any]) -> dict[str, Any]:
+def changed(path, change):
     return merge(document(path), change)
 
 
-def said(content: dict[str, Any], scenario: str | None = None) -> str:
+def said(content, scenario=None):
     with pytest.raises(LinkageError) as caught:
         load_document(content, scenario, "arm.toml")
     return str(caught.value)
 
 
-def terms(mechanism: Mechanism) -> tuple[Array, Array, Array]:
+def terms(mechanism):
     """Return the start, the masses, and the terms of the equations of motion, each as one array."""
     found = Evaluator(mechanism).terms(0.0, mechanism.q0, mechanism.v0)
     return mechanism.q0, mechanism.mass, np.concatenate([found.Q, found.J.ravel(), found.gamma])
 
 
-def assert_same(one: Mechanism, other: Mechanism) -> None:
+def assert_same(one, other):
     for a, b in zip(terms(one), terms(other), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * (1 + np.abs(b).max()))
 
 
 @pytest.mark.parametrize("key", ["cylinders", "welds", "links.boom.point_masses", "scenarios.held.hold"])
-def test_a_file_of_the_first_edition_has_no_key_of_the_second(key: str) -> None:
+def test_a_file_of_the_first_edition_has_no_key_of_the_second(key):
     text = said(document(ARM) | {"format": "planar-linkage/1"})
     assert f"arm.toml: {key}: a key of planar-linkage/2, and the file says format = 'planar-linkage/1'" in text
     content = document(GRIPPER)
@@ -69,7 +66,7 @@ def test_a_file_of_the_first_edition_has_no_key_of_the_second(key: str) -> None:
     assert "scenarios.grip.override.links.left.point_masses: a key of planar-linkage/2" in said(content)
 
 
-def test_point_masses_move_the_centre_and_add_to_the_inertia() -> None:
+def test_point_masses_move_the_centre_and_add_to_the_inertia():
     """A bar of 3 kg and 1.2 m with 1 kg at either end, by hand: about the same centre, I = m l^2 / 12 + 2 (l / 2)^2."""
     bar = {"points": {"A": [0.0, 0.0], "B": [1.2, 0.0]}, "bars": [["A", "B"]], "mass": 3.0}
     both = bar | {"point_masses": [{"point": "A", "mass": 1.0}, {"point": "B", "mass": 1.0}]}
@@ -88,7 +85,7 @@ def test_point_masses_move_the_centre_and_add_to_the_inertia() -> None:
     assert "links.alone.point_masses[0].point: unknown point 'C' of 'alone'" in said(content)
 
 
-def test_a_cylinder_is_a_barrel_a_rod_two_pins_and_a_slide() -> None:
+def test_a_cylinder_is_a_barrel_a_rod_two_pins_and_a_slide():
     content = document(ARM)
     by_hand = copy.deepcopy(content)
     del by_hand["cylinders"]
@@ -103,7 +100,7 @@ def test_a_cylinder_is_a_barrel_a_rod_two_pins_and_a_slide() -> None:
         assert_same(load_document(content, scenario), load_document(by_hand, scenario))
 
 
-def test_welded_links_are_the_one_link_they_come_to() -> None:
+def test_welded_links_are_the_one_link_they_come_to():
     """Bucket and tooth as one link, its numbers by hand from the parallel axes."""
     content = document(ARM)
     c, s = np.cos(np.radians(-40.0)), np.sin(np.radians(-40.0))
@@ -134,7 +131,7 @@ def test_welded_links_are_the_one_link_they_come_to() -> None:
     assert "welds.seam.points: two pairs of points cannot coincide: 0.316228 m apart on bucket, 0.15 m on tooth" in said(content)
 
 
-def test_results_know_welded_links_and_what_the_weld_carries() -> None:
+def test_results_know_welded_links_and_what_the_weld_carries():
     """The tooth by itself: its place on the bucket, and Newton's and Euler's equations with what the weld and the soil do."""
     found = simulate(str(ARM), at=[0.1, 0.2], step=5e-3)
     assert found.status == "ok", found.message
@@ -156,11 +153,11 @@ WRONG = tomllib.loads((DATA / "faults" / "linkages.toml").read_text(encoding="ut
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_faults_of_the_second_edition_name_table_and_field(case: str) -> None:
+def test_faults_of_the_second_edition_name_table_and_field(case):
     assert WRONG[case]["said"] in said(changed(ARM, WRONG[case]["change"]))
 
 
-def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> None:
+def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list():
     """Three bars on one pin: each is damped by both others, whatever the order of their names."""
     bar = {"points": {"A": [0.0, 0.0], "B": [1.0, 0.0]}, "bars": [["A", "B"]], "mass": 1.0}
     content = {"format": "planar-linkage/2", "name": "x", "gravity": [0.0, 0.0], "links": dict.fromkeys("abc", bar)}
@@ -181,7 +178,7 @@ def test_damping_of_a_shared_pin_does_not_depend_on_the_order_of_the_list() -> N
     assert first.digest != mechanism.digest
 
 
-def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
+def test_what_the_drivers_leave_free_is_named_and_can_be_held():
     with pytest.raises(ChoiceError, match=r'1 free \(angle of payload\).*--hold payload`.*`hold = \["payload"\]` in scenario step'):
         kinematics(str(LEG), intervals=4)
     free = kinematics(str(LEG), intervals=4, hold=["payload=-80"])
@@ -194,7 +191,7 @@ def test_what_the_drivers_leave_free_is_named_and_can_be_held() -> None:
             kinematics(str(LEG), intervals=4, hold=[hold])
 
 
-def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys, tmp_path):
     """A block on a rail passes the point at which its spring is fixed; it never reaches a point beside the rail."""
     path = tmp_path / "rail.toml"
     for height, rest, warned in ((0.0, 0.1, True), (0.05, 0.1, False), (0.0, 0.0, False)):
@@ -207,7 +204,7 @@ def test_a_spring_that_can_pass_zero_length_is_warned_of(capsys: pytest.CaptureF
         assert ("warning: forces.cord" in capsys.readouterr().out) == warned
 
 
-def rotor(force: dict[str, Any], speed: float = 0.0) -> Mechanism:
+def rotor(force, speed=0.0):
     """A link of 0.5 kg m^2 on a pin, without gravity, under one torque."""
     content = changed(DATA / "small" / "rotor.toml", {"forces": {"push": force}})
     content["scenarios"]["run"]["start"]["speeds"]["a"] = speed
@@ -224,7 +221,7 @@ OVER_TIME = {
 
 
 @pytest.mark.parametrize("law", OVER_TIME)
-def test_a_torque_over_time_gives_the_impulse_of_its_law(law: str) -> None:
+def test_a_torque_over_time_gives_the_impulse_of_its_law(law):
     """omega = integral of the torque over the inertia, to rounding: integration starts anew at kinks and jumps."""
     table, integral = OVER_TIME[law]
     mechanism = rotor({"value": 2.0, "over_time": table})
@@ -234,7 +231,7 @@ def test_a_torque_over_time_gives_the_impulse_of_its_law(law: str) -> None:
     assert found.error_v[-1] < 1e-11
 
 
-def test_what_varies_is_refused_by_name_where_it_is_not_known() -> None:
+def test_what_varies_is_refused_by_name_where_it_is_not_known():
     mechanism = load(str(VARYING))
     for name in {*names()} - GIVEN:
         text = str(engine(name).skip(mechanism, Choice()))
@@ -251,7 +248,7 @@ BY_STEPS = [("gauss", "default"), ("gauss-native", "default"), ("lagrange-native
 
 @pytest.mark.long("gauss-native-default", "lagrange-native-default", "pinocchio-default", "mujoco-tuned", "exudyn-tuned")
 @pytest.mark.parametrize(("name", "settings"), [*BY_STEPS, ("mujoco", "tuned"), ("exudyn", "tuned")])
-def test_equal_steps_keep_their_order_through_kinks_and_jumps(name: str, settings: str) -> None:
+def test_equal_steps_keep_their_order_through_kinks_and_jumps(name, settings):
     """Forces vary by tables, a ramp, a switch and a ratchet; samples and steps miss all kinks. The order is 4, Exudyn's is 2."""
     if name != "gauss":
         needs("llvmlite" if name.endswith("-native") else name)

@@ -14,7 +14,6 @@ from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.mechanism.equations import Symbols, rows
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.generated import FEW
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import rise
 from tests.conftest import DATA, redundant
 from tests.second_derivation import equations
@@ -25,7 +24,7 @@ STATES = 20
 ROUNDING = 1e-12  # of the largest number in a sum: positions and angles of size 1, speeds of size 5, through a dozen operations
 
 
-def check(mechanism: Mechanism, random: np.random.Generator) -> None:
+def check(mechanism, random):
     """Compare all terms and powers with the second derivation, at random states and times."""
     e, own = equations(mechanism), Evaluator(mechanism)
     derived = ca.Function("derived", [e.t, e.q, e.v], [e.phi, e.c, e.J, e.gamma, e.Q, e.potential, e.power])
@@ -51,16 +50,16 @@ def check(mechanism: Mechanism, random: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("path", "scenario"), CASES, ids=lambda x: x.stem if isinstance(x, Path) else x)
-def test_all_terms_follow_from_positions_and_energies(path: Path, scenario: str, rng: np.random.Generator) -> None:
+def test_all_terms_follow_from_positions_and_energies(path, scenario, rng):
     check(load(path, scenario), rng)
 
 
-def test_redundant_rows_too(rng: np.random.Generator) -> None:
+def test_redundant_rows_too(rng):
     check(redundant(), rng)
 
 
 @pytest.mark.parametrize("law", ["constant", "sine", "cosine", "poly345", "table"])
-def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.random.Generator) -> None:
+def test_every_motion_law_too_within_its_time_and_outside(law, rng):
     rows = [[0.0, 0.0], [0.2, 30.0], [0.5, 20.0], [0.7, 90.0]]
     numbers = {"constant": {"speed": 2.0}, "table": {"rows": rows}}.get(law, {"travel_deg": 90.0, "time": 0.7})
     document = document_of("four_bar")[0]
@@ -72,7 +71,7 @@ def test_every_motion_law_too_within_its_time_and_outside(law: str, rng: np.rand
     ("law", "speed", "acceleration"),
     [("sine", 2, 2 * np.pi), ("cosine", np.pi / 2, np.pi**2 / 2), ("poly345", 15 / 8, 10 / np.sqrt(3))],
 )
-def test_a_rise_has_the_peaks_of_the_textbook(law: str, speed: float, acceleration: float) -> None:
+def test_a_rise_has_the_peaks_of_the_textbook(law, speed, acceleration):
     """The factors are for a travel of 1 in a time of 1."""
     value, rate, second = rise(law, 0.3, 1.7, 0.8)(np.linspace(0.0, 0.8, 20001))
     assert value[[0, -1]] == pytest.approx([0.3, 0.3 + 1.7])
@@ -80,12 +79,12 @@ def test_a_rise_has_the_peaks_of_the_textbook(law: str, speed: float, accelerati
     assert np.abs(second).max() == pytest.approx(acceleration * 1.7 / 0.8**2)
 
 
-def test_every_row_has_the_name_of_its_constraint(any_mechanism: Mechanism) -> None:
+def test_every_row_has_the_name_of_its_constraint(any_mechanism):
     written = [row.name for row in rows(any_mechanism, Symbols(any_mechanism.n))]
     assert [x.owner for x in any_mechanism.row_names] == written
 
 
-def test_few_states_as_floats_are_many_as_arrays(any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+def test_few_states_as_floats_are_many_as_arrays(any_mechanism, rng):
     """Below FEW states the equations run on floats, from there on arrays; sines of both round differently in the last bit."""
     evaluator = Evaluator(any_mechanism)
     q, v = rng.normal(size=(2, FEW, any_mechanism.n))

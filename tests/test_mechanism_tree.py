@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from gauss_bench.engines.tree import Tree, spanning_tree
+from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
-from gauss_bench.mechanism.model import GROUND, Mechanism, Revolute
+from gauss_bench.mechanism.model import GROUND, Revolute
 
 SHAPES = pytest.mark.parametrize("least_depth", [False, True], ids=["file order", "least depth"])
 
 
 @SHAPES
-def test_states_and_forces_go_there_and_back(least_depth: bool, any_mechanism: Mechanism, rng: np.random.Generator) -> None:
+def test_states_and_forces_go_there_and_back(least_depth, any_mechanism, rng):
     """States come back, the start lies in the tree, and forces do the same virtual work."""
     tree = spanning_tree(any_mechanism, least_depth)
     y, dy = rng.normal(size=(5, tree.n)), rng.normal(size=(5, tree.n))
@@ -27,9 +27,7 @@ def test_states_and_forces_go_there_and_back(least_depth: bool, any_mechanism: M
 
 
 @SHAPES
-def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(
-    least_depth: bool, any_mechanism: Mechanism
-) -> None:
+def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(least_depth, any_mechanism):
     tree = spanning_tree(any_mechanism, least_depth)
     seen = {GROUND}
     for branch in tree.branches:
@@ -42,7 +40,7 @@ def test_parents_come_first_slides_are_in_the_tree_and_every_joint_is_used_once(
     assert {id(j) for j in used} == {id(j) for j in any_mechanism.joints}
 
 
-def depths(tree: Tree) -> dict[int, int]:
+def depths(tree):
     found = {GROUND: 0}
     for branch in tree.branches:
         found[branch.link] = found[branch.parent] + 1
@@ -50,7 +48,7 @@ def depths(tree: Tree) -> dict[int, int]:
 
 
 @pytest.mark.parametrize("windows", [4, 64])
-def test_a_chain_of_loops_hangs_from_the_ground(windows: int) -> None:
+def test_a_chain_of_loops_hangs_from_the_ground(windows):
     """Verticals on their ground pivots, horizontals on verticals: depth 2, where file order makes a chain of horizontals."""
     mechanism = load(f"n_four_bar_{windows}")
     assert max(depths(spanning_tree(mechanism, least_depth=True)).values()) == 2

@@ -3,7 +3,6 @@
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from gauss_bench.cli import main
 DATA = Path(__file__).parent / "data"
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+def said(capsys, *arguments, code=0):
     assert main(["kinematics", *arguments, "--json"]) == code
     return json.loads(capsys.readouterr().out)
 
@@ -26,9 +25,7 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
         ("table:file=law.csv", np.radians([0.0, 20.0, 60.0]), 0.0),  # clamped ends
     ],
 )
-def test_laws_are_given_by_name_and_keys_or_a_table(
-    law: str, angles: Any, speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_laws_are_given_by_name_and_keys_or_a_table(law, angles, speed, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("law.csv").write_text("# t, degrees\n0, 0\n0.5, 20\n1.0, 60\n", encoding="utf-8")
     driver = said(capsys, "four_bar", "--driver", law, "--steps", "2")["driver"]
@@ -36,16 +33,14 @@ def test_laws_are_given_by_name_and_keys_or_a_table(
     assert driver["speed"][-1] == pytest.approx(speed, abs=1e-12)
 
 
-def test_a_limit_of_motion_is_told_with_what_was_reached(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_limit_of_motion_is_told_with_what_was_reached(capsys):
     found = said(capsys, str(DATA / "pushed.toml"), "--driver", "constant:joint=guide,start=0.4,speed=0.5", "--steps", "40", code=1)
     assert found["status"] == "stopped"
     assert "limit" in found["message"]
     assert 0 < len(found["t"]) < 41
 
 
-def test_tables_and_pictures_are_written_and_a_users_files_are_not_written_over(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tables_and_pictures_are_written_and_a_users_files_are_not_written_over(tmp_path, capsys):
     """Nothing is written where one of the files is there already; with --replace all of them are."""
     plot, film, table = (tmp_path / name for name in ("plot.svg", "film.svg", "table.csv"))
     command = ["kinematics", "four_bar", "--steps", "24", "--plot", str(plot), "--animate", str(film), "--out", str(table)]

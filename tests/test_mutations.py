@@ -25,19 +25,19 @@ FAILED = 1  # pytest's exit code where tests ran and failed; anything else is no
 
 
 @pytest.fixture(scope="session")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copy(tmp_path_factory):
     """A copy of the package and its tests, in which faults are planted."""
     return copy_project(tmp_path_factory.mktemp("spoilt"))
 
 
-def copy_project(folder: Path) -> Path:
+def copy_project(folder):
     """Copy the project into a folder, and return it."""
     for name in NEEDED:
         (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, folder / name)
     return folder
 
 
-def run_tests(folder: Path, tests: list[str], limit: float = LIMIT) -> tuple[int, str]:
+def run_tests(folder, tests, limit=LIMIT):
     """Return pytest's exit code and output for tests of a copy of the project.
 
     Raises:
@@ -50,7 +50,7 @@ def run_tests(folder: Path, tests: list[str], limit: float = LIMIT) -> tuple[int
     return done.returncode, done.stdout + done.stderr
 
 
-def test_a_mutation_names_a_place_and_a_test_that_are_there() -> None:
+def test_a_mutation_names_a_place_and_a_test_that_are_there():
     for mutation in MUTATIONS:
         assert set(mutation) == KEYS
         file, _, name = mutation["test"].partition("::")
@@ -60,7 +60,7 @@ def test_a_mutation_names_a_place_and_a_test_that_are_there() -> None:
 
 
 @pytest.mark.long
-def test_without_a_fault_every_test_passes(copy: Path) -> None:
+def test_without_a_fault_every_test_passes(copy):
     code, told = run_tests(copy, sorted({mutation["test"] for mutation in MUTATIONS}))
     assert code == 0, told[-3000:]
 
@@ -69,7 +69,7 @@ def test_without_a_fault_every_test_passes(copy: Path) -> None:
     "mutation",
     [pytest.param(m, marks=pytest.mark.long if k % SAMPLE else pytest.mark.slow, id=m["fault"]) for k, m in enumerate(MUTATIONS)],
 )
-def test_a_planted_fault_is_seen(mutation: dict[str, str], copy: Path) -> None:
+def test_a_planted_fault_is_seen(mutation, copy):
     path = copy / mutation["file"]
     sound = path.read_text(encoding="utf-8")
     path.write_text(sound.replace(mutation["text"], mutation["mutant"]), encoding="utf-8")

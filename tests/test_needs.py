@@ -8,12 +8,12 @@ import pytest
 from tests.conftest import COLLECTED, TIMED, needs
 
 
-def test_a_module_or_a_program_that_is_there_is_given() -> None:
+def test_a_module_or_a_program_that_is_there_is_given():
     assert needs("tomllib") is sys.modules["tomllib"]
     assert needs("no-such-tool", "sh") == shutil.which("sh")
 
 
-def test_a_missing_tool_is_a_named_skip_and_in_ci_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_tool_is_a_named_skip_and_in_ci_a_failure(monkeypatch):
     monkeypatch.delenv("CI", raising=False)
     with pytest.raises(pytest.skip.Exception, match="needs no-such-tool or no_such_module, not installed"):
         needs("no-such-tool", "no_such_module")
@@ -22,8 +22,8 @@ def test_a_missing_tool_is_a_named_skip_and_in_ci_a_failure(monkeypatch: pytest.
         needs("no-such-tool")
 
 
-def test_a_mark_names_cases_that_are_there(request: pytest.FixtureRequest) -> None:
-    named: dict[tuple[str, str, tuple[str, ...]], set[str]] = {}  # file, function and what its mark names -> its cases
+def test_a_mark_names_cases_that_are_there(request):
+    named = {}  # file, function and what its mark names -> its cases
     for item in request.config.stash[COLLECTED]:
         for mark in getattr(item.obj, "pytestmark", ()):
             if mark.name in TIMED and mark.args:

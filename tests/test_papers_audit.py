@@ -6,7 +6,6 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from tests.published import published
 
 
 @cache
-def audited() -> tuple[dict[str, Any], ...]:
+def audited():
     return tuple(audit()["audit"])
 
 
@@ -31,7 +30,7 @@ LINES = {line.texts["name"]: line for line in lines()}
 
 
 @pytest.mark.slow
-def test_every_line_has_a_name_of_its_own_and_a_wrong_form() -> None:
+def test_every_line_has_a_name_of_its_own_and_a_wrong_form():
     assert MUTATIONS.keys() == {name for name, line in LINES.items() if line.verdict == Verdict.OK}
     assert len(LINES) == len(lines())
     assert [row["name"] for row in audited()] == list(LINES)
@@ -40,7 +39,7 @@ def test_every_line_has_a_name_of_its_own_and_a_wrong_form() -> None:
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_wrong_forms_are_found_out_and_so_is_another_verdict(name: str) -> None:
+def test_wrong_forms_are_found_out_and_so_is_another_verdict(name):
     line, row = LINES[name], next(row for row in audited() if row["name"] == name)
     assert row["faults"] == ""
     wrong = MUTATIONS[name] if line.verdict == Verdict.OK else {"as printed": line.printed, "corrected": CORRECTIONS[name]}
@@ -55,20 +54,20 @@ def test_wrong_forms_are_found_out_and_so_is_another_verdict(name: str) -> None:
         assert all(list_faults(line.verdict, x, y, tolerance) for x, y in ((right, right), (off, off), (right, off)))
 
 
-def test_the_verdict_of_a_row_is_measured_and_not_read() -> None:
+def test_the_verdict_of_a_row_is_measured_and_not_read():
     blamed = measure_line(replace(LINES["velocities"], verdict=Verdict.MISPRINT))
     assert (blamed["verdict"], blamed["stands"]) == ("ok", False)
     praised = measure_line(replace(LINES["gravity"], verdict=Verdict.OK))
     assert (praised["verdict"], praised["stands"]) == ("wrong", False)
 
 
-def test_a_line_is_right_as_printed_or_has_a_cause_and_both_forms() -> None:
+def test_a_line_is_right_as_printed_or_has_a_cause_and_both_forms():
     corrected = {"intended", "cause", "printed_form", "intended_form"}
     for _, _, line in ENTRIES:
         assert corrected & line.keys() == (set() if "form" in line else corrected), line["name"]
 
 
-def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
+def test_every_function_and_constant_of_the_forms_serves_a_line():
     """Every name is used in a data file or in another place of the forms; use by tests does not count."""
     folder = Path(forms.__file__).parent
     sources = {path: path.read_text(encoding="utf-8") for path in (*folder.glob("*.py"), *folder.parent.glob("*.toml"))}
@@ -82,7 +81,7 @@ def test_every_function_and_constant_of_the_forms_serves_a_line() -> None:
                 assert [x for x in names if words[x] < 2] == [], path.name
 
 
-def test_the_numbers_a_reader_may_check_by_hand() -> None:
+def test_the_numbers_a_reader_may_check_by_hand():
     rows = {row["name"]: row for row in audited()}
     free = crank_slider.TORQUE / crank_slider.I1  # without constraints only the torque turns the crank
     assert rows["with an ordinary inverse"]["example_printed"] == pytest.approx(free, rel=1e-12)
@@ -95,7 +94,7 @@ def test_the_numbers_a_reader_may_check_by_hand() -> None:
     assert rows["with Moore-Penrose inverses"]["example_intended"] == pytest.approx(true, rel=1e-10)
 
 
-def test_the_truths_owe_nothing_to_the_paper() -> None:
+def test_the_truths_owe_nothing_to_the_paper():
     for problem in problems.all_problems():
         residual = problem.M @ problem.a + problem.f + problem.J.T @ problem.multipliers - problem.Q
         assert np.abs(residual).max() < 1e-10 * np.abs(problem.M @ problem.a).max()
@@ -104,7 +103,7 @@ def test_the_truths_owe_nothing_to_the_paper() -> None:
     assert any(abs(p.phi_rate - p.s_rate) > 0.5 for p in lu.poses())
 
 
-def test_everything_that_the_data_files_define_serves_a_line() -> None:
+def test_everything_that_the_data_files_define_serves_a_line():
     for paper in PAPER_FILES:
         of_paper = [line for p, _, line in ENTRIES if p is paper]
         for table in ("tolerance", "cause"):

@@ -1,20 +1,17 @@
 """Test that the report's sentences on the papers follow from the rows, and change with them."""
 
 from dataclasses import replace
-from typing import Any
 
-from gauss_bench.report.content import Finding, Section
-from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import papers
 from gauss_bench.report.sections import reproduction as again
 from tests.published import published
 
 
-def paper_findings(run: Run) -> list[Finding]:
+def paper_findings(run):
     return [*papers.findings(run), *again.findings(run)]
 
 
-def words(section: Section) -> str:
+def words(section):
     """Return the paragraphs and lists of a section, and the cells of its tables."""
     found = []
     for block in section.blocks:
@@ -23,14 +20,14 @@ def words(section: Section) -> str:
     return "\n".join(found)
 
 
-def changed(table: str, key: str, name: str, **cells: Any) -> Run:
+def changed(table, key, name, **cells):
     """Return the published run with other cells in the row of a table whose column `key` has a name."""
     rows = published().table(table)
     assert any(row[key] == name for row in rows)
     return replace(published(), tables={**published().tables, table: tuple({**r, **cells} if r[key] == name else r for r in rows)})
 
 
-def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines() -> None:
+def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines():
     audit = published().table("audit")
     tables = [block for block in papers.section(published()).blocks if block.kind == "table" and block.title.endswith("causes")]
     listed = [(table.title.partition(":")[0], row[0].text) for table in tables for row in table.rows]
@@ -42,7 +39,7 @@ def test_a_cause_is_listed_and_counted_once_with_the_number_of_its_lines() -> No
     assert f"{wrong} wrong (2 causes)" in paper_findings(two)[0].text
 
 
-def test_a_verdict_that_the_measurement_contradicts_stands_out() -> None:
+def test_a_verdict_that_the_measurement_contradicts_stands_out():
     fallen = changed("audit", "name", "velocities", stands=False, faults="what is printed is not right")
     assert "Verdicts that the measurement contradicts" in words(papers.section(fallen))
     first = paper_findings(fallen)[0]
@@ -50,7 +47,7 @@ def test_a_verdict_that_the_measurement_contradicts_stands_out() -> None:
     assert "velocities" in first.text
 
 
-def test_the_claim_is_refuted_with_the_numbers_of_the_rows() -> None:
+def test_the_claim_is_refuted_with_the_numbers_of_the_rows():
     text = words(again.section(published()))
     rows = {row["key"]: row for row in published().table("reproduction")}
     assert "refuted" in text

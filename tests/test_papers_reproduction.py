@@ -15,7 +15,6 @@ from gauss_bench.papers.crank_slider import linkage, states
 from gauss_bench.papers.forms import least_squares, problems
 from gauss_bench.papers.forms.example import SHOWN, reference_motion
 from gauss_bench.papers.reproduction import claims, formulas, paper_motion, reproduction, running, statics
-from gauss_bench.report.rows import Row
 from tests.conftest import needs
 from tests.engine_runs import ran
 from tests.published import published
@@ -24,13 +23,13 @@ ROUNDING = 1e-12  # relative: accelerations of the general library are closed to
 MOTION = crank_motion.motion_of(linkage())
 
 
-def rows() -> dict[str, Row]:
+def rows():
     """Return key -> published row."""
     return {row["key"]: row for row in published().table("reproduction")}
 
 
 @pytest.mark.parametrize("every", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.long)])
-def test_the_published_rows_are_computed_again(every: bool) -> None:
+def test_the_published_rows_are_computed_again(every):
     """All rows at night, else those that take seconds."""
     computed = reproduction()["reproduction"] if every else []
     numbers = {row["key"]: (row["value"], row["bracket"]) for row in computed}
@@ -42,7 +41,7 @@ def test_the_published_rows_are_computed_again(every: bool) -> None:
     assert {key: rows()[key]["verdict"] for key in verdicts} == verdicts
 
 
-def test_the_closed_form_is_the_linkage_file() -> None:
+def test_the_closed_form_is_the_linkage_file():
     for state in states():
         q, d, e = map(np.array, MOTION.positions(state.q[2]))
         w, found = state.v[2], MOTION.acceleration(state.q[2], state.v[2])
@@ -52,7 +51,7 @@ def test_the_closed_form_is_the_linkage_file() -> None:
         assert np.abs(d * found + e * w * w - state.a).max() < ROUNDING * (1 + np.abs(state.a).max())
 
 
-def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper() -> None:
+def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper():
     for state, problem in zip(states(), problems.crank_problems(), strict=True):
         right = {EQ_16: yuan_ge_eq16(problem.terms).a, EQS_10_11: least_squares.printed_exponents(problem)}
         for formula, full in right.items():
@@ -60,13 +59,13 @@ def test_wrong_formulas_in_the_crank_angle_are_those_of_the_paper() -> None:
             assert found == pytest.approx(full[problems.CRANK], rel=1e-9)  # two pseudo-inverses of condition 1e3
 
 
-def test_the_motion_is_that_of_the_reference() -> None:
+def test_the_motion_is_that_of_the_reference():
     course = MOTION.run(SHOWN)
     assert course.theta[-1] == pytest.approx(reference_motion().q[-1, 2], abs=1e-9)  # the tolerance, a few steps
     assert course.w[-1] == pytest.approx(reference_motion().v[-1, 2], abs=1e-7)
 
 
-def test_equilibria_balance_and_stable_ones_hold() -> None:
+def test_equilibria_balance_and_stable_ones_hold():
     low, high = torque_range(MOTION)
     assert low.torque == pytest.approx(-(0.37 + 0.77) * 9.81 * 0.15 / 2, rel=1e-12)  # both weights, half the crank's arm
     for torque in (MOTION.torque, 0.0, 0.8, -0.85):
@@ -81,7 +80,7 @@ def test_equilibria_balance_and_stable_ones_hold() -> None:
 
 
 @pytest.mark.parametrize(("torque", "c", "stops"), [(-0.2, 1.0, True), (0.5, 1.0, True), (-0.31, 1.0, False), (-0.5, 5.0, True)])
-def test_the_first_turn_decides(torque: float, c: float, stops: bool) -> None:
+def test_the_first_turn_decides(torque, c, stops):
     other = replace(MOTION, torque=torque, c=c)
     assert settles(other) == stops
     if stops:
@@ -95,7 +94,7 @@ def test_the_first_turn_decides(torque: float, c: float, stops: bool) -> None:
         assert all(later > earlier for earlier, later in pairwise(speeds))
 
 
-def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes() -> None:
+def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes():
     value = {key: row["value"] for key, row in rows().items()}
     course = MOTION.run(16.0, rtol=1e-8)
     round_at = [float(np.interp(-2 * np.pi * k, course.theta[::-1], course.t[::-1])) for k in (90, 100)]
@@ -104,7 +103,7 @@ def test_the_regime_is_that_of_a_long_run_and_a_steady_turn_loses_what_it_takes(
     assert value["lost"] == pytest.approx(value["taken"], abs=2 * rows()["lost"]["bracket"])
 
 
-def test_the_table_of_the_figures_is_the_reference() -> None:
+def test_the_table_of_the_figures_is_the_reference():
     reference = reference_motion()
     last = paper_motion(linkage(), reference)["paper_motion"][-1]
     assert last["t"] == reference.t[-1]
@@ -113,7 +112,7 @@ def test_the_table_of_the_figures_is_the_reference() -> None:
 
 
 @pytest.mark.parametrize("side", [1e-4, -1e-4])
-def test_the_bound_of_the_torque_is_that_of_the_general_library(side: float) -> None:
+def test_the_bound_of_the_torque_is_that_of_the_general_library(side):
     """On one side of it the crank completes a turn from rest, on the other it swings back."""
     needs("llvmlite")
     torque = rows()["settles_above"]["value"] + side
@@ -124,7 +123,7 @@ def test_the_bound_of_the_torque_is_that_of_the_general_library(side: float) -> 
 
 
 @pytest.mark.slow
-def test_a_bound_is_found_again_and_refused_between_equal_fates() -> None:
+def test_a_bound_is_found_again_and_refused_between_equal_fates():
     bound = rows()["settles_above"]["value"]
     found, width = find_bound(lambda torque: replace(MOTION, torque=torque), bound + 1e-3, bound - 1e-3, 1e-5)
     assert found == pytest.approx(bound, abs=width)
@@ -132,7 +131,7 @@ def test_a_bound_is_found_again_and_refused_between_equal_fates() -> None:
         find_bound(lambda torque: replace(MOTION, torque=torque), 0.0, -0.1)
 
 
-def test_verdicts_follow_from_the_data() -> None:
+def test_verdicts_follow_from_the_data():
     printed, other = claims(MOTION), claims(replace(MOTION, torque=-MOTION.torque))
     assert not any(printed[claim] for claim in ("stops", "decreases", "formula"))
     assert other["stops"]

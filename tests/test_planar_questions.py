@@ -6,7 +6,6 @@ they need: the coordinates that it holds or leaves free, their units, its names 
 
 import ast
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -40,7 +39,7 @@ MAY_ASK = {  # a file, or a room that ends with a stroke, and why
 }
 
 
-def asks(node: ast.AST) -> bool:
+def asks(node):
     """Tell whether a node asks for a kind by its class, name or attribute, or counts on three numbers per link."""
     match node:
         case ast.Call(func=ast.Name(id="isinstance"), args=[_, kinds]):
@@ -70,7 +69,7 @@ def asks(node: ast.AST) -> bool:
     return False
 
 
-def names_a_kind(node: ast.AST | None) -> bool:
+def names_a_kind(node):
     """Tell whether a node is the class of a kind, or its word in the grammar."""
     word = getattr(node, "value", None)
     return getattr(node, "id", getattr(node, "attr", None)) in KINDS or (
@@ -78,22 +77,22 @@ def names_a_kind(node: ast.AST | None) -> bool:
     )
 
 
-def is_three(node: ast.AST | None) -> bool:
+def is_three(node):
     return number(node) == 3
 
 
-def number(node: ast.AST | None) -> int | None:
+def number(node):
     """Return a whole number that stands in the code, or None."""
     return node.value if isinstance(node, ast.Constant) and type(node.value) is int else None
 
 
-def is_body(part: ast.Slice) -> bool:
+def is_body(part):
     """Tell whether a slice has the three numbers of one link, such as 3:6."""
     lower, upper = number(part.lower), number(part.upper)
     return lower is not None and upper is not None and lower % 3 == 0 and upper == lower + 3
 
 
-def is_angle_of_link(index: ast.AST) -> bool:
+def is_angle_of_link(index):
     """Tell whether an index of the last axis takes the third of a link's numbers, as in x[..., 2] and x[..., 2:]."""
     match index:
         case ast.Tuple(elts=[*_, ast.Constant(value=x), last]) if x is Ellipsis:
@@ -101,12 +100,12 @@ def is_angle_of_link(index: ast.AST) -> bool:
     return False
 
 
-def questions(source: str) -> Iterator[str]:
+def questions(source):
     """Yield the lines with such a question, each with its number."""
     lines = source.splitlines()
     for node in ast.walk(ast.parse(source)):
         if asks(node):
-            yield f"{node.lineno}: {lines[node.lineno - 1].strip()}"  # type: ignore[attr-defined]
+            yield f"{node.lineno}: {lines[node.lineno - 1].strip()}"
 
 
 ASKING = [
@@ -124,21 +123,21 @@ SILENT = [
 
 
 @pytest.mark.parametrize("line", [*ASKING, *SILENT])
-def test_a_question_is_found_and_nothing_else(line: str) -> None:
+def test_a_question_is_found_and_nothing_else(line):
     assert bool([*questions(line)]) == (line in ASKING)
 
 
-def found_in_package() -> dict[str, list[str]]:
+def found_in_package():
     """Return file -> its questions, for every file that asks."""
     sources = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
     found = {name: [*questions(source)] for name, source in sources.items()}
     return {name: asked for name, asked in found.items() if asked}
 
 
-def test_no_file_asks_but_those_that_may() -> None:
+def test_no_file_asks_but_those_that_may():
     assert {name: asked for name, asked in found_in_package().items() if not name.startswith(tuple(MAY_ASK))} == {}
 
 
-def test_every_exception_is_needed() -> None:
+def test_every_exception_is_needed():
     asking = found_in_package()
     assert [place for place in MAY_ASK if not any(name.startswith(place) for name in asking)] == []

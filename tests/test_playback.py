@@ -1,8 +1,5 @@
 """The playback of runs: poses of planted runs as they are stored, and as a browser draws them."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -14,7 +11,6 @@ from gauss_bench.report.drawings.drawing import canvas_of
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.playback import find_turn, in_pixels, play_pair
 from gauss_bench.tables import KEY, write_schema, write_table
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Trajectory
 
 LATE, OPEN = 0.01, 2e-3  # [rad], [m]
@@ -26,7 +22,7 @@ HALF = len(STATES) // 2  # states of half a turn
 LINK = 1  # the coupler, which is pulled off in the run that opens
 
 
-def motion(crank: Array) -> Array:
+def motion(crank):
     """Return states (k, n) with the crank at angles (k,), closed by Newton steps from interpolated states of a turn."""
     own = STATES[:, 3 * MECHANISM.crank + 2]
     guess = np.stack([np.interp(crank, own, x) for x in STATES.T], axis=-1)
@@ -45,26 +41,26 @@ TIMES = np.linspace(0.0, 0.5, HALF)
 TRUE, AHEAD = motion(ANGLES), motion(ANGLES + LATE)
 
 
-def truth() -> Reference:
+def truth():
     none = np.zeros(HALF)
     return Reference(TIMES, TRUE, 0 * TRUE, 0 * TRUE, none, none, none, none, none, none, "planted")
 
 
-def run_of(q: Array) -> Trajectory:
+def run_of(q):
     return Trajectory(TIMES, q, 0 * q, 0 * q, HALF)
 
 
-def opened() -> Array:
+def opened():
     q = TRUE.copy()
     q[:, 3 * LINK] += OPEN
     return q
 
 
-def part(rows: list[dict[str, Any]], ends: str) -> Array:
+def part(rows, ends):
     return np.array([[r[f"{axis}{ends}"] for axis in ("x", "y", "angle")] for r in rows]).reshape(-1, len(MECHANISM.links), 3)
 
 
-def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_opening_as_its_gap() -> None:
+def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_opening_as_its_gap():
     rows = poses(MECHANISM, run_of(AHEAD), truth())
     assert part(rows, "_ahead")[:, MECHANISM.crank, 2] == pytest.approx(LATE, abs=1e-12)
     assert np.abs(part(rows, "_gap")).max() < 1e-14
@@ -84,7 +80,7 @@ def test_a_late_run_is_ahead_without_gaps_and_an_open_one_has_the_planted_openin
     assert len(poses(MECHANISM, run_of(lost), truth())) == 10 * len(MECHANISM.links)  # it ends early
 
 
-def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() -> None:
+def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored():
     """The step is the nearest to a millisecond, and negative controls are not stored."""
     steps = (1e-2, 1e-3, 1e-4)
     cases = [Case("four_bar", "torque", "gauss", "default", i, "none", h, 0.5) for h in steps for i in ("rk4", "dop853", "euler")]
@@ -102,7 +98,7 @@ def test_the_default_and_the_most_exact_valid_run_of_each_engine_are_stored() ->
 
 
 @pytest.fixture(scope="module")
-def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def planted(tmp_path_factory):
     """Return the folder of a run with a late engine and with one whose loops open."""
     folder = tmp_path_factory.mktemp("planted")
     runs = {"gauss-native": AHEAD, "mujoco": opened()}
@@ -115,7 +111,7 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def expected(frame_at: int, factor: float, engine: str) -> Array:
+def expected(frame_at, factor, engine):
     """Return the places of the links of a planted run as drawn, (links, 3) [px, px, degrees]."""
     at = frame_at * (HALF // 50)
     canvas = canvas_of(MECHANISM, STATES)
@@ -125,7 +121,7 @@ def expected(frame_at: int, factor: float, engine: str) -> Array:
     return np.asarray(in_pixels(canvas, q)[0])
 
 
-def test_a_page_plays_what_was_planted(planted: Path) -> None:
+def test_a_page_plays_what_was_planted(planted):
     """Data have the digits of stored differences; the pulled link is off by the planted opening, others are in their places."""
     found = play_pair(read_run(planted), "four_bar", "torque")
     data = found[1]
@@ -139,17 +135,17 @@ def test_a_page_plays_what_was_planted(planted: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_browser_draws_the_planted_runs_with_what_was_planted(planted: Path, browser: Any) -> None:
+def test_a_browser_draws_the_planted_runs_with_what_was_planted(planted, browser):
     build_report(planted)
     page = browser.new_page()
     page.goto((planted / "site" / "linkage-four_bar.html").as_uri())
     at = """([side, i]) => document.querySelector(`#pair [data-side=${side}] [data-link="${i}"]:not([data-x])`)
         .getAttribute("transform").match(/-?[\\d.]+/g).map(Number)"""
 
-    def drawn(side: str) -> Array:
+    def drawn(side):
         return np.array([page.evaluate(at, [side, i]) for i in range(len(MECHANISM.links))])
 
-    def off(a: Array, b: Array) -> float:
+    def off(a, b):
         turns = (a - b)[:, 2] % 360
         return float(max(np.abs(a - b)[:, :2].max(), np.minimum(turns, 360 - turns).max()))
 

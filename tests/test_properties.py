@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -58,7 +57,7 @@ STEP = Choice(integrator="rk4")
 EXACT = 1e-12
 
 
-def examples(few: int, share: float = 1.0) -> settings:
+def examples(few, share=1.0):
     """Return settings for `few` examples, always the same ones, or for a share of the number in PROPERTIES."""
     slow = [HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large]
     phases = set(Phase) - {Phase.reuse, Phase.explain}
@@ -83,25 +82,25 @@ class Problem:
     v: Array
 
     @cached_property
-    def motion(self) -> AbsoluteCoordinates:
+    def motion(self):
         return AbsoluteCoordinates(self.mechanism)
 
-    def at(self, q: Array, v: Array) -> Array:
+    def at(self, q, v):
         """M^(1/2) a at a state (n,)."""
         return np.asarray(self.motion.acceleration(np.array([self.t]), q[None], v[None])[0] * self.motion.root)
 
     @cached_property
-    def b(self) -> Array:
+    def b(self):
         return self.at(self.q, self.v)
 
     @cached_property
-    def condition(self) -> float:
+    def condition(self):
         K = self.motion.evaluator.constraints(self.t, self.q, self.v).J / self.motion.root
         s = np.linalg.svd(K / np.linalg.norm(K, axis=1, keepdims=True), compute_uv=False)
         return float(s[0] / s[s > SINGULAR * s[0]][-1])
 
     @cached_property
-    def rounding(self) -> float:
+    def rounding(self):
         """The largest difference of |M^(1/2) a| that rounding can cause between methods with the same terms."""
         f = self.motion.evaluator.applied.generalised(self.q, self.v, self.t) / self.motion.root
         size = float(np.linalg.norm(self.b) + np.linalg.norm(f))
@@ -109,7 +108,7 @@ class Problem:
         return ROOM * self.condition * (self.mechanism.n * EPS * size + settled)
 
     @cached_property
-    def moved(self) -> float:
+    def moved(self):
         """The same between methods that round the state differently: changes by 1e-7 in three directions show the effect."""
         rng, small = np.random.default_rng(0), 1e-7
         changes = []
@@ -120,12 +119,12 @@ class Problem:
             changes.append(float(np.linalg.norm(self.at(q, v) - self.b)))
         return self.rounding + ROOM * max(changes) / small * EPS * self.condition
 
-    def off(self, a: Array) -> float:
+    def off(self, a):
         """Return the weighted distance of accelerations (n,) from the true ones."""
         return float(np.linalg.norm(a * self.motion.root - self.b))
 
 
-def problem(document: dict[str, Any], seed: int) -> Problem:
+def problem(document, seed):
     """The linkage at a consistent state drawn about its start; singular ones, and joints that jam, are passed over."""
     mechanism = load_document(document)
     motion, rng = AbsoluteCoordinates(mechanism), np.random.default_rng(seed)
@@ -152,7 +151,7 @@ SEEDS = st.integers(0, 99)
 
 @given(linkages(), SEEDS)
 @examples(12)
-def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any], seed: int) -> None:
+def test_all_formulations_and_pinocchio_accelerate_alike(document, seed):
     x = problem(document, seed)
     for name in SOUND:
         if x.mechanism.redundant and name in INDEPENDENT:
@@ -167,7 +166,7 @@ def test_all_formulations_and_pinocchio_accelerate_alike(document: dict[str, Any
 
 @given(linkages())
 @examples(6)
-def test_energy_changes_by_the_work_of_what_has_no_potential(document: dict[str, Any]) -> None:
+def test_energy_changes_by_the_work_of_what_has_no_potential(document):
     """The energy of a run changes by the work of dampers, friction, drivers and forces that turn or vary."""
     mechanism = load_document(document)
     model = get("gauss").build(mechanism, Choice(integrator="dop853"))
@@ -188,7 +187,7 @@ TOLERANCE = 1e-8  # of DOP853 at 1e-10 a step, over some dozens
 
 @given(linkages(parts=[x for x in PARTS if x != "sled"], laws=every_freedom()))
 @examples(12)
-def test_driven_kinematics_are_the_dynamics_of_the_same_linkage(document: dict[str, Any]) -> None:
+def test_driven_kinematics_are_the_dynamics_of_the_same_linkage(document):
     """By closing loops, without forces: velocities and accelerations meet all rows of the dynamics, and are rates of each other."""
     mechanism = load_document(document)
     h, middle = 1e-3, 0.04  # before the first knot of any law
@@ -211,7 +210,7 @@ def test_driven_kinematics_are_the_dynamics_of_the_same_linkage(document: dict[s
         assert (np.abs((4 * near - far) / 3 - rate[2]) <= bar).all()
 
 
-def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
+def by_name(mechanism, order, x):
     names = [link.name for link in mechanism.links]
     return np.asarray(x.reshape(-1, 3)[[names.index(name) for name in order]])
 
@@ -228,7 +227,7 @@ def by_name(mechanism: Mechanism, order: list[str], x: Array) -> Array:
     SEEDS,
 )
 @examples(4, share=0.5)
-def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -> None:
+def test_what_goes_out_as_mjcf_comes_back(document, seed):
     """Masses, dimensions and the start are the same, and forces do the same work along the free motions."""
     pytest.importorskip("mujoco")
     x = problem(document, seed)
@@ -261,7 +260,7 @@ def test_what_goes_out_as_mjcf_comes_back(document: dict[str, Any], seed: int) -
 
 @given(linkages())
 @examples(12)
-def test_a_file_written_and_read_again_is_the_same_mechanism(document: dict[str, Any]) -> None:
+def test_a_file_written_and_read_again_is_the_same_mechanism(document):
     mechanism = load_document(document)
     again = load_document(tomllib.loads(toml(document, ["A head\nof two lines."])))
     assert again.digest == mechanism.digest

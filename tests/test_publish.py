@@ -19,7 +19,7 @@ FIELD = [
 
 
 @pytest.fixture
-def tree(tmp_path: Path) -> Path:
+def tree(tmp_path):
     """Return a committed tree with the project's Makefile, in which stand-ins write down their arguments."""
     shutil.copy(ROOT / "Makefile", tmp_path)
     (tmp_path / ".gitignore").write_text(".venv/\nreports/local/\n")
@@ -37,7 +37,7 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def make(tree: Path, goal: str) -> tuple[int, str, str]:
+def make(tree, goal):
     """Run `make` for a goal; return its exit code, the arguments of all calls, and its stderr."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("GIT_", "MAKE"))}
     done = subprocess.run(["make", goal], cwd=tree, capture_output=True, text=True, env=clean)
@@ -46,7 +46,7 @@ def make(tree: Path, goal: str) -> tuple[int, str, str]:
 
 
 @pytest.mark.parametrize("goal", ["publish", "field"])
-def test_a_clean_tree_is_published_and_the_field_run_again_alone(tree: Path, goal: str) -> None:
+def test_a_clean_tree_is_published_and_the_field_run_again_alone(tree, goal):
     code, called, _ = make(tree, goal)
     assert code == 0
     first, others = called.splitlines()[: -len(FIELD)], called.splitlines()[-len(FIELD) :]
@@ -56,7 +56,7 @@ def test_a_clean_tree_is_published_and_the_field_run_again_alone(tree: Path, goa
 
 @pytest.mark.parametrize("goal", ["publish", "field"])
 @pytest.mark.parametrize(("name", "published"), [("source.py", False), ("new.py", False), ("reports/page.md", True)])
-def test_a_tree_that_is_not_committed_is_not(tree: Path, name: str, published: bool, goal: str) -> None:
+def test_a_tree_that_is_not_committed_is_not(tree, name, published, goal):
     (tree / name).write_text("b\n")
     code, called, said = make(tree, goal)
     assert (code == 0) is published
@@ -64,7 +64,7 @@ def test_a_tree_that_is_not_committed_is_not(tree: Path, name: str, published: b
     assert published or name in said
 
 
-def test_a_users_run_leaves_what_is_published_alone(tree: Path) -> None:
+def test_a_users_run_leaves_what_is_published_alone(tree):
     _, called, _ = make(tree, "bench")
     assert "--out" not in called  # its default is tested where the command line is
     assert "--against reports" in called

@@ -2,10 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 
@@ -33,18 +33,18 @@ class Said(NamedTuple):
     text: str
 
 
-def false_denials(cells: Sequence[Said], run: Run) -> list[Said]:
+def false_denials(cells, run):
     """Return those cells that deny a requirement although a stored row shows that it holds."""
     ended = [r for r in run.table("search_ladder") if r["status"] == "ok"]
 
-    def holds(x: Said) -> bool:
+    def holds(x):
         rows = (r for r in ended if (r["mechanism"], r["engine"]) == (x.mechanism, x.engine))
         return any(all(r[f"{k}_error"] <= limit for k, limit in x.wanted.items()) for r in rows)
 
     return [x for x in cells if DENIED.search(x.text) and holds(x)]
 
 
-def cells(run: Run) -> Iterator[Said]:
+def cells(run):
     """Yield every cell, line and clause that says whether an engine holds a requirement."""
     names = scenarios(run)
     for name in names:
@@ -85,7 +85,7 @@ def cells(run: Run) -> Iterator[Said]:
 
 
 @pytest.mark.long
-def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
+def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows():
     run = read_run(ROOT / "reports")
     found = list(cells(run))
     assert not false_denials(found, run)
@@ -94,12 +94,12 @@ def test_no_cell_of_the_published_rows_denies_what_a_stored_row_shows() -> None:
     assert not any("cannot" in x.text.replace("cannot be modelled", "") for x in found)
 
 
-ROW: dict[str, Any] = {"mechanism": "four_bar", "scenario": "torque", "engine": "exudyn"}
+ROW = {"mechanism": "four_bar", "scenario": "torque", "engine": "exudyn"}
 ROW |= {"settings": "x", "integrator": "rk4", "stabilization": "none"}
 ROW |= {"tolerance": math.nan, "until": 1.0, "status": "ok", "message": "", "ended": ""}
 
 
-def planted(*errors: tuple[float, float, float], **winner: Any) -> Run:
+def planted(*errors, **winner):
     """A run in which one engine was evaluated with errors (steps, position, force), and lost every race."""
     rows = [ROW | {"step": 1 / n, "steps": n, "position_error": p, "angle_error": math.nan, "force_error": f} for n, p, f in errors]
     lost = ROW | {"required": "position", "accuracy": 1e-6, "unit": "m", "step": 1e-4, "steps": 1e4, "error": 1e-5}
@@ -108,7 +108,7 @@ def planted(*errors: tuple[float, float, float], **winner: Any) -> Run:
 
 
 @pytest.mark.parametrize("status", ["cannot reach", "not reached", "crashed", "skip"])
-def test_what_holds_and_was_not_timed_is_denied_nowhere(status: str) -> None:
+def test_what_holds_and_was_not_timed_is_denied_nowhere(status):
     run = planted((100.0, 1e-2, 10.0), (20_000.0, 2e-7, 1e-4), status=status)
     found = list(cells(run))
     assert false_denials(found, run) == []

@@ -23,22 +23,22 @@ ROWS = ROOT / "reports"
 
 
 @pytest.fixture(scope="module")
-def page() -> str:
+def page():
     return (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def three(x: float) -> str:
+def three(x):
     return f"{x:#.3g}" if x < 100 else f"{x:.0f}"
 
 
-def between(values: list[float]) -> str:
+def between(values):
     low, high = three(min(values)), three(max(values))
     return low if low == high else f"{low} to {high}"
 
 
-def seconds() -> dict[str, dict[str, float]]:
+def seconds():
     """Return linkage -> engine, for Pinocchio with its loop -> time [s] of the engine's cheapest setting within 1e-6 m."""
-    times: dict[str, dict[str, float]] = defaultdict(dict)
+    times = defaultdict(dict)
     for r in read_table("search_winners", ROWS):
         if (r["required"], r["accuracy"], r["status"]) == ("position", 1e-6, "ok"):
             loop = (", compiled" if r["settings"].startswith("compiled") else ", called from Python") * (r["engine"] == "pinocchio")
@@ -46,21 +46,21 @@ def seconds() -> dict[str, dict[str, float]]:
     return times
 
 
-def multiples() -> dict[str, str]:
+def multiples():
     """Return engine and its loop -> the range of its multiples of the fastest engine, in words."""
-    found: dict[str, list[float]] = defaultdict(list)
+    found = defaultdict(list)
     for times in seconds().values():
         for engine, x in times.items():
             found[engine].append(x / min(times.values()))
     return {engine: between(x) for engine, x in found.items()}
 
 
-def losses() -> list[str]:
+def losses():
     """Return the sentences on the comparisons that the suite's own formulations lose."""
     natives = {x: min(v for k, v in y.items() if k in ("gauss-native", "lagrange-native")) for x, y in seconds().items()}
     minimal, by_hand = ([y[e] / natives[x] for x, y in seconds().items() if e in y] for e in ("minimal", "by_hand"))
     assert max(minimal) < 1
-    timed: dict[str, dict[str, float]] = defaultdict(dict)  # engine -> linkage -> time of a step over that of `gauss`
+    timed = defaultdict(dict)  # engine -> linkage -> time of a step over that of `gauss`
     for r in read_table("results", ROWS):
         if (r["integrator"], r["stabilization"]) == ("rk4", "none") and r["step_ratio"] > 0:
             timed[r["engine"]][r["mechanism"]] = r["step_ratio"]
@@ -81,7 +81,7 @@ def losses() -> list[str]:
     ]
 
 
-def test_numbers_of_the_first_screen_follow_from_the_rows(page: str) -> None:
+def test_numbers_of_the_first_screen_follow_from_the_rows(page):
     screen = page[: page.index("## Install")]
     lines = [x.strip("| ").split(" | ") for x in screen.splitlines() if x.startswith("| ")][2:]
     told = {x[0].removesuffix(" (own)"): x[-1] for x in lines}
@@ -92,11 +92,11 @@ def test_numbers_of_the_first_screen_follow_from_the_rows(page: str) -> None:
     assert len(screen.splitlines()) < 45
 
 
-def test_the_first_table_is_what_publishing_writes(page: str) -> None:
+def test_the_first_table_is_what_publishing_writes(page):
     assert renew(page, published()) == page, f"renew it: python -m gauss_bench.report.pictures {ROWS} README.md"
 
 
-def test_pictures_are_made_from_the_rows_and_are_small(page: str, tmp_path: Path) -> None:
+def test_pictures_are_made_from_the_rows_and_are_small(page, tmp_path):
     made = write_pictures(published(), tmp_path)
     for path in made:
         assert path.read_bytes() == (ROOT / FOLDER / path.name).read_bytes(), f"{path.name}: renew it, as the first table"
@@ -109,14 +109,14 @@ def test_pictures_are_made_from_the_rows_and_are_small(page: str, tmp_path: Path
     assert sum(x.stat().st_size for x in (ROOT / FOLDER).iterdir()) < 300e3
 
 
-def test_lengths_have_a_unit() -> None:
+def test_lengths_have_a_unit():
     assert [length_text(x) for x in (1.5, 5.9e-4, 1.6e-7, 2e-9)] == ["1.5 m", "0.59 mm", "0.16 µm", "2 nm"]
 
 
 @pytest.mark.long("diagnose")
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", ["show", "diagnose"])
-def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
+def test_commands_print_what_the_page_shows(page, verb):
     """Figures are not compared. `recommend` is left out, because it takes long and its figures are those of a race."""
     block = page[page.index("## Three commands") :].split("```")[1].split("$ gauss-bench ")[1:]
     shown = {x.split()[0]: x.splitlines() for x in block}[verb]
@@ -129,16 +129,16 @@ def test_commands_print_what_the_page_shows(page: str, verb: str) -> None:
     assert {*told} - {"", "..."} <= {*printed}, done.stdout
 
 
-def test_runs_that_recorded_no_own_engines_had_those_of_their_time() -> None:
+def test_runs_that_recorded_no_own_engines_had_those_of_their_time():
     assert {"gauss", "gauss-native", "lagrange-native", "minimal", "by_hand"} <= set(Run().own_engines) <= set(AUTHORED)
     assert Run({"own_engines": ["x"]}).own_engines == ("x",)
 
 
-def test_every_verb_is_in_one_table(page: str) -> None:
+def test_every_verb_is_in_one_table(page):
     assert re.findall(r"^\| `([a-z-]+)` \| [^|]+ \|$", page[page.index("| `list` |") :], re.MULTILINE) == list(VERBS)
 
 
-def test_links_of_the_page_lead_to_files(page: str) -> None:
+def test_links_of_the_page_lead_to_files(page):
     for target in re.findall(r"\]\(([^)#:]+)\)", page):
         assert target.startswith("../../actions/") or (ROOT / target).exists(), target
 
@@ -146,14 +146,14 @@ def test_links_of_the_page_lead_to_files(page: str) -> None:
 MAP = ROOT / "gauss_bench/README.md"
 
 
-def test_the_map_names_files_that_exist_and_each_once() -> None:
+def test_the_map_names_files_that_exist_and_each_once():
     named = re.findall(r"`((?:gauss_bench|mechanisms)/[\w/.]+)`", MAP.read_text())
     assert len(named) > 20
     assert [x for x in named if not (ROOT / x).is_file()] == []
     assert [x for x in set(named) if named.count(x) > 1] == []
 
 
-def test_every_room_has_a_line_among_at_most_fourteen(page: str) -> None:
+def test_every_room_has_a_line_among_at_most_fourteen(page):
     table = page[page.index("| rooms of `gauss_bench/`") :].split("\n\n")[0].splitlines()[2:]
     assert len(table) <= 14
     named = [x for line in table for x in re.findall(r"`(\w+)/`", line.split("|")[1])]

@@ -6,7 +6,6 @@ without the suite: a torque T on the pinion gives it the acceleration T / (I + m
 """
 
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -152,7 +151,7 @@ print(*ran)
 @pytest.mark.long("magnet")
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
-def test_a_new_kind_is_a_file_its_keys_and_a_line(kind: str, tmp_path: Path) -> None:
+def test_a_new_kind_is_a_file_its_keys_and_a_line(kind, tmp_path):
     package = copied(tmp_path) / "gauss_bench"
     name, keys = KEYS[kind]
     (package / "mechanism" / f"{kind}.py").write_text(FILES[kind], encoding="utf-8")

@@ -3,11 +3,9 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -41,24 +39,24 @@ from tests.plugin import installed
 SHORT = Run("crank_slider", load("crank_slider"), 0.2)
 
 
-def recommending(spaces: Any = None, budget: Budget | None = None, **wanted: float) -> Recommender:
+def recommending(spaces=None, budget=None, **wanted):
     """A recommendation for SHORT, of which nobody hears."""
     return Recommender(SHORT, wanted or {"position": 1e-6}, spaces or {}, budget or Budget(60.0), len)
 
 
 @pytest.fixture
-def recommender() -> Iterator[Recommender]:
+def recommender():
     with recommending() as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def workers() -> Iterator[tuple[Worker, Worker]]:
+def workers():
     with Worker() as one, Worker() as other:
         yield one, other
 
 
-def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
+def test_between_samples_a_motion_of_degree_five_is_exact():
     t, at = np.linspace(0.0, 1.0, 5), np.linspace(0.0, 1.0, 41)
     p = np.polynomial.Polynomial([0.1, -2.0, 3.0, 0.5, -4.0, 7.0])
     none = np.zeros(5)
@@ -69,7 +67,7 @@ def test_between_samples_a_motion_of_degree_five_is_exact() -> None:
 
 
 @cache
-def moving(steps: int, opened: float = 0.0) -> Trajectory:
+def moving(steps, opened=0.0):
     """The crank-slider over SHORT by so many steps of order eight; its rod is moved along x by `opened` [m]."""
     h = SHORT.until / steps
     x = by_gauss(SHORT.mechanism, h * np.arange(steps + 1), integrator="dop853_fixed", step=h)
@@ -78,7 +76,7 @@ def moving(steps: int, opened: float = 0.0) -> Trajectory:
     return replace(x, q=q)
 
 
-def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_what_lies_between_samples() -> None:
+def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_what_lies_between_samples():
     judge = Evaluator(SHORT.mechanism)
     exact, coarse, fine = moving(320), moving(20), moving(40)
     plain = truths._compare(SHORT, judge, coarse, fine, 20, "gauss")
@@ -93,13 +91,13 @@ def test_the_bar_of_a_truth_holds_what_halving_changes_what_joints_open_by_and_w
         assert opened.bars[kind] >= plain.bars[kind] + 0.999e-3
 
 
-def known(coarse: int = 40, **changes: Any) -> Truth:
+def known(coarse=40, **changes):
     """The truth of runs of so many steps and twice as many, with other bars if they are given."""
     judge = Evaluator(SHORT.mechanism)
     return replace(truths._compare(SHORT, judge, moving(coarse), moving(2 * coarse), coarse, "gauss"), **changes)
 
 
-def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(monkeypatch):
     for share, serves in ((0.09, True), (0.11, False)):
         bars = {"position": share * 1e-6}
         monkeypatch.setattr(Recommender, "_truth", lambda recommender, bars=bars: known(bars=bars))
@@ -111,7 +109,7 @@ def test_a_truth_serves_that_is_known_to_a_tenth_of_what_is_required(monkeypatch
                     recommender.search()
 
 
-def test_a_truth_has_the_linkages_own_accelerations_to_a_millionth() -> None:
+def test_a_truth_has_the_linkages_own_accelerations_to_a_millionth():
     judge, coarse, fine = Evaluator(SHORT.mechanism), moving(20), moving(40)
     near, off = (replace(fine, a=fine.a * (1 + x)) for x in (0.9e-6, 1.1e-6))
     assert truths._compare(SHORT, judge, coarse, near, 20, "gauss").steps == 20
@@ -119,10 +117,10 @@ def test_a_truth_has_the_linkages_own_accelerations_to_a_millionth() -> None:
         truths._compare(SHORT, judge, coarse, off, 20, "gauss")
 
 
-def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it() -> None:
+def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it():
     """A motion that is found 1e-3 m or so beside the certified one, with a bar of a micrometre."""
 
-    def moved(off: float) -> Truth:
+    def moved(off):
         found = known()
         q = found.reference.q.copy()
         q[:, 3] += off
@@ -146,14 +144,12 @@ def test_a_certificate_vouches_for_what_lies_within_a_thousand_bars_of_it() -> N
         (tuple(0.5**k for k in range(12)), 1e-9, 60.0, [100, 200, *(100 << k for k in range(1, 13))], 0.5**11),
     ],
 )
-def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
-    bars: tuple[float, ...], wanted: float, seconds: float, taken: list[int], best: float | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(bars, wanted, seconds, taken, best, monkeypatch):
     """Two runs are looked at first; where they do not serve, numpy begins with the second of them, as there is no compiler."""
 
-    def known_to(run: Run, judge: Evaluator, coarse: object, fine: object, steps: int, engine: str) -> Truth:
+    def known_to(run, judge, coarse, fine, steps, engine):
         bar = next(found)
-        return Truth(None, {"position": bar, "angle": bar}, {}, steps, False, "")  # type: ignore[arg-type]
+        return Truth(None, {"position": bar, "angle": bar}, {}, steps, False, "")
 
     seen, found, x = list[int](), iter(bars), Trajectory(*(np.zeros(1),) * 4, 0)
     monkeypatch.setattr(truths, "find_spec", lambda name: None)  # no compiler
@@ -168,16 +164,16 @@ def test_a_motion_is_followed_in_ever_smaller_steps_until_that_serves(
     assert seen == taken
 
 
-def test_a_motion_that_cannot_be_followed_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motion_that_cannot_be_followed_says_why(monkeypatch):
     monkeypatch.setattr(truths, "find_spec", lambda name: None)  # no compiler
     monkeypatch.setattr(truths, "_run", lambda *_: "the matrix is singular")
-    told: list[str] = []
+    told = []
     with pytest.raises(NoTruth, match="cannot be followed: the matrix is singular"):
         truth(SHORT, {}, lambda: 60.0, Worker(), told.append)
     assert told == ["truth: gauss: the matrix is singular"] * 2
 
 
-def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loops_are_required_of_the_whole_run(monkeypatch):
     """A run whose loops open on its way and are closed at its end."""
     open_once = moving(40)
     open_once = replace(open_once, q=open_once.q + 1e-3 * (np.arange(41) == 20)[:, None] * (np.arange(9) == 3))
@@ -193,7 +189,7 @@ def test_loops_are_required_of_the_whole_run(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_what_is_recommended_holds_half_of_all_that_is_required() -> None:
+def test_what_is_recommended_holds_half_of_all_that_is_required():
     needs("llvmlite")
     needs("cc", "gcc", "clang")
     found = gauss_bench.recommend("crank_slider", 1e-6, angle=1e-5, until=0.2, engines=("minimal", "by_hand"), budget=900.0)
@@ -229,7 +225,7 @@ PASTED_TOO = [
 
 @pytest.mark.parametrize("case", [*PASTED, *(pytest.param(x, marks=pytest.mark.long) for x in PASTED_TOO)], ids=str)
 @pytest.mark.slow
-def test_a_pasted_program_moves_as_the_engine_was_judged(case: tuple[Any, ...], tmp_path: Path) -> None:
+def test_a_pasted_program_moves_as_the_engine_was_judged(case, tmp_path):
     """In a process that cannot import this package, by every kind of step that a program may take."""
     linkage, scenario, engine, settings, integrator, stabilization, size = case
     needs(engine)
@@ -264,7 +260,7 @@ class Ode(Interpreted):
 
 
 @pytest.mark.parametrize("name", ["crank_slider", *(pytest.param(x, marks=pytest.mark.long) for x in ("four_bar", "shaper"))])
-def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: Path) -> None:
+def test_the_program_of_an_engine_with_a_tolerance_starts(name, tmp_path):
     """An engine of others too, which has no option for it: the tolerance is a part of the choice."""
     environment = installed(tmp_path, ADAPTIVE, ("ode",))
     for engine, integrator in (("gauss", "dop853"), ("ode", "ode")):
@@ -278,7 +274,7 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name: str, tmp_path: P
 
 
 @pytest.mark.long
-def test_recommended_programs_start_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recommended_programs_start_from_any_folder(tmp_path, monkeypatch):
     """One finds the user's file by its whole path; none has the name of a library that it imports."""
     needs("mujoco")
     monkeypatch.chdir(tmp_path)
@@ -304,9 +300,7 @@ def test_recommended_programs_start_from_any_folder(tmp_path: Path, monkeypatch:
         ("pinocchio", "one/rk4/least depth", "rk4"),
     ],
 )
-def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
-    engine: str, settings: str, integrator: str, workers: tuple[Worker, Worker]
-) -> None:
+def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(engine, settings, integrator, workers):
     """Bit for bit: a search builds each model once."""
     needs("llvmlite" if engine in ("gauss", "gauss-native", "minimal") else engine)
     adaptive, (one, other) = integrator in offer(engine).adaptive, workers
@@ -322,7 +316,7 @@ def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(
 
 
 @pytest.fixture
-def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def slow(monkeypatch):
     """A clock on the wall and the seconds that others had the processor: [wall, waited], to be set."""
     clock = [0.0, 0.0]
     monkeypatch.setattr(budget.time, "monotonic", lambda: clock[0])
@@ -330,7 +324,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return clock
 
 
-def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[float]) -> None:
+def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow):
     """Two workers at a time, each of which waits half of the time: half of the seconds count."""
     own = Budget(60.0)
     slow[:] = 40.0, 40.0
@@ -346,13 +340,13 @@ def test_what_a_busy_machine_takes_does_not_count_up_to_the_wall(slow: list[floa
 
 
 @pytest.mark.skipif(not budget.waiting_times(), reason="this system does not tell of waiting")
-def test_processes_that_it_has_started_are_asked() -> None:
+def test_processes_that_it_has_started_are_asked():
     with Worker() as worker:
         process = worker.start()
         assert process.pid in budget.waiting_times()
 
 
-def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:
+def test_of_an_engine_with_two_loops_both_are_raced_and_told():
     """Compiled, the least work of six settings; called from Python the last of them: 3 and 60 times the fastest of all."""
     ways = {name: Way("pinocchio", name, "dop853_fixed", "none", 0.0) for name in offer("pinocchio").variants}
     compiled = [way for way in ways.values() if loop_of(way) == "compiled"][:5]
@@ -371,12 +365,12 @@ def test_of_an_engine_with_two_loops_both_are_raced_and_told() -> None:
     assert remarks(SHORT, [answer])[0].endswith(": compiled 3, called from Python 60")
 
 
-def engine_with(*trials: Trial, refused: tuple[Status, str] | None = None) -> _Engine:
+def engine_with(*trials, refused=None):
     way = Way("exudyn", "default", "rk4", "none", 0.0)
     return _Engine("exudyn", [], Worker(), (), trials={way: list(trials)} if trials else {}, longest=6.0, refused=refused)
 
 
-def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> None:
+def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible():
     """Each answer that recommendations give where nothing holds; the words are those of every page."""
     late, crashed = Trial(0.1, {}, 0, Status.TIMEOUT, "no answer within 6 s"), Trial(0.05, {}, 20, Status.CRASHED, "SIGSEGV")
     refused = Trial(0.1, {}, 0, Status.SKIP, "no drivers")
@@ -396,7 +390,7 @@ def test_what_was_not_tried_or_took_too_long_is_not_said_to_be_impossible() -> N
     assert "raise --budget" in advice([Answer("exudyn", "not tried", no_end)], {"position": 1e-6})
 
 
-def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
+def test_the_program_that_is_shown_is_that_of_the_advice():
     """Of two engines that hold, one was raced, and the program of the other could be written."""
     timed = dict.fromkeys(("seconds", "seconds_low", "seconds_high"), 5e-3) | dict.fromkeys(
         ("ratio", "ratio_low", "ratio_high"), 1.0
@@ -405,7 +399,7 @@ def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
     raced = replace(held, engine="mujoco", snippet="run_mujoco()", **timed)
     unraced = replace(held, engine="gauss-native", message="holds, not raced: the time ended first", snippet="run_native()")
 
-    def told_as(answers: list[Answer]) -> str:
+    def told_as(answers):
         sentence = advice(answers, {"position": 1e-6})
         made = ("step-halved", False, {"position": 1e-9}, (*answers,), sentence, (), False)
         return Recommendation("rig", "free", 0.2, {"position": 1e-6}, *made).text
@@ -424,11 +418,11 @@ def test_the_program_that_is_shown_is_that_of_the_advice() -> None:
     assert advised([unraced, raced]) is raced
 
 
-def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypatch):
     """Where all time is used, it has 15 s of work and a minute of elapsed time; any other program has 1 s and 4 s."""
-    limits: list[tuple[float, float]] = []
+    limits = []
 
-    def call(worker: Worker, function: object, arguments: object, limit: float, longest: float) -> dict[str, str]:
+    def call(worker, function, arguments, limit, longest):
         limits.append((limit, longest))
         return {"answer": "run()"}
 
@@ -441,16 +435,16 @@ def test_the_program_of_the_advice_is_written_after_the_time_has_ended(monkeypat
     assert limits == [(15.0, 60.0), (1.0, 4.0)]
 
 
-def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow, monkeypatch):
     """Runs of 6 s of work, which a busy machine lets wait for 3 s; and so long that the limit of elapsed time ends the search."""
     spaces = {name: variants(offer(name))[:2] for name in ("gauss", "schur", "lagrange")}
     monkeypatch.setattr(Recommender, "_truth", lambda recommender: known())
     monkeypatch.setattr("gauss_bench.advice.recommending.LANES", 1)
 
-    def search(seconds: float, wall: float, waited: float) -> dict[str, Answer]:
+    def search(seconds, wall, waited):
         slow[:] = 0.0, 0.0
 
-        def evaluate(recommender: Recommender, engine: _Engine, way: Way, adaptive: bool) -> Trial:
+        def evaluate(recommender, engine, way, adaptive):
             slow[:] = slow[0] + wall, slow[1] + waited
             return Trial(way.size, {SHARE: 0.1, "position": 1e-7}, round(SHORT.until / way.size))
 
@@ -468,17 +462,17 @@ def test_what_a_busy_machine_answers_differs_in_what_was_not_tried(slow: list[fl
         assert answer.complete == (answer.tried == answer.variants), "what was not tried is told"
 
 
-def way(settings: str, integrator: str = "rk4") -> Way:
+def way(settings, integrator="rk4"):
     return Way("gauss", settings, integrator, "none", 0.0)
 
 
-def engine_of(works: dict[Way, tuple[int, float]], adaptive: tuple[str, ...] = ()) -> _Engine:
+def engine_of(works, adaptive=()):
     """An engine with one trial a way: its steps, and its share of the requirement."""
     trials = {x: [Trial(1.0 / steps, {SHARE: share}, steps)] for x, (steps, share) in works.items()}
-    return _Engine("gauss", [], None, adaptive, trials=trials)  # type: ignore[arg-type]
+    return _Engine("gauss", [], None, adaptive, trials=trials)
 
 
-def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_at_most_four_times_the_least() -> None:
+def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_at_most_four_times_the_least():
     held = engine_of({way("a"): (300, 0.1), way("b"): (100, 0.5), way("c"): (50, 0.5001), way("d"): (100, 0.4)})
     assert [(x.way.settings, x.way.size) for x in held.passing()] == [("b", 0.01), ("d", 0.01), ("a", 1 / 300)]
     near = engine_of({way("a"): (100, 0.1), way("b"): (400, 0.1), way("c"): (401, 0.1), way("d", "own"): (5000, 0.1)}, ("own",))
@@ -487,13 +481,13 @@ def test_half_of_the_requirement_holds_and_of_an_engine_four_race_whose_work_is_
     assert [x.settings for x, _ in choices(many)] == ["0", "1", "2", "3"]
 
 
-def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender: Recommender) -> None:
+def test_a_variant_may_take_eight_times_the_work_of_the_best(recommender):
     for steps, most in ((50, 800), (100, 800), (101, 808), (25_000, 200_000), (26_000, 200_000)):
         assert recommender._step_limit(way("b"), TriedSetting(way("a"), Trial(1e-3, {}, steps))) == most
     assert recommender._step_limit(way("b"), None) == 200_000
 
 
-def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none(recommender: Recommender) -> None:
+def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_who_had_none(recommender):
     left = variants(offer("gauss"))[:1]
     once = replace(engine_of({way("a"): (100, 0.1)}), left=[*left])
     twice = replace(engine_of({way("a"): (100, 0.1), way("b"): (100, 0.1)}), left=[*left])
@@ -503,7 +497,7 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
     assert [recommender._next_engine() for _ in range(3)] == [never, once, twice]
     for engine in (once, twice, never):
         engine.busy = False
-    recommender.budget.remaining = lambda share=1.0: 0.0  # type: ignore[method-assign]
+    recommender.budget.remaining = lambda share=1.0: 0.0
     assert recommender._next_engine() is never
     recommender.engines = {"once": once, "twice": twice}
     assert recommender._next_engine() is None
@@ -512,7 +506,7 @@ def test_the_engine_with_the_fewest_tries_has_its_turn_and_after_the_end_only_wh
     assert recommender._next_engine() is refuses, "it was asked and not run"
 
 
-def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_another_integrator(recommender: Recommender) -> None:
+def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_another_integrator(recommender):
     trial, first = Trial(1e-3, {}, 100, Status.SKIP, "no such joint"), {way("a"): (100, 1.0)}
     same, other, third = (Variant(x, y, "none", {}) for x, y in (("b", "rk4"), ("c", "euler"), ("d", "rkf45")))
     compiled, *called = (Variant(x, "rk4", "none", {"loop": loop}) for x, loop in (("b", "own"), ("c", "called"), ("d", "called")))
@@ -523,13 +517,13 @@ def test_an_engine_that_refuses_is_asked_by_its_other_loop_or_once_more_by_anoth
         assert (engine.left, engine.refused) == (kept, None if kept else (Status.SKIP, "no such joint"))
 
 
-def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why() -> None:
+def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why():
     """Seven engines: two were raced, one crashed in the race, one was refused, for one there was no time, two do not hold."""
     slow, quick = (way("slow"), 100, 0.1), (way("quick"), 120, 0.2)
 
-    def engine(name: str, *tried: tuple[Way, int, float]) -> _Engine:
+    def engine(name, *tried):
         trials = {w._replace(engine=name): [Trial(SHORT.until / n, {SHARE: x, "position": x * 1e-6}, n)] for w, n, x in tried}
-        return _Engine(name, [], None, (), variants=2, trials=trials)  # type: ignore[arg-type]
+        return _Engine(name, [], None, (), variants=2, trials=trials)
 
     names = ("crashed", "refused", "late")
     engines = [
@@ -557,11 +551,11 @@ def test_answers_are_ordered_by_the_race_and_those_that_hold_without_one_say_why
     assert "came to 2.0e-06 m with a, rk4, step 0.004 s" in answers[5].message
 
 
-def test_a_setting_is_said_with_each_word_once() -> None:
+def test_a_setting_is_said_with_each_word_once():
     assert format_setting("default", "rk4", "none") == "rk4"
     assert format_setting("tuned", "rk4", "projection") == "tuned, rk4, projection"
     assert format_setting("Newton/rk4", "rk4", "none") == "Newton/rk4"
 
 
-def test_a_time_without_a_reference_is_shortened_twice_to_a_quarter() -> None:
+def test_a_time_without_a_reference_is_shortened_twice_to_a_quarter():
     assert [*truths.shorten(8.0)] == [8.0, 2.0, 0.5]

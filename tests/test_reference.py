@@ -1,14 +1,12 @@
 """The truth is checked against closed forms, and its bar against itself."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import integrate_twice, random_states, sample_times
 from gauss_bench.reference.collocation import NoConvergence, gauss_legendre
 from gauss_bench.reference.exact import closed_form
@@ -19,7 +17,7 @@ from tests.four_bars import four_bar
 
 
 @pytest.mark.slow
-def test_the_crank_angle_and_absolute_coordinates_give_the_same_motion() -> None:
+def test_the_crank_angle_and_absolute_coordinates_give_the_same_motion():
     """Their error bars are far below the errors they judge, and never shrink."""
     mechanism, times = load("four_bar"), sample_times(0.2)
     one, other = (integrate_twice(mechanism, times, minimal) for minimal in (True, False))
@@ -36,7 +34,7 @@ def test_the_crank_angle_and_absolute_coordinates_give_the_same_motion() -> None
     [load("six_bar"), everything(), redundant(), load("excavator", "dig")],
     ids=["six_bar", "everything", "redundant", "excavator"],
 )
-def test_random_states_are_consistent_and_repeatable(mechanism: Mechanism) -> None:
+def test_random_states_are_consistent_and_repeatable(mechanism):
     """A linkage that is wholly driven is taken at many times: at the start it rests."""
     states, again = random_states(mechanism, 30), random_states(mechanism, 30)
     rows = Evaluator(mechanism).constraints(states.t, states.q, states.v)
@@ -48,7 +46,7 @@ def test_random_states_are_consistent_and_repeatable(mechanism: Mechanism) -> No
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_linkage_that_cannot_turn_says_where_it_stops() -> None:
+def test_a_linkage_that_cannot_turn_says_where_it_stops():
     motion = MinimalCoordinate(load_document(four_bar(0.3, 0.2, 0.25, 0.4)))
     low, high = motion.angles_reached()
     limit = np.arccos((0.3**2 + 0.4**2 - (0.2 + 0.25) ** 2) / (2 * 0.3 * 0.4))  # coupler and rocker in line
@@ -58,12 +56,12 @@ def test_a_linkage_that_cannot_turn_says_where_it_stops() -> None:
         motion.geometry(np.array([limit - 0.05, limit + 0.05]))
 
 
-def test_collocation_refuses_a_step_that_is_too_long() -> None:
+def test_collocation_refuses_a_step_that_is_too_long():
     with pytest.raises(NoConvergence):
         gauss_legendre(lambda t, q, v: -1e6 * q, np.array([0.0, 1.0]), np.array([1.0]), np.array([0.0]), 1.0)
 
 
-def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_path: Path) -> None:
+def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_path):
     file = tmp_path / "four_bar.toml"  # without a certificate beside it
     file.write_bytes(built_in()["four_bar"].read_bytes())
     first, second = (load_stored(load(file), 0.05, tmp_path) for _ in range(2))
@@ -76,7 +74,7 @@ def test_a_stored_reference_is_the_same_and_is_not_shared_by_other_linkages(tmp_
 
 
 @pytest.mark.parametrize("name", ["pendulum", "projectile", "sleigh", "n_four_bar_1", "n_four_bar_3"])
-def test_a_closed_form_starts_with_the_linkage_and_obeys_its_equations_of_motion(name: str) -> None:
+def test_a_closed_form_starts_with_the_linkage_and_obeys_its_equations_of_motion(name):
     mechanism = load(name)
     found = closed_form(mechanism, ["0.0", "0.31", "1.7", "6.4"])
     assert found is not None

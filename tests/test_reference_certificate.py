@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from zipfile import ZipFile
 
 import mpmath
@@ -27,11 +26,10 @@ from gauss_bench.reference.certificate import (
 from gauss_bench.reference.certify import certify, distance, sample_times, split, write_certificate
 from gauss_bench.reference.taylor.series import taylor_motion
 from gauss_bench.reference.verification import verify
-from gauss_bench.terms import Array
 from tests.conftest import DATA, needs
 
 
-def from_doubles(name: str, scenario: str, t_end: float) -> Certificate:
+def from_doubles(name, scenario, t_end):
     """A certificate-shaped file from the double-precision reference, to test everything but the pipelines."""
     mechanism = load(name, scenario)
     r = build_reference(mechanism, t_end)
@@ -42,11 +40,11 @@ def from_doubles(name: str, scenario: str, t_end: float) -> Certificate:
 
 
 @pytest.fixture(scope="module")
-def certificate() -> Certificate:
+def certificate():
     return from_doubles("four_bar", "torque", 0.2)
 
 
-def test_a_certificate_survives_its_file_and_the_same_one_gives_the_same_bytes(certificate: Certificate, tmp_path: Path) -> None:
+def test_a_certificate_survives_its_file_and_the_same_one_gives_the_same_bytes(certificate, tmp_path):
     one, two = tmp_path / "one.npz", tmp_path / "two.npz"
     write_certificate(certificate, one)
     write_certificate(certificate, two)
@@ -60,7 +58,7 @@ def test_a_certificate_survives_its_file_and_the_same_one_gives_the_same_bytes(c
     assert {*tmp_path.iterdir()} == {one, two}
 
 
-def test_a_comment_changes_nothing_and_another_mass_or_scenario_is_refused(certificate: Certificate, tmp_path: Path) -> None:
+def test_a_comment_changes_nothing_and_another_mass_or_scenario_is_refused(certificate, tmp_path):
     text = built_in()["four_bar"].read_text(encoding="utf-8")
     file = tmp_path / "four_bar.toml"
     file.write_text("# a word\n" + text, encoding="utf-8")
@@ -75,7 +73,7 @@ def test_a_comment_changes_nothing_and_another_mass_or_scenario_is_refused(certi
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 torn", b"text"])
-def test_what_is_no_certificate_is_refused_by_name(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_certificate_is_refused_by_name(content, tmp_path, capsys):
     path = tmp_path / "x.npz"
     path.write_bytes(content)
     with pytest.raises(CertificateError, match=r"x\.npz"):
@@ -84,9 +82,7 @@ def test_what_is_no_certificate_is_refused_by_name(content: bytes, tmp_path: Pat
     assert "not a certificate" in capsys.readouterr().err
 
 
-def test_the_suite_takes_the_certificate_beside_a_linkage_file_and_names_a_stale_one(
-    certificate: Certificate, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_suite_takes_the_certificate_beside_a_linkage_file_and_names_a_stale_one(certificate, tmp_path, capsys):
     file = tmp_path / "four_bar.toml"
     file.write_bytes(built_in()["four_bar"].read_bytes())
     path = certificate_path(load(file, "torque"))
@@ -102,7 +98,7 @@ def test_the_suite_takes_the_certificate_beside_a_linkage_file_and_names_a_stale
         assert "has changed since" in capsys.readouterr().err
 
 
-def test_the_bar_of_a_certified_reference_holds_the_rounding_of_what_is_stored(certificate: Certificate) -> None:
+def test_the_bar_of_a_certified_reference_holds_the_rounding_of_what_is_stored(certificate):
     reference = as_reference(replace(certificate, error_q=np.zeros_like(certificate.error_q)), 0.2)
     largest = np.maximum.accumulate(np.abs(reference.q).max(axis=-1))
     assert (reference.error_q > 0).all()
@@ -111,20 +107,20 @@ def test_the_bar_of_a_certified_reference_holds_the_rounding_of_what_is_stored(c
 
 @pytest.mark.long("four_bar-torque")
 @pytest.mark.parametrize(("name", "scenario"), [("four_bar", "torque"), ("parallelogram", "driven"), ("sleigh", "glide")])
-def test_a_true_certificate_is_verified_and_a_false_one_is_not(name: str, scenario: str) -> None:
+def test_a_true_certificate_is_verified_and_a_false_one_is_not(name, scenario):
     certificate, mechanism = from_doubles(name, scenario, 0.1), load(name, scenario)
     found = verify(certificate, mechanism)
     assert found.passed, found
     for level in ("q", "v", "a"):
-        values: Array = getattr(certificate, level).copy()
+        values = getattr(certificate, level).copy()
         values[len(values) // 2 :] += 1e-7
-        assert not verify(replace(certificate, **{level: values}), mechanism).passed, level  # type: ignore[arg-type]
+        assert not verify(replace(certificate, **{level: values}), mechanism).passed, level
 
 
 @pytest.mark.parametrize(
     ("duration", "count"), [(0.0, 1), (0.03, 301), (1.0, 101), (2.0, 201), (10.0, 501), (60.0, 501), (0.5001, 52)]
 )
-def test_samples_are_exact_decimals_neither_too_many_nor_too_few(duration: float, count: int) -> None:
+def test_samples_are_exact_decimals_neither_too_many_nor_too_few(duration, count):
     times = sample_times(duration)
     assert float(times[0]) == 0.0
     assert float(times[-1]) == duration
@@ -132,7 +128,7 @@ def test_samples_are_exact_decimals_neither_too_many_nor_too_few(duration: float
     assert all(len(t) <= 8 for t in times)
 
 
-def test_differences_are_right_far_below_double_precision() -> None:
+def test_differences_are_right_far_below_double_precision():
     with mpmath.workdps(40):
         one = np.array([[mpmath.mpf("0.1")]])
         other = np.array([[mpmath.mpf("0.1") + mpmath.mpf("1e-25")]])
@@ -145,7 +141,7 @@ def test_differences_are_right_far_below_double_precision() -> None:
 
 
 @pytest.mark.parametrize(("name", "scenario"), scenarios_to_certify())
-def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name: str, scenario: str) -> None:
+def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name, scenario):
     mechanism = load(name, scenario)
     path = certificate_path(mechanism)
     certificate = read_certificate(path)
@@ -165,7 +161,7 @@ def test_every_certificate_of_the_suite_holds_and_vouches_for_twelve_digits(name
 
 
 @pytest.mark.slow
-def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digits() -> None:
+def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digits():
     hy = needs("heyoka")
     motion = taylor_motion(decimal_document("squeezer"), "squeeze", ["0", "0.0001"])
     beta, theta = motion.a[0, 2], motion.a[0, 5] - motion.a[0, 2]
@@ -174,7 +170,7 @@ def test_the_first_acceleration_of_the_squeezer_is_the_published_one_to_27_digit
     assert abs(float(theta + hy.real128("10666.8329399655854029433719415"))) < 1e-23
 
 
-def test_published_values_of_the_squeezer_are_true_to_fewer_digits_than_printed() -> None:
+def test_published_values_of_the_squeezer_are_true_to_fewer_digits_than_printed():
     mechanism = load("squeezer")
     certificate = read_certificate(certificate_path(mechanism) or Path())
     rows = list_published_values(mechanism, as_reference(certificate, 0.03))
@@ -185,13 +181,13 @@ def test_published_values_of_the_squeezer_are_true_to_fewer_digits_than_printed(
         assert 7 <= row["true_digits"] < row["printed_digits"] - 2
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+def run(capsys, *arguments, code=0):
     assert main(["certify", *arguments, "--json"]) == code
     return json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.long
-def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys, tmp_path):
     needs("heyoka")
     file = tmp_path / "double_pendulum.toml"
     file.write_bytes((DATA / "double_pendulum.toml").read_bytes())
@@ -209,7 +205,7 @@ def test_a_users_linkage_is_certified_until_chaos_takes_the_digits(capsys: pytes
 
 
 @pytest.mark.slow
-def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_limit_of_motion_is_said_plainly(capsys, tmp_path):
     needs("heyoka")
     text = built_in()["four_bar"].read_text(encoding="utf-8").replace("[0.12, 0.0]", "[0.30, 0.0]")
     head = text[: text.index("[scenarios")].replace('"four_bar"', '"locked"')
@@ -224,7 +220,7 @@ def test_a_limit_of_motion_is_said_plainly(capsys: pytest.CaptureFixture[str], t
 
 
 @pytest.mark.slow
-def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
+def test_stored_doubles_are_the_nearest_to_the_exact_motion():
     needs("heyoka")
     certificate = certify("projectile", until=0.5)
     with mpmath.workdps(40):
@@ -233,7 +229,7 @@ def test_stored_doubles_are_the_nearest_to_the_exact_motion() -> None:
         assert certificate.v[-1, 1] == float(7 - mpmath.mpf("9.81") * t)
 
 
-def test_dry_friction_is_refused_with_its_reason(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_dry_friction_is_refused_with_its_reason(capsys, tmp_path):
     out = tmp_path / "x.npz"
     found = run(capsys, str(DATA / "friction.toml"), "--out", str(out), code=1)
     assert "friction" in found["message"]

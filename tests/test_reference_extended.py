@@ -5,7 +5,6 @@ Long double carries 64 bits: EPS is 1.1e-19. Where nothing else is said, toleran
 
 from copy import deepcopy
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.collocation import gauss_legendre
 from gauss_bench.reference.exact import closed_form
 from gauss_bench.reference.extended import Linkage, extend_motion
-from gauss_bench.reference.motion import Motion
 from tests.conftest import DATA, exhaustive
 
 LONG = np.longdouble
@@ -28,27 +26,27 @@ STEP = 1e-2  # [s] steps are halved wherever the motion needs it
 pytestmark = pytest.mark.skipif(np.finfo(LONG).nmant <= 60, reason="long double is no longer than double on this platform")
 
 
-def decimals(linkage: Any, scenario: str) -> dict[str, Any]:
+def decimals(linkage, scenario):
     """The document with decimals as written and the scenario's override merged."""
     document = decimal_document(linkage)
     return merge(document, document["scenarios"][scenario].get("override", {}))
 
 
-def samples(until: str, spacing: str = "0.01") -> list[str]:
+def samples(until, spacing="0.01"):
     return [str(k * Decimal(spacing)) for k in range(int(Decimal(until) / Decimal(spacing)) + 1)]
 
 
-def run(linkage: Any, scenario: str, until: str, step: float = STEP, spacing: str = "0.01") -> Motion:
+def run(linkage, scenario, until, step=STEP, spacing="0.01"):
     return extend_motion(decimals(linkage, scenario), scenario, samples(until, spacing), step)
 
 
-def distance(one: Any, other: Any) -> float:
+def distance(one, other):
     """Largest difference relative to the largest value, or to 1."""
     return float(np.abs(one - other).max() / max(1.0, np.abs(other).max()))
 
 
 @pytest.mark.parametrize(("stages", "dtype", "steps"), [(2, np.float64, (0.1, 0.05)), (8, LONG, (3, 2)), (10, LONG, (4, 3))])
-def test_the_error_falls_with_twice_the_stages(stages: int, dtype: Any, steps: tuple[float, float]) -> None:
+def test_the_error_falls_with_twice_the_stages(stages, dtype, steps):
     """An oscillator at steps long enough, up to two thirds of a period, for the error to stand far above rounding."""
     times = np.array([0.0, 24.0], dtype=dtype)
     one, none = np.ones(1, dtype=dtype), np.zeros(1, dtype=dtype)
@@ -67,7 +65,7 @@ STARTS += [
 
 
 @pytest.mark.parametrize(("linkage", "scenario"), STARTS, ids=str)
-def test_the_start_is_closed_and_held_to_the_last_digit(linkage: Any, scenario: str) -> None:
+def test_the_start_is_closed_and_held_to_the_last_digit(linkage, scenario):
     document = decimals(linkage, scenario)
     found = Linkage(document, scenario)
     q, v = found.q0, found.v0
@@ -95,7 +93,7 @@ MOTIONS = [
 
 
 @pytest.mark.parametrize(("linkage", "scenario", "until"), exhaustive(MOTIONS, *QUICK))
-def test_the_motion_agrees_with_the_double_reference_and_does_not_drift(linkage: Any, scenario: str, until: str) -> None:
+def test_the_motion_agrees_with_the_double_reference_and_does_not_drift(linkage, scenario, until):
     motion, halved = run(linkage, scenario, until), run(linkage, scenario, until, STEP / 2)
     assert motion.stopped == ""
     assert motion.times == tuple(samples(until))
@@ -115,7 +113,7 @@ def test_the_motion_agrees_with_the_double_reference_and_does_not_drift(linkage:
 @pytest.mark.parametrize(
     ("name", "scenario", "until"), [("sleigh", "glide", "2"), ("n_four_bar_2", "fall", "0.5"), ("pendulum", "swing", "1")]
 )
-def test_the_motion_follows_closed_forms_in_forty_digits(name: str, scenario: str, until: str) -> None:
+def test_the_motion_follows_closed_forms_in_forty_digits(name, scenario, until):
     motion = run(name, scenario, until, spacing="0.1")
     exact = closed_form(load(name, scenario), motion.times)
     for level, bound in (("q", 1e-17), ("v", 1e-16), ("a", 1e-15)):
@@ -126,7 +124,7 @@ def test_the_motion_follows_closed_forms_in_forty_digits(name: str, scenario: st
         assert max(error) < bound * max(1.0, float(np.abs(getattr(motion, level)).max())), level
 
 
-def test_a_singular_position_ends_the_motion_with_its_time() -> None:
+def test_a_singular_position_ends_the_motion_with_its_time():
     motion = run("n_four_bar_2", "fall", "0.8")
     assert "singular position" in motion.stopped
     assert motion.stopped.startswith("t = 0.714")  # the bars lie down 0.7143 s after the start, by the closed form
@@ -134,7 +132,7 @@ def test_a_singular_position_ends_the_motion_with_its_time() -> None:
     assert len(motion.q) == len(motion.a) == len(motion.times)
 
 
-def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
+def test_a_law_that_ends_between_samples_costs_no_digits():
     """The jerk of a cycloid jumps at its end: a step across it would be good to a few digits only."""
     document = decimals("five_bar", "spring")
     chosen = deepcopy(document["scenarios"]["spring"])
@@ -149,7 +147,7 @@ def test_a_law_that_ends_between_samples_costs_no_digits() -> None:
     assert distance(one.a, other.a) < 1e-15
 
 
-def test_friction_and_short_long_doubles_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_friction_and_short_long_doubles_are_refused(monkeypatch):
     friction = load(DATA / "friction.toml").scenario
     with pytest.raises(ArithmeticError, match="friction"):
         run(DATA / "friction.toml", friction, "0.02")

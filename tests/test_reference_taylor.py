@@ -2,10 +2,8 @@
 
 import copy
 import tomllib
-from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reference.absolute import AbsoluteCoordinates
 from gauss_bench.reference.build import build_reference
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.reference.motion import Motion
 from gauss_bench.reference.taylor.arithmetic import NUMBERS, stack_arrays
 from gauss_bench.reference.taylor.equations import choose_chart, rates
 from gauss_bench.reference.taylor.law_pieces import cut_pieces
@@ -30,22 +27,22 @@ LAST_DIGITS = 1e-28  # 33 digits, less four for a thousand steps and for the con
 OTHER_COORDINATES = 1e-10  # double precision, DOP853 at 1e-13 and some growth
 
 
-def every_linkage() -> list[tuple[str, str]]:
+def every_linkage():
     """All scenarios of the built-in linkages and of those made for tests."""
     files = [*built_in().values(), *sorted(DATA.glob("*.toml"))]
     return [(str(path), name) for path in files for name in tomllib.loads(path.read_text(encoding="utf-8"))["scenarios"]]
 
 
-def decimals(end: str, count: int) -> list[str]:
+def decimals(end, count):
     return [str(Decimal(end) * k / count) for k in range(count + 1)]
 
 
-def motion(linkage: str, scenario: str, times: Sequence[str], double: bool = False) -> Motion:
+def motion(linkage, scenario, times, double=False):
     needs("heyoka")
     return taylor_motion(document_of(linkage, scenario), scenario, times, double)
 
 
-def off(one: Any, other: Any) -> float:
+def off(one, other):
     """Largest difference of numbers of any type, taken before they are rounded."""
     return float(np.abs(np.asarray(one - other)).astype(float).max(initial=0.0))
 
@@ -53,7 +50,7 @@ def off(one: Any, other: Any) -> float:
 @pytest.mark.parametrize(
     ("linkage", "scenario"), exhaustive(every_linkage(), *every_linkage()[::4]), ids=lambda x: Path(str(x)).stem
 )
-def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, scenario: str) -> None:
+def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage, scenario):
     mechanism = load(linkage, scenario)
     if mechanism.has_friction:
         pytest.skip("friction is not for this pipeline")
@@ -73,9 +70,9 @@ def test_loop_coordinates_give_the_accelerations_of_absolute_ones(linkage: str, 
 
 
 @pytest.mark.parametrize("law", ["sine", "cosine", "poly345", "table"])
-def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
-    rise: dict[str, Any] = {"travel_deg": 40.0, "time": 0.33}
-    knots: dict[str, Any] = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
+def test_pieces_of_motion_laws_are_the_laws(law):
+    rise = {"travel_deg": 40.0, "time": 0.33}
+    knots = {"rows": [[0.05, 0.0], [0.2, 10.0], [0.37, 15.0], [0.45, 12.0]]}
     driver = {"link": "left", "law": law, "start_deg": 100.0, **(knots if law == "table" else rise)}
     start = {"angles_deg": {"right": 80.0}, "speeds": {"right": -1.0}}
     part = {"duration": 0.5, "drivers": [driver], "forces": ["spring"], "start": start}
@@ -95,7 +92,7 @@ def test_pieces_of_motion_laws_are_the_laws(law: str) -> None:
     ("linkage", "scenario", "end"),
     [("pendulum", "swing", "3"), ("projectile", "flight", "3"), ("sleigh", "glide", "3"), ("n_four_bar_3", "fall", "0.6")],
 )
-def test_motions_in_closed_form_are_met_to_28_digits(linkage: str, scenario: str, end: str) -> None:
+def test_motions_in_closed_form_are_met_to_28_digits(linkage, scenario, end):
     times, heyoka, mpmath = decimals(end, 6), needs("heyoka"), needs("mpmath")
     found, exact = motion(linkage, scenario, times), closed_form(load(linkage, scenario), times)
     assert found.stopped == ""
@@ -111,7 +108,7 @@ DRIVEN = [("five_bar", "driven"), ("excavator", "dig"), (str(DATA / "pushed.toml
 
 
 @pytest.mark.parametrize(("linkage", "scenario"), exhaustive([*MOVING, ("eight_bar", "cycloid"), *DRIVEN], *DRIVEN[1:]))
-def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str, scenario: str) -> None:
+def test_motions_agree_with_other_integrators_in_other_coordinates(linkage, scenario):
     mechanism = load(linkage, scenario)
     end = Decimal("0.01") if linkage == "squeezer" else Decimal("0.1")
     reference = build_reference(mechanism, float(end))
@@ -127,7 +124,7 @@ def test_motions_agree_with_other_integrators_in_other_coordinates(linkage: str,
 @pytest.mark.parametrize(
     ("linkage", "scenario"), [MOVING[0], ("parallelogram", "torque"), *DRIVEN[1:], (str(DATA / "everything.toml"), "free")]
 )
-def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: str) -> None:
+def test_multipliers_balance_the_equations_row_by_row(linkage, scenario):
     mechanism = load(linkage, scenario)
     found = motion(linkage, scenario, ["0", "0.003"], double=True)
     evaluator = Evaluator(mechanism)
@@ -142,7 +139,7 @@ def test_multipliers_balance_the_equations_row_by_row(linkage: str, scenario: st
 
 
 @pytest.mark.long
-def test_a_singular_position_is_never_passed() -> None:
+def test_a_singular_position_is_never_passed():
     found = motion("n_four_bar_2", "fall", decimals("10", 100))
     assert "singular" in found.stopped
     assert float(found.times[-1]) < 0.75  # the bars lie on the ground line after 0.72 s
@@ -151,7 +148,7 @@ def test_a_singular_position_is_never_passed() -> None:
     assert driven.times[-1] == "1.56"  # pi / 2 at 1 rad/s
 
 
-def test_an_override_that_is_merged_is_not_merged_again() -> None:
+def test_an_override_that_is_merged_is_not_merged_again():
     times = ["0", "0.1"]
     own = motion("crank_slider", "settles", times, double=True)
     document = copy.deepcopy(document_of("crank_slider", "settles"))

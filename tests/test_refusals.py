@@ -1,10 +1,7 @@
 """Test that unknown kinds of forces, joints and other parts are refused by name, and not silently left out."""
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +17,9 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import built_in, document_of, load, load_document
 from gauss_bench.linkage.schema import physics_digest
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference import certify as certifying
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.runs.one_run import one_run, sampling
-from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 from tests.fuzz.files import toml
 
@@ -36,7 +31,7 @@ class Unheard:
     name: str = "unheard"
 
 
-MEETS: dict[str, Callable[[Mechanism], object]] = {
+MEETS = {
     "own terms": Evaluator,
     "compiler": compile_kernel,
     "compiler, lagrange": lambda x: compile_kernel(x, "lagrange"),
@@ -45,7 +40,7 @@ MEETS: dict[str, Callable[[Mechanism], object]] = {
 
 
 @pytest.fixture
-def smuggled() -> Mechanism:
+def smuggled():
     """A four-bar with a force of an unknown kind, which no constructor would accept."""
     mechanism = copy.copy(load("four_bar", "torque"))
     object.__setattr__(mechanism, "forces", (Unheard(),))
@@ -53,16 +48,14 @@ def smuggled() -> Mechanism:
 
 
 @pytest.mark.parametrize("consumer", MEETS)
-def test_whoever_evaluates_forces_refuses_one_that_is_unknown(
-    consumer: str, smuggled: Mechanism, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whoever_evaluates_forces_refuses_one_that_is_unknown(consumer, smuggled, monkeypatch):
     monkeypatch.setattr(certifying, "load", lambda *_: smuggled)
     with pytest.raises((TypeError, KernelError, certifying.Uncertified), match="unheard"):
         MEETS[consumer](smuggled)
 
 
 @pytest.mark.parametrize("engine", names())
-def test_every_engine_refuses_a_force_that_is_unknown(engine: str, smuggled: Mechanism) -> None:
+def test_every_engine_refuses_a_force_that_is_unknown(engine, smuggled):
     choice = Choice(integrator=get(engine).integrators[0])
     run = one_run(get(engine), smuggled, choice, sampling(1e-3, 0.01))
     assert run.status is Status.ERROR
@@ -70,16 +63,16 @@ def test_every_engine_refuses_a_force_that_is_unknown(engine: str, smuggled: Mec
     assert run.trajectory is None
 
 
-def test_no_mechanism_holds_or_measures_what_is_unknown() -> None:
+def test_no_mechanism_holds_or_measures_what_is_unknown():
     mechanism = load("four_bar", "torque")
     for part in ("forces", "joints", "drivers", "knife_edges", "frictions"):
         with pytest.raises(TypeError, match="unheard: unknown kind Unheard"):
-            replace(mechanism, **{part: (*getattr(mechanism, part), Unheard())})  # type: ignore[arg-type]
+            replace(mechanism, **{part: (*getattr(mechanism, part), Unheard())})
     with pytest.raises(TypeError, match="unknown kind Unheard"):
-        replace(mechanism, measured=replace(mechanism.measured, coordinate=Unheard()))  # type: ignore[arg-type]
+        replace(mechanism, measured=replace(mechanism.measured, coordinate=Unheard()))
 
 
-READS: dict[str, Callable[[str, dict[str, Any]], object]] = {
+READS = {
     "load": lambda path, document: load_document(document),
     "digest": lambda path, document: physics_digest(document, "torque"),
     "drawing": lambda path, document: pose_links(path),
@@ -91,7 +84,7 @@ READS: dict[str, Callable[[str, dict[str, Any]], object]] = {
 
 
 @pytest.mark.parametrize("reader", READS)
-def test_whoever_reads_a_file_refuses_a_kind_that_is_unknown(reader: str, tmp_path: Path) -> None:
+def test_whoever_reads_a_file_refuses_a_kind_that_is_unknown(reader, tmp_path):
     path = tmp_path / "four_bar.toml"
     for table, name in (("forces", "motor"), ("joints", "A")):
         document = copy.deepcopy(document_of("four_bar")[0])
@@ -101,7 +94,7 @@ def test_whoever_reads_a_file_refuses_a_kind_that_is_unknown(reader: str, tmp_pa
             READS[reader](str(path), document)
 
 
-def test_a_file_of_odd_shape_is_refused_by_its_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_of_odd_shape_is_refused_by_its_place(tmp_path, capsys):
     document, path = document_of("four_bar")[0], tmp_path / "four_bar.toml"
     law = copy.deepcopy(document)
     law["scenarios"]["driven"]["driver"]["law"] = ["constant"]
@@ -119,11 +112,11 @@ def test_a_file_of_odd_shape_is_refused_by_its_place(tmp_path: Path, capsys: pyt
     assert "scenarios: " in capsys.readouterr().err
 
 
-def test_far_from_the_origin_a_root_is_found_in_as_few_steps_as_near_it() -> None:
+def test_far_from_the_origin_a_root_is_found_in_as_few_steps_as_near_it():
     """Beyond 100 m the rounding of a coordinate alone is larger than the step that ends the search near the origin."""
     asked = []
 
-    def residual(q: Array) -> tuple[Array, Array]:
+    def residual(q):
         asked.append(float(q[0]))
         return q * q - 1000.3**2, np.array([[2.0 * q[0]]])
 
@@ -133,9 +126,7 @@ def test_far_from_the_origin_a_root_is_found_in_as_few_steps_as_near_it() -> Non
     assert len(asked) < 12
 
 
-def test_gauss_says_nothing_on_stderr_where_masses_lie_far_apart_and_nothing_is_constrained(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_gauss_says_nothing_on_stderr_where_masses_lie_far_apart_and_nothing_is_constrained(tmp_path, capfd):
     document = document_of("projectile")[0]
     for link in document["links"].values():
         link["inertia"] = 5e14

@@ -9,7 +9,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any
 
 import numpy as np
 import pytest
@@ -76,7 +75,7 @@ TWIN = Library("twin", "twin.adapter:Twin", "twin", "twin", tuple(VERSIONS), (("
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
+def made(tmp_path_factory):
     """The releases of the stand-in: version -> release."""
     found = {}
     for version, factor in VERSIONS.items():
@@ -89,10 +88,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Release]:
 
 
 @pytest.fixture
-def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str, Release]:
+def twin(made, monkeypatch):
     """The stand-in as an engine whose releases the verb can compare without pip; release 4.0 cannot be installed."""
 
-    def install(of: Library, version: str, told: object) -> Release:
+    def install(of, version, told):
         return made.get(version, Release("twin", version, reason=f"pip finds no wheel of twin {version}"))
 
     monkeypatch.setattr(verb, "read_library", lambda engine: TWIN)
@@ -105,16 +104,14 @@ def twin(made: dict[str, Release], monkeypatch: pytest.MonkeyPatch) -> dict[str,
 
 
 @pytest.mark.slow
-def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel_is_a_row(
-    twin: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
+def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel_is_a_row(twin, tmp_path, monkeypatch):
+    asked = []
 
-    def ask(of: Library, release: Release, *more: Any) -> Answers:
+    def ask(of, release, *more):
         asked.append(release.version)
         return asking.ask_release(of, release, *more)
 
-    def compare_twins(versions: str) -> None:
+    def compare_twins(versions):
         assert main(["releases", "twin", "--no-costs", "--out", str(tmp_path), "--only", versions]) == 0
 
     monkeypatch.setattr(verb, "ask_release", ask)
@@ -144,7 +141,7 @@ def test_a_planted_change_is_named_rounding_is_not_and_a_release_without_a_wheel
     assert "twin 4.0: pip finds no wheel of twin 4.0" in page
 
 
-def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> None:
+def test_releases_are_chosen_between_two_of_which_neither_need_be_listed():
     some = Library("x", "x:X", "x", "x", ("1.9", "1.10", "2.0"))
     assert choose_releases(some, None, None, None) == ["1.9", "1.10", "2.0"]
     assert choose_releases(some, "1.10", None, None) == ["1.10", "2.0"]
@@ -152,7 +149,7 @@ def test_releases_are_chosen_between_two_of_which_neither_need_be_listed() -> No
     assert choose_releases(some, None, None, ["2.0", "1.9", "2.0"]) == ["1.9", "2.0"]
 
 
-def test_every_list_of_releases_is_in_order_and_has_hashes() -> None:
+def test_every_list_of_releases_is_in_order_and_has_hashes():
     assert {*library.names()} == {"mujoco", "pinocchio", "exudyn", "casadi"}
     for engine in library.names():
         found = read_library(engine)
@@ -165,21 +162,21 @@ def test_every_list_of_releases_is_in_order_and_has_hashes() -> None:
             assert mechanism_of(*linkage_of(place)).dof >= 1
 
 
-def figure(values: np.ndarray, shifted: np.ndarray | None = None, **more: object) -> Figure:
+def figure(values, shifted=None, **more):
     others = np.array([values]) if shifted is None else shifted
-    return Figure("accelerations", "four_bar", "default", values=values, shifted=others, **more)  # type: ignore[arg-type]
+    return Figure("accelerations", "four_bar", "default", values=values, shifted=others, **more)
 
 
 ONE = np.ones((1, 1))
 
 
-def compared(before: Figure, after: Figure) -> compare.Change:
+def compared(before, after):
     change = compare_figures(before, after)
     assert change is not None
     return change
 
 
-def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_largest() -> None:
+def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_largest():
     a = np.array([[10.0, 1.0], [1e-3, 0.0]])
     assert relative_difference(a, a) == 0.0
     assert relative_difference(a, a + np.array([[0.0, 0.1], [0.0, 0.0]])) == pytest.approx(0.01)
@@ -189,7 +186,7 @@ def test_a_difference_is_relative_to_its_row_and_small_rows_to_a_share_of_the_la
 
 
 @pytest.mark.parametrize(("times_rounding", "real"), [(49.0, False), (51.0, True)])
-def test_a_difference_is_real_beyond_fifty_times_what_a_changed_start_makes(times_rounding: float, real: bool) -> None:
+def test_a_difference_is_real_beyond_fifty_times_what_a_changed_start_makes(times_rounding, real):
     before = figure(ONE, np.array([ONE + 1e-9, ONE - 5e-10]), error=0.5)
     changed = ONE + times_rounding * 1e-9
     change = compared(before, figure(changed, np.array([changed]), error=1e-6))
@@ -199,7 +196,7 @@ def test_a_difference_is_real_beyond_fifty_times_what_a_changed_start_makes(time
 
 
 @pytest.mark.parametrize(("steady", "scattered", "real"), [(9e-7, 2e-3, True), (2e-6, 2e-3, False), (9e-7, 9e-4, False)])
-def test_answers_that_begin_to_follow_rounding_are_a_real_change(steady: float, scattered: float, real: bool) -> None:
+def test_answers_that_begin_to_follow_rounding_are_a_real_change(steady, scattered, real):
     before = figure(ONE, np.array([ONE * (1 - steady)]))
     after = figure(ONE * (1 + 10 * scattered), np.array([ONE * (1 + 9 * scattered)]))
     for pair in ((before, after), (after, before)):
@@ -207,12 +204,12 @@ def test_answers_that_begin_to_follow_rounding_are_a_real_change(steady: float, 
         assert (change.is_real, change.rounding) == (real, pytest.approx(steady if real else scattered, rel=0.05))
 
 
-def test_one_rejected_step_more_is_rounding_and_three_in_a_hundred_are_not() -> None:
+def test_one_rejected_step_more_is_rounding_and_three_in_a_hundred_are_not():
     old, one_more, three_more = (replace(figure(x * ONE), quantity=compare.STEPS) for x in (100.0, 101.0, 103.0))
     assert [compared(old, x).is_real for x in (one_more, three_more)] == [False, True]
 
 
-def test_failures_and_defaults_are_changes_with_words() -> None:
+def test_failures_and_defaults_are_changes_with_words():
     works = figure(ONE)
     fails = replace(works, status="error", message="it stops")
     assert compare_figures(fails, fails) is None
@@ -224,7 +221,7 @@ def test_failures_and_defaults_are_changes_with_words() -> None:
     assert compare_releases([works], []) == []  # it was not asked: there was no time
 
 
-def test_a_start_is_changed_by_1e_14_of_its_size_and_rest_stays_rest() -> None:
+def test_a_start_is_changed_by_1e_14_of_its_size_and_rest_stays_rest():
     x = np.array([2.0, -1.0, 0.0])
     changed = shift(x, np.random.default_rng(0))
     assert 0 < np.abs(changed - x).max() <= SHIFT * 2.0
@@ -232,7 +229,7 @@ def test_a_start_is_changed_by_1e_14_of_its_size_and_rest_stays_rest() -> None:
     assert SHIFT == 1e-14
 
 
-def test_states_are_on_the_constraints_with_true_accelerations_first_in_motion_then_at_rest() -> None:
+def test_states_are_on_the_constraints_with_true_accelerations_first_in_motion_then_at_rest():
     states = states_of(asking.FIRST, "")
     assert len(states.q) == 2 * STATES * (1 + SHIFTS)
     assert np.abs(states.v[:STATES]).max() > 1.0
@@ -246,7 +243,7 @@ def test_states_are_on_the_constraints_with_true_accelerations_first_in_motion_t
     assert resting.rounding == 0.0
 
 
-def test_coupled_bars_keep_their_coupling_and_gain_no_energy() -> None:
+def test_coupled_bars_keep_their_coupling_and_gain_no_energy():
     states = probes.states_of_probe(probes.COUPLED)
     first, second = states.q[:, 2], states.q[:, 5]
     assert second - first == pytest.approx(bars.RATIO * first + bars.CURVE * first**2)
@@ -258,12 +255,12 @@ def test_coupled_bars_keep_their_coupling_and_gain_no_energy() -> None:
     assert np.einsum("ki,i,ki->k", v, mass, a) == pytest.approx(v @ weight)  # power of inertia is that of the weights
 
 
-def test_accelerations_of_bars_are_the_second_differences_of_their_places() -> None:
+def test_accelerations_of_bars_are_the_second_differences_of_their_places():
     """The bars turn by theta + w t + alpha t^2 / 2."""
     theta, w, alpha = np.array([0.3, 1.0, 2.0]), np.array([2.0, -1.0, 0.5]), np.array([1.0, 3.0, -2.0])
     h = 1e-4
 
-    def places(t: float) -> np.ndarray:
+    def places(t):
         at = theta + w * t + alpha * t * t / 2
         ends, centres = [], []
         for bar, x in zip(bars.FOUR_BAR, at, strict=True):
@@ -280,7 +277,7 @@ def test_accelerations_of_bars_are_the_second_differences_of_their_places() -> N
     assert told[0] == pytest.approx(expected, abs=1e-5)
 
 
-def test_a_release_whose_models_fail_their_check_is_not_trusted() -> None:
+def test_a_release_whose_models_fail_their_check_is_not_trusted():
     bad = Figure(asking.MOVING, "four_bar", "default", "error", "the mass matrix differs by 1")
     good, closed = replace(bad, status="ok"), Figure("closure, x", "", "weld")
     default = Figure("default", "", "tolerance", text="1e-8")
@@ -290,14 +287,14 @@ def test_a_release_whose_models_fail_their_check_is_not_trusted() -> None:
     assert not distrust(Answers("1.0", figures=(default,))).usable
 
 
-def test_messages_name_no_folder_and_are_short() -> None:
+def test_messages_name_no_folder_and_are_short():
     long = replace(figure(ONE), status="error", message="warning in /home/me/gauss_bench/file.py, line 3: " + 300 * "x")
     told = asking.shorten(long).message
     assert told.startswith("warning in file.py, line 3: xxx")
     assert len(told) == asking.LONGEST
 
 
-def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
+def test_steps_and_the_fixed_overhead_are_told_apart():
     """A run of N steps takes 1 ms and 20 us a step."""
     short, long = (np.full(3, 1e-3 + 20e-6 * n) for n in (costs.SHORT, costs.LONG))
     times = split(short, long)
@@ -316,13 +313,11 @@ def test_steps_and_the_fixed_overhead_are_told_apart() -> None:
         (float("nan"), float("nan"), 0.01, "same"),
     ],
 )
-def test_a_cost_changed_if_its_range_lies_beyond_a_margin_and_beyond_the_null(
-    low: float, high: float, width: float, verdict: str
-) -> None:
+def test_a_cost_changed_if_its_range_lies_beyond_a_margin_and_beyond_the_null(low, high, width, verdict):
     assert judge_ratio(low, high, width) == verdict
 
 
-def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
+def test_a_change_of_cost_is_named_between_the_two_neighbours():
     quiet = np.array([1.0, 1.001, 0.999, 1.002, 0.998])
     measured = {"1.0": 2 * quiet, "2.0": quiet, "3.0": quiet[::-1], "null": quiet}
     (change,) = find_changes(["1.0", "2.0", "3.0"], measured, "null")
@@ -333,7 +328,7 @@ def test_a_change_of_cost_is_named_between_the_two_neighbours() -> None:
     assert find_changes(["1.0", "2.0"], noisy, "null") == []
 
 
-def test_a_release_that_could_not_be_timed_has_the_reason_in_place_of_a_verdict() -> None:
+def test_a_release_that_could_not_be_timed_has_the_reason_in_place_of_a_verdict():
     versions, times = ["1.0", "2.0", costs.NULL], {"2.0": np.ones(5), costs.NULL: np.ones(5)}
     failed, *_ = list_costs(versions, times, {"1.0": "no step in /home/me/adapter.py"})
     assert failed["verdict"] == "no step in adapter.py"
@@ -343,7 +338,7 @@ def test_a_release_that_could_not_be_timed_has_the_reason_in_place_of_a_verdict(
     assert np.isnan(without_newest["ratio"])
 
 
-def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
+def test_the_null_reaches_as_far_as_the_newest_differs_from_itself():
     newest = np.ones(4)
     for ratio, width in ((1.0, 0.0), (0.9, 0.1), (1.1, 0.1)):
         assert null_width(np.full(4, ratio), newest) == pytest.approx(width, abs=1e-12)
@@ -353,9 +348,7 @@ def test_the_null_reaches_as_far_as_the_newest_differs_from_itself() -> None:
 
 
 @pytest.mark.long
-def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_processes_of_its_own(
-    made: dict[str, Release], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_processes_of_its_own(made, monkeypatch):
     monkeypatch.setattr(costs, "PROCESSES", 2)
     monkeypatch.setattr(costs, "ROUNDS", 2)
     some = [made["1.0"], made["3.0"]]
@@ -369,9 +362,7 @@ def test_a_race_runs_in_the_environments_and_the_newest_a_second_time_in_process
     assert rows[costs.NULL, costs.STEP_TIME]["verdict"] == ""
 
 
-def test_releases_are_engines_and_answer_in_their_environments_while_they_are_compared(
-    made: dict[str, Release], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_releases_are_engines_and_answer_in_their_environments_while_they_are_compared(made, tmp_path, monkeypatch):
     monkeypatch.delenv(FILE, raising=False)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where no engine is installed
     with as_engines(TWIN, [made["1.0"], made["3.0"]]), Worker() as worker:
@@ -386,7 +377,7 @@ def test_releases_are_engines_and_answer_in_their_environments_while_they_are_co
     assert FILE not in os.environ
 
 
-def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path: Path) -> None:
+def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path):
     wheel = tmp_path / "twin-1.0-py3-none-any.whl"
     wheel.write_bytes(b"a wheel")
     right = hashlib.sha256(b"a wheel").hexdigest()
@@ -396,7 +387,7 @@ def test_a_file_is_trusted_by_its_hash_or_installed_by_its_version(tmp_path: Pat
         check_hash(replace(TWIN, sha256={wheel.name: hashlib.sha256(b"another").hexdigest()}), wheel)
 
 
-def test_what_pip_says_becomes_a_reason() -> None:
+def test_what_pip_says_becomes_a_reason():
     explain = environments.explain
     missing = explain(TWIN, "1.0", "ERROR: No matching distribution found for twin==1.0")
     assert missing == "pip finds no wheel of twin 1.0 for this Python and machine"
@@ -407,12 +398,12 @@ def test_what_pip_says_becomes_a_reason() -> None:
         read_available("", "twin")
 
 
-def answers_of(version: str, factor: float, **more: object) -> Answers:
+def answers_of(version, factor, **more):
     values = factor * np.ones((1, 2))
-    return Answers(version, figures=(figure(values, np.array([values * (1 + 1e-14)]), error=factor - 1),), **more)  # type: ignore[arg-type]
+    return Answers(version, figures=(figure(values, np.array([values * (1 + 1e-14)]), error=factor - 1),), **more)
 
 
-def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_path: Path) -> None:
+def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_path):
     answers = [
         answers_of("1.0", 1.5),
         answers_of("2.0", 1.0, left_out=9),
@@ -437,14 +428,14 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert releases_page(Run({}, {})) is None
 
 
-def test_the_page_tells_the_rule_by_which_changes_are_judged() -> None:
+def test_the_page_tells_the_rule_by_which_changes_are_judged():
     assert f"exceeds {compare.MARGIN:g} times" in what_changed.RULE
     assert (compare.SCATTERED, compare.STEADY) == (1e-3, 1e-6)
     assert "by more than a thousandth, and those of the other by less than a millionth" in what_changed.RULE
 
 
-def test_a_reason_is_told_once_and_names_by_what_became_of_them() -> None:
-    def change(quantity: str, setting: str, was: str, now: str) -> dict[str, Any]:
+def test_a_reason_is_told_once_and_names_by_what_became_of_them():
+    def change(quantity, setting, was, now):
         return {"quantity": quantity, "case": "four_bar", "setting": setting, "was": was, "now": now, "difference": math.nan}
 
     lost = "RunFailure: library 1.0 has no solver (adapter.py:21)"
@@ -461,7 +452,7 @@ def test_a_reason_is_told_once_and_names_by_what_became_of_them() -> None:
     ]
 
 
-def test_every_probe_of_mujoco_is_its_model_at_rest() -> None:
+def test_every_probe_of_mujoco_is_its_model_at_rest():
     needs("mujoco")
     # CG needs no factor of a sparse matrix, which MuJoCo 4.0.0 gets wrong where branches are closed; in motion, `joint` and
     # `tendon` lack a term

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.mark.parametrize(("valid", "tone"), [(False, "good"), (True, "bad")])
-def test_the_control_is_named_and_what_is_not_valid_ranks_nowhere(valid: bool, tone: str) -> None:
+def test_the_control_is_named_and_what_is_not_valid_ranks_nowhere(valid, tone):
     """The soft engine and the control are the cheapest by far."""
     wrong = {"control": True, "acceleration_error_median": 0.7, "acceleration_residual": 1e-13, "step_time": 1e-9}
     rows = (row(), row("mujoco", valid=False, step_time=1e-9), row("yuan_ge_eq16", valid=valid, **wrong))
@@ -34,7 +34,7 @@ def test_the_control_is_named_and_what_is_not_valid_ranks_nowhere(valid: bool, t
 
 
 @pytest.mark.slow
-def test_rows_in_another_order_give_the_same_pages_with_every_case(tmp_path: Path) -> None:
+def test_rows_in_another_order_give_the_same_pages_with_every_case(tmp_path):
     rows = published().results
     for name, turn in (("one", 1), ("other", -1)):
         write_table("results", rows[::turn], tmp_path / name)
@@ -48,7 +48,7 @@ def test_rows_in_another_order_give_the_same_pages_with_every_case(tmp_path: Pat
     assert len(re.findall(r"<tr(?: hidden)?><td", pages)) == len(rows)
 
 
-def test_a_run_of_an_unknown_linkage_without_an_environment_is_reported(tmp_path: Path) -> None:
+def test_a_run_of_an_unknown_linkage_without_an_environment_is_reported(tmp_path):
     key = ("unheard_of", "torque", "new_engine", "", "", "", math.nan, 2.0)
     write_table("results", [dict(zip(KEYS, key, strict=True)) | {"status": "crashed", "valid": False, "control": False}], tmp_path)
     write_schema(tmp_path)
@@ -59,7 +59,7 @@ def test_a_run_of_an_unknown_linkage_without_an_environment_is_reported(tmp_path
 
 
 @pytest.mark.slow
-def test_drawings_show_every_link_and_are_up_to_date() -> None:
+def test_drawings_show_every_link_and_are_up_to_date():
     for name in built_in():
         svg = draw(*pose_links(name))
         assert all(f">{link.name}</text>" in svg for link in load(name).links)
@@ -73,7 +73,7 @@ def test_drawings_show_every_link_and_are_up_to_date() -> None:
 GUIDE = (ROOT / "mechanisms" / "README.md").read_text()
 
 
-def test_the_guides_complete_file_loads_and_is_drawn_in_any_state_and_without_bars(tmp_path: Path) -> None:
+def test_the_guides_complete_file_loads_and_is_drawn_in_any_state_and_without_bars(tmp_path):
     (example,) = (x for x in re.findall(r"```toml\n(.*?)```", GUIDE, re.DOTALL) if x.startswith("format"))
     document = tomllib.loads(example)
     path = tmp_path / f"{document['name']}.toml"
@@ -87,7 +87,7 @@ def test_the_guides_complete_file_loads_and_is_drawn_in_any_state_and_without_ba
     assert draw(mechanism) == draw(mechanism, mechanism.q0)
 
 
-def test_the_guide_names_every_key_of_the_grammar() -> None:
+def test_the_guide_names_every_key_of_the_grammar():
     tables = [x for x in vars(schema).values() if isinstance(x, type) and issubclass(x, schema.Table)]
     keys = {field.alias or name for table in tables for name, field in table.model_fields.items()}
     words = set(re.findall(r"\w+", GUIDE))

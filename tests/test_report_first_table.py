@@ -1,7 +1,6 @@
 """The first table: multiples of the fastest engine, marks of own engines, both loops of Pinocchio, reasons for missing times."""
 
 import math
-from typing import Any
 
 import pytest
 
@@ -12,13 +11,13 @@ from gauss_bench.report.sections.search import over_the_cheaper
 from gauss_bench.report.site.settings import multiples
 
 
-def ladder(engine: str, settings: str, steps: float, error: float, status: str = "ok", **more: Any) -> dict[str, Any]:
+def ladder(engine, settings, steps, error, status="ok", **more):
     place = {"mechanism": "four_bar", "scenario": "torque", "engine": engine, "settings": settings, "integrator": "rk4"}
     numbers = {"step": 1 / steps, "tolerance": math.nan, "steps": steps, "position_error": error, "until": 1.0}
     return place | {"stabilization": "none", "status": status, "message": ""} | numbers | more
 
 
-def timed(row: dict[str, Any], seconds: float) -> dict[str, Any]:
+def timed(row, seconds):
     return row | {"seconds": seconds, "seconds_low": 0.9 * seconds, "seconds_high": 1.1 * seconds}
 
 
@@ -32,12 +31,12 @@ MISSED = [ladder("exudyn", "loose", n, 1.0 / n**2) for n in (100.0, 200.0, 400.0
 RUN = Run({}, {"search_ladder": (*(x for x, _ in WAYS.values()), *MISSED), "search_times": tuple(timed(*x) for x in WAYS.values())})
 
 
-def test_multiples_are_over_the_fastest_of_all() -> None:
+def test_multiples_are_over_the_fastest_of_all():
     seconds = {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0, "exudyn": math.nan}
     assert multiples(seconds) == {"minimal": 1.0, "gauss-native": 2.0, "lagrange-native": 1.5, "mujoco": 30.0}
 
 
-def test_the_first_table_has_error_time_and_multiple_of_each_way() -> None:
+def test_the_first_table_has_error_time_and_multiple_of_each_way():
     assert first_table(Run()) is None
     table = first_table(RUN)
     assert table.title == "Within 1e-06 m of position over 1 s"
@@ -51,18 +50,18 @@ def test_the_first_table_has_error_time_and_multiple_of_each_way() -> None:
     ]
 
 
-def test_readme_is_renewed_between_its_two_lines_alone() -> None:
+def test_readme_is_renewed_between_its_two_lines_alone():
     page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
     new = renew(page, RUN)
     assert new.startswith(f"before\n{BEGIN}\n| engine |")
-    assert new.endswith(f"| 400 |\n| exudyn | {first_table(RUN).rows[-1][1].text} | - | - | 0 of 1 | - |\n{END}\nafter\n")  # type: ignore[union-attr]
+    assert new.endswith(f"| 400 |\n| exudyn | {first_table(RUN).rows[-1][1].text} | - | - | 0 of 1 | - |\n{END}\nafter\n")
     assert renew(new, RUN) == new
     with pytest.raises(ValueError, match="README has no lines"):
         renew("no table", RUN)
 
 
-def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that_ties() -> None:
-    def stored(engine: str, ratio: float, ours: bool) -> dict[str, Any]:
+def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that_ties():
+    def stored(engine, ratio, ours):
         ends = {"ratio_low": 0.9 * ratio, "ratio_high": 1.1 * ratio}
         return {"mechanism": "six_bar", "engine": engine, "ours": ours, "ratio": ratio} | ends
 
@@ -72,12 +71,12 @@ def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that
     assert (found[2]["ratio_low"], found[2]["ratio_high"]) == pytest.approx((45.0, 55.0))
 
 
-def test_the_papers_claim_is_judged_by_its_own_formula_first() -> None:
-    def case(engine: str, mechanism: str, ratio: float) -> dict[str, Any]:
+def test_the_papers_claim_is_judged_by_its_own_formula_first():
+    def case(engine, mechanism, ratio):
         row = {"mechanism": mechanism, "scenario": "", "engine": engine, "settings": "default", "integrator": "rk4"}
         return row | {"stabilization": "none", "step_time": ratio * 1e-5, "step_ratio": ratio}
 
-    def of(*ratios: float) -> tuple[str, dict[str, float]]:
+    def of(*ratios):
         places = ("four_bar", "six_bar")
         rows = [case("lagrange", x, 0.5) for x in places]
         rows += [case("gauss_pinv", x, y) for x, y in zip(places, ratios, strict=True)]

@@ -1,9 +1,5 @@
 """A report replaces its own files alone, and a folder without a run has no report."""
 
-from pathlib import Path
-
-import pytest
-
 from gauss_bench.cli import main
 from gauss_bench.report.build import build_report
 from gauss_bench.tables import write_schema, write_table
@@ -11,7 +7,7 @@ from gauss_bench.tables import write_schema, write_table
 ROW = {"mechanism": "four_bar", "first": "a", "second": "b", "position": 1e-16, "velocity": 1e-16, "acceleration": 1e-15}
 
 
-def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path, capsys):
     (tmp_path / "figures").mkdir()
     (tmp_path / "figures" / "mine.svg").write_text("<svg/>")
     assert main(["report", "--out", str(tmp_path)]) == 2
@@ -21,7 +17,7 @@ def test_a_folder_without_a_run_is_refused_and_stays_as_it_is(tmp_path: Path, ca
     assert not (tmp_path / "nowhere").exists()
 
 
-def test_files_that_gauss_bench_did_not_write_are_kept(tmp_path: Path) -> None:
+def test_files_that_gauss_bench_did_not_write_are_kept(tmp_path):
     write_table("agreement", [ROW], tmp_path)
     write_schema(tmp_path)
     site = tmp_path / "site"

@@ -9,7 +9,7 @@ import pytest
 
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
-from gauss_bench.mechanism.model import GROUND, Mechanism, Point, Prismatic, Revolute
+from gauss_bench.mechanism.model import GROUND, Prismatic, Revolute
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.report.drawings.animation import FRAMES, REST, SHORTEST, Film, animate
 from gauss_bench.report.drawings.canvas import make_part
@@ -17,7 +17,6 @@ from gauss_bench.report.drawings.curves import curves
 from gauss_bench.report.drawings.drawing import bar_ends, fit
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import inline
-from gauss_bench.terms import Array
 from tests.conftest import exhaustive
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -27,23 +26,23 @@ WRITTEN = 0.15
 BETWEEN = 0.1  # [px] more, for straight lines between states that are a turn of 4 degrees apart
 
 
-def turn(name: str) -> tuple[Mechanism, Array, Array]:
+def turn(name):
     mechanism, _, states = pose_links(name)
     assert states is not None
     return mechanism, np.linspace(0.0, 1.0, len(states)), states
 
 
-def film(svg: str) -> ET.Element:
+def film(svg):
     (found,) = (g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("class") == "motion-film")
     return found
 
 
-def groups(svg: str) -> dict[str, ET.Element]:
+def groups(svg):
     """Return name of a link -> the group of the film that has its shapes."""
     return {title.text or "": g for g in film(svg) if (title := g.find(f"{SVG}title")) is not None}
 
 
-def track(group: ET.Element, kind: str, parts: Array) -> Array:
+def track(group, kind, parts):
     """Return the values (k, d) of an animation at parts (k,) of its loop, interpolated as a browser does."""
     (found,) = (x for x in group.findall(f"{SVG}animateTransform") if x.get("type") == kind)
     values = np.array([[float(x) for x in frame.split()] for frame in found.attrib["values"].split(";")])
@@ -55,7 +54,7 @@ def track(group: ET.Element, kind: str, parts: Array) -> Array:
     return np.stack([np.interp(parts, at, column) for column in values.T], axis=-1)
 
 
-def carry(group: ET.Element, local: Array, parts: Array) -> Array:
+def carry(group, local, parts):
     """Return the pixels (k, 2) of a place (2,) in a link's group at parts (k,) of the loop."""
     angle = np.radians(track(group, "rotate", parts)[:, 0])
     c, s = np.cos(angle), np.sin(angle)
@@ -63,11 +62,11 @@ def carry(group: ET.Element, local: Array, parts: Array) -> Array:
     return track(group, "translate", parts) + turned
 
 
-def numbers(text: str) -> Array:
+def numbers(text):
     return np.array([float(x) for x in re.findall(r"-?\d+\.?\d*", text)]).reshape(-1, 2)
 
 
-def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array | None:
+def where(mechanism, svg, point, parts):
     """Return the pixels (k, 2) of a point at parts (k,) of the loop, or None if it is no end of a bar."""
     if point.link == GROUND:
         return None
@@ -78,7 +77,7 @@ def where(mechanism: Mechanism, svg: str, point: Point, parts: Array) -> Array |
 
 
 @pytest.mark.parametrize("name", LINKAGES)
-def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(name: str) -> None:
+def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(name):
     mechanism, t, q = turn(name)
     wrapped = q.reshape(len(q), -1, 3).copy()
     wrapped[..., 2] = (wrapped[..., 2] + np.pi) % (2 * np.pi) - np.pi
@@ -105,7 +104,7 @@ def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(na
     assert "slowed 4 times" in svg
 
 
-def holds(mechanism: Mechanism, svg: str, joint: Revolute, parts: Array) -> bool:
+def holds(mechanism, svg, joint, parts):
     """Check that both ends of a pin coincide at parts (k,) of the loop; tell whether both are ends of bars."""
     a, b = (where(mechanism, svg, p, parts) for p in (joint.a, joint.b))
     if a is None or b is None:
@@ -115,7 +114,7 @@ def holds(mechanism: Mechanism, svg: str, joint: Revolute, parts: Array) -> bool
 
 
 @pytest.mark.parametrize("name", exhaustive(["shaper", "six_bar"], "shaper"))
-def test_blocks_stay_on_their_guides(name: str) -> None:
+def test_blocks_stay_on_their_guides(name):
     mechanism, t, q = turn(name)
     parts = (np.arange(len(t) - 1) + 0.5) / (len(t) - 1)
     lines, blocks = [], []
@@ -134,7 +133,7 @@ def test_blocks_stay_on_their_guides(name: str) -> None:
         assert min(off) < 2 * (WRITTEN + BETWEEN)
 
 
-def test_a_block_lies_along_its_guide_however_its_own_frame_is_turned() -> None:
+def test_a_block_lies_along_its_guide_however_its_own_frame_is_turned():
     mechanism, t, q = turn("crank_slider")
     (slide,) = (j for j in mechanism.joints if isinstance(j, Prismatic))
     other = replace(slide, turn=slide.turn + 0.4)
@@ -148,7 +147,7 @@ def test_a_block_lies_along_its_guide_however_its_own_frame_is_turned() -> None:
     np.testing.assert_allclose(angles, -np.degrees(slide.angle), atol=0.02)  # both are written to 0.01 degrees
 
 
-def test_a_small_file_shows_points_on_their_paths_and_a_named_state_to_readers_who_prefer_less_motion() -> None:
+def test_a_small_file_shows_points_on_their_paths_and_a_named_state_to_readers_who_prefer_less_motion():
     mechanism, t, q = turn("eight_bar")
     point = mechanism.observed_points[0]
     svg = animate(mechanism, t, q, [point])
@@ -168,7 +167,7 @@ def test_a_small_file_shows_points_on_their_paths_and_a_named_state_to_readers_w
     assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
 
 
-def test_a_motion_that_does_not_return_rests_at_its_end_and_keeps_time() -> None:
+def test_a_motion_that_does_not_return_rests_at_its_end_and_keeps_time():
     mechanism, t, q = turn("four_bar")
     half = len(t) // 2
     svg = animate(mechanism, 10 * t[:half], q[:half])
@@ -182,7 +181,7 @@ def test_a_motion_that_does_not_return_rests_at_its_end_and_keeps_time() -> None
 
 
 @pytest.mark.slow
-def test_many_states_are_thinned_by_how_far_they_turn() -> None:
+def test_many_states_are_thinned_by_how_far_they_turn():
     mechanism = load("four_bar", "driven")
     angles = np.linspace(0, 2 * np.pi, 3001)
     still = np.zeros_like(angles)
@@ -193,7 +192,7 @@ def test_many_states_are_thinned_by_how_far_they_turn() -> None:
     assert sum(holds(mechanism, svg, joint, np.linspace(0, 1, 777)) for joint in pins) >= 1
 
 
-def test_a_motion_without_states_or_points_is_refused() -> None:
+def test_a_motion_without_states_or_points_is_refused():
     mechanism, t, q = turn("four_bar")
     for times, states in ((t[:1], q[:1]), (t[:5], q[:4]), (t[::-1], q)):
         with pytest.raises(ValueError, match="two or more states"):
@@ -205,7 +204,7 @@ def test_a_motion_without_states_or_points_is_refused() -> None:
         curves(mechanism, t, q[:-1], v, a, points)
 
 
-def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Point]]:
+def driven(points):
     mechanism = load("eight_bar", "driven")
     t = np.linspace(0, 1, 121)
     w = np.full_like(t, 2 * np.pi)
@@ -213,7 +212,7 @@ def driven(points: int) -> tuple[Mechanism, Array, Array, Array, Array, list[Poi
     return mechanism, t, q, v, a, [mechanism.point(0, "2"), *mechanism.observed_points][:points]
 
 
-def drawn(svg: str, axes: int) -> list[Array]:
+def drawn(svg, axes):
     """Return the pixels (k, 2) of each line of a panel, without axes and ticks."""
     (panel,) = (g for g in ET.fromstring(svg).iter(f"{SVG}g") if g.get("id") == f"axes_{axes}")
     lines = [g for g in panel if (g.get("id") or "").startswith("line2d_")]
@@ -221,7 +220,7 @@ def drawn(svg: str, axes: int) -> list[Array]:
 
 
 @pytest.mark.slow
-def test_curves_are_the_path_velocity_and_acceleration_of_each_point_and_come_out_the_same() -> None:
+def test_curves_are_the_path_velocity_and_acceleration_of_each_point_and_come_out_the_same():
     _, t, q, v, a, points = driven(2)
     svg = curves(*driven(2))
     assert len(re.findall(r'id="axes_\d+"', svg)) == 3 * len(points) == 6
@@ -244,7 +243,7 @@ def test_curves_are_the_path_velocity_and_acceleration_of_each_point_and_come_ou
 
 
 @pytest.mark.parametrize(("slides", "turns"), [(True, False), (False, True), (True, True)])
-def test_a_symbol_that_moves_has_the_angle_and_the_place_of_every_state(slides: bool, turns: bool) -> None:
+def test_a_symbol_that_moves_has_the_angle_and_the_place_of_every_state(slides, turns):
     place = np.array([[10.0, 20.0], [30.0, 20.0]]) if slides else np.array([[10.0, 20.0]] * 2)
     angle = np.array([30.0, 70.0]) if turns else np.array([30.0, 30.0])
     group = ET.fromstring(Film(np.zeros((2, 3)), 'dur="1s"').draw(make_part(['<path d=""/>'], place, angle)))

@@ -1,7 +1,5 @@
 """Findings on searches, from rows with known answers."""
 
-from typing import Any
-
 import pytest
 
 from gauss_bench.report.content import Table
@@ -9,8 +7,8 @@ from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 
 
-def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, accuracy: float = 1e-6) -> dict[str, Any]:
-    row: dict[str, Any] = {"mechanism": mechanism, "scenario": "torque", "engine": engine, "required": "position", "unit": "m"}
+def winner(mechanism, engine, ratio, own=False, accuracy=1e-6):
+    row = {"mechanism": mechanism, "scenario": "torque", "engine": engine, "required": "position", "unit": "m"}
     row |= {"accuracy": accuracy, "settings": "lean", "integrator": "rk4", "stabilization": "none", "budget": 24.0, "message": ""}
     row |= {"own": own, "ours": "native" in engine, "step": 1e-3, "error": accuracy / 2, "most_steps": 1e5}
     if ratio is None:
@@ -19,7 +17,7 @@ def winner(mechanism: str, engine: str, ratio: float | None, own: bool = False, 
     return row | {"status": "ok", "seconds": ratio * 1e-4} | spread
 
 
-def run(*rows: dict[str, Any], **more: tuple[dict[str, Any], ...]) -> Run:
+def run(*rows, **more):
     return Run({}, {"search_winners": rows} | more)
 
 
@@ -34,7 +32,7 @@ ROWS = (
 )
 
 
-def test_a_sentence_names_each_rival_on_every_linkage_with_the_limits_of_the_search() -> None:
+def test_a_sentence_names_each_rival_on_every_linkage_with_the_limits_of_the_search():
     (finding,) = search.findings(run(*ROWS))
     assert finding.title == "Within 1e-06 m of position over the whole run"
     (sentence,) = (x for x in finding.text.split(". ") if "`mujoco`" in x)
@@ -65,20 +63,20 @@ REACHED = winner("jansen", "pinocchio", 1.0) | {"ratio": float("nan")}
         (AIMED, "**Our lead misses its target** over `pinocchio` on six_bar 7.00 (6.86..7.14) instead of 20.0. "),
     ],
 )
-def test_a_defeat_stands_first(rows: list[dict[str, Any]], start: str) -> None:
+def test_a_defeat_stands_first(rows, start):
     (finding,) = search.findings(run(*rows))
     assert finding.text.startswith(start)
     assert finding.tone == ("warn" if start.startswith("**") else "")
 
 
-def test_a_finding_names_what_it_leaves_out() -> None:
+def test_a_finding_names_what_it_leaves_out():
     skipped = winner("four_bar", "by_hand", None) | {"status": "skip", "message": "no C compiler"}
     cases = tuple({"mechanism": x, "engine": "gauss", "status": "ok"} for x in ("four_bar", "shaper"))
     (finding,) = search.findings(run(*ROWS, skipped, results=cases))
     assert finding.text.endswith("Left out: `by_hand` on four_bar (not tried: no C compiler). Not searched: shaper.")
 
 
-def test_a_lost_race_is_a_finding_and_changes_no_other() -> None:
+def test_a_lost_race_is_a_finding_and_changes_no_other():
     lost = {"mechanism": "shaper", "scenario": "torque", "required": "", "status": "timeout", "message": "no answer within 600 s"}
     crashed = winner("six_bar", "exudyn", None) | {"status": "crashed", "message": "SIGSEGV"}
     crashed |= dict.fromkeys(("steps", "budget"), float("nan"))
@@ -88,7 +86,7 @@ def test_a_lost_race_is_a_finding_and_changes_no_other() -> None:
     assert search.section(run(lost)) is None
 
 
-def test_each_accuracy_is_a_finding_and_every_winner_a_line() -> None:
+def test_each_accuracy_is_a_finding_and_every_winner_a_line():
     finer = [r | {"accuracy": 1e-9} for r in ROWS]
     angles = [r | {"required": "angle", "unit": "rad"} for r in ROWS]
     findings = list(search.findings(run(*angles, *finer, *ROWS)))

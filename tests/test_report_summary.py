@@ -12,18 +12,18 @@ from tests.published import REPORTS, published, published_findings, tables
 LIMIT = 30_000  # bytes that a reviewer reads
 
 
-def test_the_published_summary_follows_from_the_published_rows() -> None:
+def test_the_published_summary_follows_from_the_published_rows():
     page = markdown_page(published(), summary(published(), published_findings()))
     assert (REPORTS / "README.md").read_text(encoding="utf-8") == page, "write it again: gauss-bench report --out reports"
     assert len(page.encode()) <= LIMIT
 
 
 @pytest.mark.long
-def test_every_published_headline_is_that_of_the_raw_rows() -> None:
+def test_every_published_headline_is_that_of_the_raw_rows():
     assert set(compared(with_raw_rows(REPORTS))) == {"steps", "one_value", "costs", "claim", "search"}
 
 
-def test_defeats_come_first_in_the_summary() -> None:
+def test_defeats_come_first_in_the_summary():
     found = [
         Finding("Fine", "All is well.", "good"),
         Finding("Odd", "Something is odd.", "warn"),
@@ -35,7 +35,7 @@ def test_defeats_come_first_in_the_summary() -> None:
     assert others.items == ["**Fine.** All is well."]
 
 
-def test_every_engine_has_its_least_error_and_every_winner_its_ratio() -> None:
+def test_every_engine_has_its_least_error_and_every_winner_its_ratio():
     """Both are computed a second time: the least error of usable cases, and times divided by the smallest time."""
     run = published()
     for name, table in tables(summary(run, ())):

@@ -1,11 +1,9 @@
 """The judge calls no wrong run ok: each of its checks has a case with a known answer."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.engines.interpreted import InterpretedModel
 from gauss_bench.linkage.load import load, load_document, merge
 from gauss_bench.mechanism.evaluate import Evaluator
-from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs import scrutiny
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
@@ -30,24 +27,24 @@ MECHANISMS = Path(__file__).parents[1] / "mechanisms"
 MASS, K = 2.0, 8e4
 
 
-def oscillator(k: float = K, c: float = 0.0) -> dict[str, Any]:
+def oscillator(k=K, c=0.0):
     """A block of 2 kg on a horizontal slide, held by a spring: x = 0.1 cos(w t), w^2 = k / m."""
     return merge(document("small/oscillator"), {"forces": {"f": {"k": k, "c": c}}})
 
 
-def at_rest(document: dict[str, Any]) -> tuple[Any, Trajectory]:
+def at_rest(document):
     mechanism = load_document(document)
     still = np.zeros((1, mechanism.n))
     return mechanism, Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], still, 0)
 
 
-def test_the_fastest_rate_is_that_of_the_oscillator() -> None:
+def test_the_fastest_rate_is_that_of_the_oscillator():
     assert scrutiny.fastest_rate(*at_rest(oscillator())) == pytest.approx(np.sqrt(K / MASS), rel=1e-6)
     damped = scrutiny.fastest_rate(*at_rest(oscillator(c=100.0)))
     assert damped == pytest.approx(np.sqrt(K / MASS - (100.0 / (2 * MASS)) ** 2), rel=1e-6)
 
 
-def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path, monkeypatch):
     """Samples lie a millisecond apart, however fast the linkage is."""
     monkeypatch.setattr("gauss_bench.api.simulate.sample_spacing", lambda mechanism, t_end: 1e-3)
     path = tmp_path / "oscillator.toml"
@@ -58,12 +55,12 @@ def test_damping_that_no_sample_sees_is_not_held_against_the_energy(tmp_path: An
     assert found.metrics["energy_error"] == pytest.approx(0.5 * 8e8 * 0.1**2, rel=1e-6)
 
 
-def test_energy_that_is_gained_or_lost_where_samples_see_it_is_told() -> None:
+def test_energy_that_is_gained_or_lost_where_samples_see_it_is_told():
     t = np.array([0.0, 1e-3, 2e-3, 2.1e-3])
     assert metrics.without_loss(t, np.array([0.0, -5.0, -4.0, -7.0]), 5e-4) == pytest.approx([0.0, 0.0, 1.0, -2.0])
 
 
-def test_energy_that_nothing_else_decides_is_objected_to() -> None:
+def test_energy_that_nothing_else_decides_is_objected_to():
     lost = replace(SOUND, energy=FIVE - 1.0)
     assert not judge.judge(lost).valid
     hidden = replace(lost, seen=FIVE)
@@ -73,13 +70,13 @@ def test_energy_that_nothing_else_decides_is_objected_to() -> None:
 
 
 @pytest.mark.long
-def test_no_wrong_motion_of_a_random_linkage_is_called_ok() -> None:
+def test_no_wrong_motion_of_a_random_linkage_is_called_ok():
     endings = list(over_motions(1, 6))
     assert [sentence for _, _, sentence in endings if sentence] == []
     assert sum(word == "ok, and right" for _, word, _ in endings) >= 2
 
 
-def test_a_motion_that_runs_away_makes_no_noise(tmp_path: Any, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_that_runs_away_makes_no_noise(tmp_path, capfd):
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=1e13)))
     found = simulate(str(path), stabilization="projection", step=1e-2, at=[0.0, 0.9])
@@ -100,7 +97,7 @@ forces = ["hum"]
 """
 
 
-def with_force(folder: Path, force: str) -> str:
+def with_force(folder, force):
     """Write a file of the four-bar with one more force and a scenario, and return its path."""
     path, four_bar = folder / "four_bar.toml", (MECHANISMS / "four_bar.toml").read_text(encoding="utf-8")
     path.write_text(four_bar.replace("planar-linkage/1", "planar-linkage/2") + force, encoding="utf-8")
@@ -108,15 +105,13 @@ def with_force(folder: Path, force: str) -> str:
 
 
 @pytest.fixture
-def humming(tmp_path: Path) -> str:
+def humming(tmp_path):
     """Return a file of the four-bar under a torque that swings 4000 times a second, for which there is no certificate."""
     return with_force(tmp_path, FORCED)
 
 
 @pytest.mark.parametrize(("step", "status"), [(1e-3, "invalid"), (1e-4, "ok")])
-def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
-    step: float, status: str, humming: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(step, status, humming, capfd):
     found = simulate(humming, scenario="hum", step=step)
     assert found.status == status, found.message
     warned = "does not resolve a force that swings with a period of 0.00025 s" in capfd.readouterr().err
@@ -127,7 +122,7 @@ def test_a_step_that_meets_a_swinging_force_in_one_phase_is_not_ok(
         assert "0.25 steps in a period of the fastest force" in found.message
 
 
-def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
+def test_a_table_turns_where_its_slope_changes_sign(tmp_path):
     """A ramp, a plateau, a fall, and a rise after it."""
     rows = [[0.0, 0.0], [0.1, 1.0], [0.2, 1.0], [0.3, 0.5], [0.4, 0.0], [0.5, 2.0], [0.6, 3.0]]
     path = with_force(tmp_path, re.sub(r"\{ law = .* \}", f'{{ law = "table", rows = {rows} }}', FORCED))
@@ -135,18 +130,18 @@ def test_a_table_turns_where_its_slope_changes_sign(tmp_path: Path) -> None:
     assert scrutiny.reversal_times(load("four_bar", "torque")) == []
 
 
-def ran(mechanism: Mechanism, count: int, step: float = 1e-3) -> Trajectory:
+def ran(mechanism, count, step=1e-3):
     """Return the motion of a linkage in so many samples, a millisecond apart."""
     return by_gauss(mechanism, 1e-3 * np.arange(count), integrator="rk4", step=step)
 
 
 @cache
-def sound_run(step: float) -> Trajectory:
+def sound_run(step):
     """The four-bar for 0.2 s."""
     return ran(load("four_bar", "conservative"), 201, step)
 
 
-def played(change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
+def played(change):
     """Return the judge's verdict on a sound run by 1 ms, if it and its repetition at half the step are changed alike."""
     finer = Run(Status.OK, "", change(sound_run(5e-4)), None, sampling(5e-4, 0.2))
     choice = Choice("default", "rk4")
@@ -154,7 +149,7 @@ def played(change: Callable[[Trajectory], Trajectory]) -> judge.Judgement:
     return judge.judge(evidence)
 
 
-CHANGED: dict[str, Callable[[Trajectory], Trajectory]] = {
+CHANGED = {
     "frozen at its start": lambda x: replace(x, q=x.q * 0 + x.q[0], v=x.v * 0 + x.v[0], a=x.a * 0 + x.a[0]),
     "velocities scaled": lambda x: replace(x, v=0.9 * x.v),
     "velocities reversed": lambda x: replace(x, v=-x.v),
@@ -164,14 +159,14 @@ CHANGED: dict[str, Callable[[Trajectory], Trajectory]] = {
 }
 
 
-def test_a_motion_whose_rates_are_of_another_motion_is_refused() -> None:
+def test_a_motion_whose_rates_are_of_another_motion_is_refused():
     assert played(lambda x: x).valid
     for how, change in CHANGED.items():
         assert judge.Subject.RATES in {x.subject for x in played(change).objections}, how
 
 
 @pytest.mark.parametrize("faster", [1.0, 1.01])
-def test_a_sound_motion_of_another_start_is_refused(faster: float) -> None:
+def test_a_sound_motion_of_another_start_is_refused(faster):
     """The run is a motion of this linkage from another start: only the first sample shows the error."""
     mechanism = load("four_bar", "conservative")
     first, finer = (ran(replace(mechanism, v0=faster * mechanism.v0), 101, step) for step in (1e-3, 5e-4))
@@ -185,13 +180,13 @@ STILL = metrics.RateGaps(FIVE, FIVE, FIVE, FIVE, bars=metrics.MotionGap(0.0, 0.0
 SOUND = judge.Evidence(0.2, metrics.Drift(FIVE, FIVE, FIVE), FIVE, 0.0, 7.0, rates=STILL, duration=1.0)
 
 
-def off_by(length: float, angle: float) -> metrics.Errors:
+def off_by(length, angle):
     each = FIVE[:, None]
     return metrics.Errors(FIVE, FIVE, each + length, each + angle, each, FIVE, FIVE)
 
 
 SLOW = replace(STILL, fastest=(0.0, 0.0))  # no link leaves its place within the second of the run
-IN_NUMBERS: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {  # limit, and the evidence of a value
+IN_NUMBERS = {  # limit, and the evidence of a value
     "start, place": (2e-6, lambda x: {"start": metrics.MotionGap(x, 0, 0, 0)}),
     "start, angle": (1e-5, lambda x: {"start": metrics.MotionGap(0, x, 0, 0)}),
     "start, velocity": (3e-5, lambda x: {"start": metrics.MotionGap(0, 0, x, 0)}),
@@ -218,7 +213,7 @@ IN_NUMBERS: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {  # li
 
 @pytest.mark.parametrize(("share", "valid"), [(0.99, True), (1.01, False), (np.nan, False)])
 @pytest.mark.parametrize("what", IN_NUMBERS)
-def test_every_limit_of_the_judge_in_numbers(what: str, share: float, valid: bool) -> None:
+def test_every_limit_of_the_judge_in_numbers(what, share, valid):
     """Size 0.2 m, 7 J that move, speeds 3 m/s and 40 rad/s."""
     assert judge.judge(SOUND).valid
     limit, found = IN_NUMBERS[what]
@@ -226,13 +221,13 @@ def test_every_limit_of_the_judge_in_numbers(what: str, share: float, valid: boo
 
 
 @pytest.mark.parametrize(("lost", "told"), [(0.9e-9, False), (1.1e-9, True), (0.99e-2, True), (1.01e-2, False)])
-def test_digits_are_told_that_lie_between_a_billionth_and_what_is_refused(lost: float, told: bool) -> None:
+def test_digits_are_told_that_lie_between_a_billionth_and_what_is_refused(lost, told):
     assert bool(judge.remark(replace(SOUND, disagreement=lost))) is told
     assert "keep about 6 digits" in judge.remark(replace(SOUND, disagreement=2.6e-7))
 
 
 @pytest.mark.parametrize("broken", [1, 24])
-def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(broken: int) -> None:
+def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(broken):
     mechanism = load("four_bar", "conservative")
     x = ran(mechanism, 25)
     q = x.q.copy()
@@ -247,11 +242,11 @@ def test_a_run_is_trusted_up_to_the_sample_before_the_first_that_is_objected_to(
 
 @pytest.mark.parametrize(("share", "valid"), [(0.9, True), (1.1, False)])
 @pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
-def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: float, valid: bool) -> None:
+def test_the_limits_of_rates_are_shares_of_size_and_speed(name, share, valid):
     """A gap alone; size 0.2 m, speeds 3 m/s and 40 rad/s."""
     limit = {"place": 0.005, "turn": 0.025, "speed": 0.075, "spin": 1.0}[name]
 
-    def off(shares: float) -> metrics.RateGaps:
+    def off(shares):
         return replace(STILL, **{name: FIVE + shares * limit})
 
     evidence = replace(SOUND, rates=off(share))
@@ -263,7 +258,7 @@ def test_the_limits_of_rates_are_shares_of_size_and_speed(name: str, share: floa
 
 @pytest.mark.parametrize(("share", "valid"), [(2.9, True), (3.1, False)])
 @pytest.mark.parametrize("name", ["place", "turn", "speed", "spin"])
-def test_what_samples_allow_of_rates_is_at_most_two_limits(name: str, share: float, valid: bool) -> None:
+def test_what_samples_allow_of_rates_is_at_most_two_limits(name, share, valid):
     """Size, duration and largest speeds are 1, and all error bars are 9."""
     bars = metrics.MotionGap(9.0, 9.0, 9.0, 9.0)
     rates = replace(STILL, **{name: FIVE + share * judge.OFF_RATES}, bars=bars, fastest=(1.0, 1.0))
@@ -274,13 +269,13 @@ def test_what_samples_allow_of_rates_is_at_most_two_limits(name: str, share: flo
     ("gained", "bar", "floor", "valid"),
     [(0.29, 9.0, 0.0, True), (0.31, 9.0, 0.0, False), (0.31, 9.0, 0.02, True), (0.11, 0.02, 9.0, True), (0.13, 0.02, 9.0, False)],
 )
-def test_what_samples_allow_of_work_is_at_most_two_limits(gained: float, bar: float, floor: float, valid: bool) -> None:
+def test_what_samples_allow_of_work_is_at_most_two_limits(gained, bar, floor, valid):
     """10 J move; rounding is allowed beside the two limits."""
     found = {"energy": FIVE + gained, "energy_bar": bar, "energy_scale": 10.0, "energy_floor": floor}
     assert judge.judge(replace(SOUND, **found)).valid == valid
 
 
-def test_accelerations_are_judged_where_the_samples_themselves_say() -> None:
+def test_accelerations_are_judged_where_the_samples_themselves_say():
     t = np.arange(500.0)
     x = Trajectory(t, *np.random.default_rng(1).normal(size=(3, 500, 3)), 499)
     drawn = draw_samples(x)
@@ -293,7 +288,7 @@ def test_accelerations_are_judged_where_the_samples_themselves_say() -> None:
     assert draw_samples(x[:5]).tolist() == [0, 1, 2, 3, 4]
 
 
-def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() -> None:
+def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share():
     t = np.linspace(0.0, 1.0, 101)
     p = np.polynomial.Polynomial([0.1, -2.0, 3.0])
     columns = np.array([1.0, 2.0, -1.0])
@@ -308,7 +303,7 @@ def test_rates_of_a_polynomial_leave_no_gap_and_a_scaled_one_leaves_its_share() 
     assert off.fastest == pytest.approx((2.2 * np.abs(p.deriv()(t)).max(), 1.1 * np.abs(p.deriv()(t)).max()))
 
 
-def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_tolerance(tmp_path: Path) -> None:
+def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_tolerance(tmp_path):
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=800.0)))
     loose = simulate(str(path), integrator="dop853", settings="dop853_rtol=0.02,dop853_atol=0.02", at=[0.0, 1.0])
@@ -320,7 +315,7 @@ def test_an_integrator_that_chooses_its_steps_is_run_again_at_a_tighter_toleranc
     assert 0 < sound.metrics["halving_length"] < 1e-6
 
 
-def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
+def test_a_repetition_is_compared_at_the_samples_of_the_run():
     asked = Request("x", "s", "gauss", Choice("default", "x"), sampling(1e-3, 4e-3))
     engine = Offer("x", settings={"default": {}}, integrators=("x",), adaptive=("x",))
     times = scrutiny.repeat_finer(asked, engine, 0.0, asked.wanted.times).wanted.times
@@ -343,12 +338,12 @@ def test_a_repetition_is_compared_at_the_samples_of_the_run() -> None:
         ({"reltol": 1e-13}, None, 1e-11),
     ],
 )
-def test_a_tighter_tolerance_is_a_hundredth(settings: dict[str, Any], asked: float | None, finer: float) -> None:
+def test_a_tighter_tolerance_is_a_hundredth(settings, asked, finer):
     engine = Offer("x", settings={"default": settings}, integrators=("x",), adaptive=("x",))
     assert scrutiny.finer_tolerance(engine, Choice("default", "x", tolerance=asked)) == pytest.approx(finer)
 
 
-def test_the_same_bits_at_another_tolerance_are_no_repetition() -> None:
+def test_the_same_bits_at_another_tolerance_are_no_repetition():
     mechanism = load("four_bar", "conservative")
     x = ran(mechanism, 11)
     again = Run(Status.OK, "", x, None, sampling(1e-3, 0.01))
@@ -364,14 +359,14 @@ def test_the_same_bits_at_another_tolerance_are_no_repetition() -> None:
     assert "half the step gave no motion to compare with: timeout, too late" in judge.judge(evidence).sentence
 
 
-def test_a_driven_linkage_may_be_the_same_at_half_the_step() -> None:
+def test_a_driven_linkage_may_be_the_same_at_half_the_step():
     mechanism = load("four_bar", "driven")
     x = ran(mechanism, 11)
     assert not scrutiny.depends_on_steps(mechanism, x)
     assert scrutiny.depends_on_steps(load("four_bar", "conservative"), x)
 
 
-def test_samples_are_copies_of_real_numbers_without_a_mask() -> None:
+def test_samples_are_copies_of_real_numbers_without_a_mask():
     t, states = np.arange(3.0), np.zeros((3, 3))
     good = Trajectory(t, states, states, states, 2)
     masked = np.ma.masked_array(states, mask=np.arange(9).reshape(3, 3) == 7)
@@ -386,7 +381,7 @@ def test_samples_are_copies_of_real_numbers_without_a_mask() -> None:
     assert not taken.q.any()
 
 
-def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch):
     """The places of the engine are right and its velocities a tenth too small; the reference is known."""
     read = InterpretedModel.read
     monkeypatch.setattr(InterpretedModel, "read", lambda model: replace(x := read(model), v=0.9 * x.v))
@@ -395,14 +390,14 @@ def test_a_certified_motion_is_held_against_its_rates_too(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(("share", "enough"), [(0.9, True), (1.1, False)])
-def test_a_reference_decides_whose_bar_is_a_tenth_of_what_is_allowed(share: float, enough: bool) -> None:
+def test_a_reference_decides_whose_bar_is_a_tenth_of_what_is_allowed(share, enough):
     mechanism = load("four_bar", "torque")  # of less than a metre
     known = scrutiny.as_truth(at_rest(oscillator())[1])
     allowed = 0.1 * judge.OFF_MOTION * mechanism.size
     assert scrutiny.decides(replace(known, error_q=np.array([share * allowed])), mechanism) == enough
 
 
-def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(humming: str) -> None:
+def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(humming):
     assert scrutiny.sample_spacing(load("four_bar", "torque"), 2.0) == 1e-3
     assert scrutiny.sample_spacing(load(humming, "hum"), 2.0) == pytest.approx(0.25e-3 / 8)
     quick = load_document(oscillator(k=8e8))  # w = 2e4 rad/s
@@ -412,7 +407,7 @@ def test_samples_lie_an_eighth_of_the_quickest_period_apart_where_that_is_short(
     assert scrutiny.sample_spacing(load("squeezer"), 0.03) == pytest.approx(0.3e-3)  # a hundred samples of a short run
 
 
-def test_of_a_long_run_the_first_part_is_repeated() -> None:
+def test_of_a_long_run_the_first_part_is_repeated():
     times = np.arange(101.0)
     assert len(scrutiny.first_part(times, 29.0, 60.0)) == 101
     assert len(scrutiny.first_part(times, float("nan"), 60.0)) == 101
@@ -430,12 +425,12 @@ def test_of_a_long_run_the_first_part_is_repeated() -> None:
         (["motion"], False, False, ""),
     ],
 )
-def test_what_mends_a_run_follows_from_what_is_wrong(subjects: list[str], stabilized: bool, adaptive: bool, said: str) -> None:
+def test_what_mends_a_run_follows_from_what_is_wrong(subjects, stabilized, adaptive, said):
     objections = tuple(judge.Objection(judge.Subject(x), 1.0, 0.0, x) for x in subjects)
     assert judge.advice(objections, 1e-3, stabilized, adaptive) == said
 
 
-def test_samples_are_spread_evenly_from_the_first_to_the_last() -> None:
+def test_samples_are_spread_evenly_from_the_first_to_the_last():
     assert spread_evenly(5, 3).tolist() == [0, 2, 4]
     assert spread_evenly(3, 20).tolist() == [0, 1, 2]
     assert spread_evenly(0, 20).tolist() == []

@@ -2,10 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
 from operator import itemgetter
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +12,11 @@ from gauss_bench.bench.clock import Measured, Missing, foreseen, gather_rounds, 
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
 from gauss_bench.bench.search import Scale, close, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
-from gauss_bench.bench.tasks import Context, Tables
+from gauss_bench.bench.tasks import Context
 from gauss_bench.bench.ways import BEATS, Way, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
 from gauss_bench.engines import get
-from gauss_bench.engines.base import Choice, Variant
+from gauss_bench.engines.base import Variant
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import joint_force_errors
@@ -35,7 +32,7 @@ from gauss_bench.suites.schema import Search, Suite
 from gauss_bench.tables import TABLES, row_of
 from gauss_bench.trajectory import Status, Trajectory
 from tests.headlines import compared
-from tests.synthetic import Clock, Costs, SyntheticModel, clocked
+from tests.synthetic import Costs, SyntheticModel, clocked
 
 COARSE, FINE = Requirement("position", 1e-3), Requirement("position", 1e-6)
 
@@ -43,11 +40,11 @@ COARSE, FINE = Requirement("position", 1e-3), Requirement("position", 1e-6)
 class Method:
     """An error of factor * step^order, and a count of how often it was asked."""
 
-    def __init__(self, factor: float = 1.0, order: float = 4.0, floor: float = 0.0, breaks_above: float = math.inf):
+    def __init__(self, factor=1.0, order=4.0, floor=0.0, breaks_above=math.inf):
         self.factor, self.order, self.floor, self.breaks_above = factor, order, floor, breaks_above
-        self.asked: list[float] = []
+        self.asked = []
 
-    def __call__(self, size: float) -> Trial:
+    def __call__(self, size):
         self.asked.append(size)
         steps = round(1 / size)
         if size > self.breaks_above:
@@ -56,7 +53,7 @@ class Method:
 
 
 @pytest.mark.parametrize("beats", BEATS)
-def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -> None:
+def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats):
     scale = equal_steps(1.0, beats, 100_000)
     counts = np.array([round(1 / x) for x in scale.sizes])
     assert counts[0] == 10
@@ -74,7 +71,7 @@ def test_sizes_are_finer_than_a_factor_of_two_from_the_coarsest_on(beats: int) -
     assert tolerated == pytest.approx(np.arange(-2.0, -13.5, -0.5))
 
 
-def test_a_requirement_is_met_within_a_half_even_by_few_steps() -> None:
+def test_a_requirement_is_met_within_a_half_even_by_few_steps():
     """A method of order eight that meets 1e-6 from so many steps a second on, and not with fewer."""
     for exact_from, found in ((11.0, 15), (33.0, 35), (41.0, 50), (52.0, 60), (90.0, 100), (700.0, 750)):
         trials, ended = explore(Method(1e-6 * exact_from**8, 8.0), equal_steps(1.0, 50, 10_000), [COARSE, FINE], 24)
@@ -83,7 +80,7 @@ def test_a_requirement_is_met_within_a_half_even_by_few_steps() -> None:
         assert ended == "every requirement is met"
 
 
-def test_the_budget_counts_evaluations_and_is_never_exceeded() -> None:
+def test_the_budget_counts_evaluations_and_is_never_exceeded():
     for budget in (1, 3, 7):
         method = Method(3e3)
         trials, ended = explore(method, equal_steps(1.0, 50, 10_000), [COARSE, FINE], budget)
@@ -91,7 +88,7 @@ def test_the_budget_counts_evaluations_and_is_never_exceeded() -> None:
         assert ended == ("every requirement is met" if budget == 7 else f"the budget of {budget} evaluations was spent")
 
 
-def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
+def test_what_cannot_get_there_is_given_up_with_its_reason():
     scale = equal_steps(1.0, 50, 100_000)
     soft, slow, broken = Method(floor=1e-2), Method(1.0, order=1.0), Method(breaks_above=1.0)
     trials, ended = explore(soft, scale, [COARSE], 24, most=100_000)
@@ -106,20 +103,20 @@ def test_what_cannot_get_there_is_given_up_with_its_reason() -> None:
     assert [t.status for t in trials] == [Status.DIVERGED, Status.OK]  # a finer step mends what a coarse one breaks
 
 
-def test_what_begins_slowly_is_not_given_up() -> None:
+def test_what_begins_slowly_is_not_given_up():
     """Errors as large as the motion until steps resolve it, at 640 a second, and of order four from there on."""
     late = lambda size: Trial(size, {"position": min(0.3, 0.3 * (640 * size) ** 4)}, round(1 / size))  # noqa: E731
     assert explore(late, equal_steps(1.0, 50, 100_000), [COARSE, FINE], 24, most=100_000)[1] == "every requirement is met"
 
 
-def test_an_error_that_is_not_determined_asks_for_no_further_rung() -> None:
+def test_an_error_that_is_not_determined_asks_for_no_further_rung():
     forces = Requirement("force", 1e-3)
     undetermined = lambda size: Trial(size, {"position": size**4, "force": math.nan}, round(1 / size))  # noqa: E731
     trials, ended = explore(undetermined, equal_steps(1.0, 50, 10_000), [forces, COARSE], 24)
     assert (coarsest(trials, forces), ended) == (None, "every requirement is met")
 
 
-def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
+def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread():
     noise = np.array([0.0, 0.02, 0.01, 0.03, 0.05, 0.01, 0.02, 0.04])
     alike = {"first": 1.01 + noise, "second": 1.0 + noise[::-1], "third": 1.5 + noise}
     assert pick_winner(alike) == ("first", ["first", "second"])
@@ -127,7 +124,7 @@ def test_ties_go_to_the_first_and_the_faster_wins_beyond_the_spread() -> None:
     assert pick_winner({"slow": 1.5 + noise, "quick": 1.0 + noise}) == ("quick", ["quick"])
 
 
-def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
+def in_processes(**times):
     """Entries that take so long [s] in one process after the other, the same in every round; NaN where one does not run."""
     return {k: np.tile(np.array(x)[:, None], (1, 4)) for k, x in times.items()}
 
@@ -135,7 +132,7 @@ def in_processes(**times: list[float]) -> dict[str, np.ndarray]:
 STUDENT = 9.925  # 99.5 % point of Student's t with two degrees of freedom, as printed in tables
 
 
-def test_a_spread_is_where_a_second_race_of_as_many_processes_falls() -> None:
+def test_a_spread_is_where_a_second_race_of_as_many_processes_falls():
     """Logarithms of -0.1, 0 and 0.1 scatter by 0.1, medians of three of them by (pi / 3)^(1/2) of that."""
     away = STUDENT * 0.1 * math.sqrt(math.pi / 3)
     assert foreseen(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
@@ -143,7 +140,7 @@ def test_a_spread_is_where_a_second_race_of_as_many_processes_falls() -> None:
     assert foreseen(np.array([1.0] * 100 + [9.0]))[1] == 9.0  # a hundred that agree do not leave out one that does not
 
 
-def test_a_time_is_the_median_of_processes() -> None:
+def test_a_time_is_the_median_of_processes():
     """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each; the spread is of rounds where there is one process."""
     rounds = np.array([0.0, 0.0, 0.5, 2.0, 7.0])
     several = np.array([[2.0], [1.0], [9.0], [3.0], [6.0]]) + rounds
@@ -155,7 +152,7 @@ def test_a_time_is_the_median_of_processes() -> None:
     assert spread("seconds", several[:1]) == alone
 
 
-def test_a_ratio_is_that_of_the_times() -> None:
+def test_a_ratio_is_that_of_the_times():
     """The second process is half as fast for both, the third for the rival alone: ratios of 3, 3 and 6, of medians 6 / 2."""
     x = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
     assert ratio(x["rival"], x["own"]) == (3.0, *foreseen(np.array([3.0, 3.0, 6.0])))
@@ -167,7 +164,7 @@ def test_a_ratio_is_that_of_the_times() -> None:
     assert np.isnan(ratio(never["rival"], never["own"])).all()
 
 
-def test_rounds_stand_by_the_process_that_they_were_in() -> None:
+def test_rounds_stand_by_the_process_that_they_were_in():
     """One entry ran in the first process and the third, the other in the second alone."""
     timed = [("a", 2, 0, 3.0), ("a", 0, 0, 1.0), ("a", 0, 1, 2.0), ("b", 1, 0, 5.0)]
     rows = [dict(zip(("entry", "process", "round", "seconds"), x, strict=True)) for x in timed]
@@ -177,14 +174,14 @@ def test_rounds_stand_by_the_process_that_they_were_in() -> None:
     np.testing.assert_array_equal(found.of("b"), [[gap], [5.0], [gap]])
 
 
-def test_what_ran_in_no_process_has_its_reason() -> None:
+def test_what_ran_in_no_process_has_its_reason():
     failed = Measured({}, {"a": Missing(Status.NAN, "not a number")})
     for key, reason in (("a", "not a number"), ("b", "b was not measured")):
         with pytest.raises(Missing, match=reason):
             failed.of(key)
 
 
-def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
+def test_what_is_as_fast_in_a_quarter_of_the_processes_ties():
     """Once in four is a tie, once in five luck."""
     fastest = [1.0] * 5
     races = in_processes(luck=[0.9, 1.2, 1.2, 1.2, 1.2], often=[0.9, 0.9, 1.2, 1.2, 1.2], fastest=fastest)
@@ -194,7 +191,7 @@ def test_what_is_as_fast_in_a_quarter_of_the_processes_ties() -> None:
     assert pick_winner(slower) == ("first", ["first", "same"])  # a per cent slower in every process is no tie
 
 
-def test_only_what_is_near_the_cheapest_is_raced() -> None:
+def test_only_what_is_near_the_cheapest_is_raced():
     costs = {"dear": 5.0, "near": 1.9, "cheapest": 1.0, "far": 2.1}
     assert finalists(costs) == ["near", "cheapest"]
     many = {str(k): 1.0 + 0.01 * k for k in range(20)}
@@ -231,34 +228,34 @@ class Exact:
 
     truth = build_reference(load("four_bar", "torque"), PART.until)
 
-    def prepare(self, times: np.ndarray, native: bool = True) -> None:
+    def prepare(self, times, native=True):
         self.times = times
 
-    def run(self) -> None:
+    def run(self):
         """Nothing takes time here."""
 
-    def read(self) -> Trajectory:
+    def read(self):
         at = np.abs(self.truth.t[:, None] - self.times).argmin(axis=0)
         return Trajectory(self.times, self.truth.q[at], self.truth.v[at], self.truth.a[at], 0)
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     """Engine "mujoco" has the variants of WAYS, compiled formulations are right at once at 0.1 us a step.
 
     What is asked for in a process of its own is done in this one; in the second such process everything takes SLOWER times as long.
     """
     clock = clocked(monkeypatch)
-    asked: list[bool] = []  # of each race, whether whole runs were timed in it
+    asked = []  # of each race, whether whole runs were timed in it
 
-    def here(function: Callable[..., Tables], arguments: tuple[Any, ...], engines: Sequence[str]) -> tuple[Tables, dict[str, Any]]:
+    def here(function, arguments, engines):
         asked.append(arguments[1][-1] is not None)
         clock.slower = SLOWER if sum(asked) == 2 else 1.0
         return json.loads(json.dumps(function(*arguments, tuple(engines)))), {}
 
     monkeypatch.setattr(measured, "list_survivors", here)
 
-    def build(self: Any, mechanism: Any, choice: Choice) -> SyntheticModel:
+    def build(self, mechanism, choice):
         off, order, seconds = WAYS.get(choice.settings, (0.0, 4.0, 1e-7))
         return SyntheticModel(mechanism, choice, clock, Costs(native_step=seconds), Exact(), 0.0, off, order)
 
@@ -273,9 +270,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return clock
 
 
-def searched(folder: Path, *theirs: Variant) -> dict[str, list[dict[str, Any]]]:
+def searched(folder, *theirs):
     """The tables of a search with the engines of PART, and further variants of MuJoCo."""
-    rows: list[dict[str, Any]] = []
+    rows = []
     for engine in PART.engines:
         for variant in (*space(offer(engine)), *(theirs if engine == "mujoco" else ())):
             if (variant.integrator, variant.stabilization) == ("rk4", "none"):
@@ -287,7 +284,7 @@ def searched(folder: Path, *theirs: Variant) -> dict[str, list[dict[str, Any]]]:
     return {"search_ladder": rows, "search_races": races} | winners_and_times("four_bar", "torque", PART, told, races)
 
 
-def test_a_search_names_the_known_winner(clock: Clock, tmp_path: Path) -> None:
+def test_a_search_names_the_known_winner(clock, tmp_path):
     """At 1e-4 rad `exact` needs steps of 1 ms, 100 of them in 0.2 ms; `rough` 3.2 times as many, each a quarter cheaper, and `dear`
     1.8 times fewer, each 45 times as dear: neither is worth a race. `same` costs what `exact` costs, and comes later."""
     found = searched(tmp_path)
@@ -316,7 +313,7 @@ def test_a_search_names_the_known_winner(clock: Clock, tmp_path: Path) -> None:
         assert [row_of(TABLES[table], row) for row in found[table]]
 
 
-def test_settings_of_an_engines_authors_race_beside_ours_however_far_they_are(clock: Clock, tmp_path: Path) -> None:
+def test_settings_of_an_engines_authors_race_beside_ours_however_far_they_are(clock, tmp_path):
     """`dear` is theirs: ours, `exact`, takes a 22nd of its time, and it would not race if it were ours."""
     kind = type(get("mujoco"))
     kind.variants = {name: x for name, x in kind.variants.items() if name != "dear"}
@@ -333,9 +330,7 @@ def test_settings_of_an_engines_authors_race_beside_ours_however_far_they_are(cl
     assert [x["name"] for x in lines] == ["mujoco, by its authors", "mujoco"]
 
 
-def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
-    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(clock, tmp_path, monkeypatch):
     for name, error in {"exact": 1e-4, "same": 2e-4, "rough": 1.0, "dear": 1.0}.items():
         monkeypatch.setitem(WAYS, name, (error, 0.0, 2e-6))  # no order: the error does not fall
     (row,) = (r for r in searched(tmp_path)["search_winners"] if r["engine"] == "mujoco" and r["accuracy"] == 1e-7)
@@ -344,7 +339,7 @@ def test_an_accuracy_out_of_reach_is_told_with_how_near_it_came(
     assert row["raced"] == row["passing"] == 0
 
 
-def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock, tmp_path, monkeypatch):
     """`exact` is of second order here: 1e-4 rad at 1 ms, so that 1e-7 rad would need 3200 steps and all errors fall to the last."""
     monkeypatch.setitem(WAYS, "exact", (1e-4, 2.0, 2e-6))
     variant = offer("mujoco").variants["exact"]
@@ -353,7 +348,7 @@ def test_a_ladder_goes_as_far_as_a_run_may_and_no_further(clock: Clock, tmp_path
     assert rows[-1]["ended"] == "the finest size was tried"
 
 
-def raced_rows(times: dict[str, list[float]], ties: dict[str, list[str]]) -> tuple[list[dict[str, Any]], Measured]:
+def raced_rows(times, ties):
     """Winner rows of engines at 1e-6 m by their times in each process, and the race; `ties` are other engines' ways here."""
     place = {"settings": "", "integrator": "rk4", "stabilization": "none", "step": 1e-3, "required": "position", "accuracy": 1e-6}
     ways = {e: measured.way_of(place | {"engine": e}) for e in times}
@@ -361,7 +356,7 @@ def raced_rows(times: dict[str, list[float]], ties: dict[str, list[str]]) -> tup
     return rows, Measured({ways[e]: np.array(x)[:, None] for e, x in times.items()}, {})
 
 
-def test_an_aim_is_held_against_rivals_that_get_there() -> None:
+def test_an_aim_is_held_against_rivals_that_get_there():
     """Ours in 1 ms, rivals in 15 and 25 where 20 times as long is aimed at; one that cannot get there has missed no aim."""
     part = PART.model_copy(update={"aims": {"near": 20.0, "far": 20.0, "never": 20.0}, "aimed": (1e-6,)})
     rows, races = raced_rows({"gauss-native": [1e-3] * 3, "near": [15e-3] * 3, "far": [25e-3] * 3}, {})
@@ -373,7 +368,7 @@ def test_an_aim_is_held_against_rivals_that_get_there() -> None:
     assert not any("target" in r for r in measured.with_ratios(coarser, races, part))
 
 
-def test_a_ratio_is_to_the_cheaper_of_our_own_and_its_spread_covers_all_that_tie() -> None:
+def test_a_ratio_is_to_the_cheaper_of_our_own_and_its_spread_covers_all_that_tie():
     """Ours take 10 and 9.8 us, each the faster in two processes of four; the rival 30, and 40 by what ties with it."""
     part = PART.model_copy(update={"own": ("gauss-native", "lagrange-native")})
     times = {
@@ -395,7 +390,7 @@ def test_a_ratio_is_to_the_cheaper_of_our_own_and_its_spread_covers_all_that_tie
     assert not any("ties" in r for r in found.values())
 
 
-def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
+def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock):
     """2000 steps at 90 us are 0.18 s: of them 333 are run in a lead of 30 ms, and the time told is that of all."""
     run, way = WayRun("four_bar", load("four_bar", "torque"), 0.1), Way("mujoco", "dear", "rk4", "none", 5e-5)
     block = whole_run(run, way, 2000, 0.18, 0.03, {})
@@ -405,7 +400,7 @@ def test_a_run_longer_than_the_lead_is_cut_and_scaled(clock: Clock) -> None:
     assert (whole.count, whole.seconds()) == pytest.approx((1.0, 0.18))
 
 
-def test_the_error_is_the_largest_of_the_whole_run_and_at_the_end_that_of_the_last_sample() -> None:
+def test_the_error_is_the_largest_of_the_whole_run_and_at_the_end_that_of_the_last_sample():
     """A link that is 1 mm and 1 mrad off halfway and 1 um at the end holds 1e-5 m there, and does not over the run."""
     mechanism = load("four_bar", "torque")
     truth = Exact.truth
@@ -420,11 +415,11 @@ def test_the_error_is_the_largest_of_the_whole_run_and_at_the_end_that_of_the_la
     assert not trial.meets(Requirement("position", 1e-5))
 
 
-def suite_of(part: Search) -> Suite:
+def suite_of(part):
     return Suite.model_validate({"format": "gauss-bench-suite/1", "title": "searched", "search": [part.model_dump()]})
 
 
-def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
+def test_a_killed_search_repeats_nothing(tmp_path):
     """Every ladder has a name and a stamp of its own, the same whenever it is asked for; the race depends on what ladders found."""
     suite = suite_of(PART.model_copy(update={"linkages": {"four_bar": "torque"}}))
     one, other = ([(t.key, t.stamp) for t in measured.exact_tasks(suite, Context(str(tmp_path), "stamp"))] for _ in range(2))
@@ -436,7 +431,7 @@ def test_a_killed_search_repeats_nothing(tmp_path: Path) -> None:
     assert first.key == same.key != changed.key
 
 
-def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
+def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first():
     """The second process goes over all linkages before the third begins; a linkage whose first race was lost is not raced again."""
     linkages = {"four_bar": "torque", "crank_slider": "paper", "six_bar": "torque"}
     part = PART.model_copy(update={"linkages": linkages})
@@ -454,9 +449,7 @@ def test_processes_of_a_linkage_lie_apart_and_depend_on_the_first() -> None:
     assert told == {"mechanism": "six_bar", "scenario": "torque", "status": "crashed", "message": "SIGSEGV"}
 
 
-def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
-    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(clock, tmp_path, monkeypatch):
     """`dear` takes 25 times as long as `exact`, and is the cheapest that is called from Python: its time stands beside."""
     loops = {x: {"loop": "called from Python" if x == "dear" else "compiled"} for x in WAYS}
     monkeypatch.setattr(type(get("mujoco")), "variants", {x: Variant(x, "rk4", "none", loop) for x, loop in loops.items()})
@@ -467,7 +460,7 @@ def test_of_an_engine_whose_loop_may_be_anybodys_the_cheapest_of_each_is_raced(
     assert "rough" not in times
 
 
-def test_errors_of_joint_forces_are_those_of_newtons_laws() -> None:
+def test_errors_of_joint_forces_are_those_of_newtons_laws():
     """An acceleration that is 1e-3 m/s^2 off on a 0.24 kg rocker's centre shows as that much force at its pins, none at rest."""
     mechanism = load("four_bar", "torque")
     truth = build_reference(mechanism, 0.1)

@@ -13,7 +13,7 @@ from gauss_bench.runs.blocks import Block
 from gauss_bench.runs.one_run import measure_seconds
 
 
-def test_faults_of_four_kinds_are_detected(capsys: pytest.CaptureFixture[str]) -> None:
+def test_faults_of_four_kinds_are_detected(capsys):
     kinds = ("clocks", "gate", "formulations", "metrics")
     assert main(["selftest", "--json", *(x for kind in kinds for x in ("--only", kind))]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -23,7 +23,7 @@ def test_faults_of_four_kinds_are_detected(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.long
-def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> None:
+def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees():
     found = gauss_bench.selftest()
     assert [x for x in found.findings if not x.seen] == []
     assert all(sum(x.kind == kind for x in found.findings) >= 5 for kind in selftest.KINDS)
@@ -32,9 +32,7 @@ def test_the_whole_suite_is_guarded_and_tells_how_small_a_fault_it_sees() -> Non
     assert all(0 < x.size < 1e-6 for x in found.smallest)
 
 
-def test_a_missed_fault_and_a_false_alarm_fail_and_are_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missed_fault_and_a_false_alarm_fail_and_are_named(monkeypatch, capsys):
     blind = Planted("gate", "a fault that no check looks at", checks.check_gate, checks.check_gate)
     with monkeypatch.context() as patched:
         patched.setattr(selftest, "PLANTED", (blind,))
@@ -47,7 +45,7 @@ def test_a_missed_fault_and_a_false_alarm_fail_and_are_named(
     assert "FALSE ALARM" in capsys.readouterr().out
 
 
-def test_what_is_planted_is_put_back() -> None:
+def test_what_is_planted_is_put_back():
     before = measure_seconds.__code__, Block.seconds.__code__, gate.RULES["position_error"]
     for one in PLANTED:
         if one.kind in ("clocks", "gate"):
@@ -60,8 +58,8 @@ def test_what_is_planted_is_put_back() -> None:
         pass
 
 
-def test_the_smallest_fault_that_is_seen_is_where_seeing_begins() -> None:
-    def check(size: float) -> str | None:
+def test_the_smallest_fault_that_is_seen_is_where_seeing_begins():
+    def check(size):
         return "seen" if size >= 3e-8 else None
 
     assert smallest(check) == pytest.approx(3e-8, rel=0.06)

@@ -6,19 +6,16 @@ import itertools
 import json
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from PIL import Image
 
 import gauss_bench
 from gauss_bench.api.history import table
-from gauss_bench.api.simulate import Simulation
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position
@@ -35,26 +32,26 @@ Box = tuple[float, float, float, float]
 
 
 @pytest.fixture(scope="module")
-def driven() -> Simulation:
+def driven():
     return gauss_bench.simulate("four_bar", scenario="driven", step=5e-3)
 
 
 @pytest.fixture(scope="module")
-def walking() -> Simulation:
+def walking():
     return gauss_bench.simulate("jansen", step=5e-3, at=[0.5])
 
 
 @pytest.fixture(scope="module")
-def failing() -> Simulation:
+def failing():
     return gauss_bench.simulate("crank_slider", step=0.05)
 
 
-def curve(result: Simulation, name: str) -> np.ndarray:
+def curve(result, name):
     (found,) = (x for x in gauss_bench.history(result).curves if x.name == name)
     return found.values
 
 
-def overlaps(boxes: list[tuple[str, Box]]) -> list[tuple[str, str]]:
+def overlaps(boxes):
     return [
         (a, b)
         for (a, p), (b, q) in itertools.combinations(boxes, 2)
@@ -62,7 +59,7 @@ def overlaps(boxes: list[tuple[str, Box]]) -> list[tuple[str, str]]:
     ]
 
 
-def written(svg: str) -> list[tuple[str, Box]]:
+def written(svg):
     """Return the texts of a drawing with the boxes of their letters, in a font that is as wide as Helvetica."""
     found = []
     for x in ET.fromstring(svg).iter(f"{SVG}text"):
@@ -74,7 +71,7 @@ def written(svg: str) -> list[tuple[str, Box]]:
 
 
 @pytest.mark.long
-def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
+def test_names_in_drawings_neither_meet_nor_leave_the_picture():
     for name in built_in():
         svg = draw(*pose_links(name))
         _, _, width, height = (float(x) for x in ET.fromstring(svg).attrib["viewBox"].split())
@@ -83,7 +80,7 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture() -> None:
         assert all(b[0] >= 0 and b[1] >= 0 and b[2] <= width and b[3] <= height for _, b in boxes), name
 
 
-def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
+def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is():
     mechanism, _, trace = pose_links("jansen")
     states = trace[::20]
     canvas = fit(mechanism, trace)
@@ -97,7 +94,7 @@ def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is() -> None:
         np.testing.assert_allclose(end, canvas.at(position(states, spring.b)), atol=1e-6)
 
 
-def test_curves_follow_their_definitions(driven: Simulation) -> None:
+def test_curves_follow_their_definitions(driven):
     mechanism, x = driven.model, driven.trajectory
     b, d = (position(x.q, mechanism.point(i, name)) for i, name in ((0, "B"), (2, "D")))
     diagonal = np.hypot(*(b - d).T)
@@ -113,7 +110,7 @@ def test_curves_follow_their_definitions(driven: Simulation) -> None:
     assert curve(slide, "rod-slider.transmission")[0] == pytest.approx(90.0, abs=1e-9)  # stretched out at the start
 
 
-def test_the_table_names_units_and_keeps_an_order(walking: Simulation) -> None:
+def test_the_table_names_units_and_keeps_an_order(walking):
     history = gauss_bench.history(walking)
     rows = list(csv.reader(io.StringIO(table(history))))
     assert rows[0][0] == "t [s]"
@@ -124,7 +121,7 @@ def test_the_table_names_units_and_keeps_an_order(walking: Simulation) -> None:
     np.testing.assert_allclose(values[:, 1:], np.column_stack([x.values for x in history.curves]), rtol=1e-9)
 
 
-def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_is_trusted(failing: Simulation) -> None:
+def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_is_trusted(failing):
     assert failing.status == "nan"
     assert not failing.valid
     assert {x.subject for x in failing.objections} >= {"loops", "energy"}
@@ -140,7 +137,7 @@ def test_a_failed_run_has_the_time_that_it_reached_and_the_time_up_to_which_it_i
     assert "projection" not in held.advice, "who has it is not advised to take it"
 
 
-def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking: Simulation, failing: Simulation) -> None:
+def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking, failing):
     for result in (walking, failing):
         figure = plot(gauss_bench.history(result), result.told())
         assert not overlaps(texts_of(figure))
@@ -151,13 +148,13 @@ def test_names_in_plots_do_not_overlap_and_the_untrusted_part_is_shaded(walking:
     assert {"m", "m/s", "J", "N", "N m", "deg"} == {x[0] for x in units}
 
 
-def texts_of(figure: Figure) -> list[tuple[str, Box]]:
+def texts_of(figure):
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     inside = figure.bbox
     found = []
     for axes in figure.axes:
-        for text in (*axes.texts, axes.title, axes._left_title, axes._right_title):  # type: ignore[attr-defined]
+        for text in (*axes.texts, axes.title, axes._left_title, axes._right_title):
             if text.get_text():
                 box = text.get_window_extent(canvas.get_renderer())
                 assert inside.x0 <= box.x0
@@ -166,7 +163,7 @@ def texts_of(figure: Figure) -> list[tuple[str, Box]]:
     return found
 
 
-def test_names_stay_as_near_as_their_distance_allows() -> None:
+def test_names_stay_as_near_as_their_distance_allows():
     np.testing.assert_allclose(move_apart(np.array([10.0, 50.0]), GAP, 100.0), [10.0, 50.0])
     np.testing.assert_allclose(move_apart(np.array([50.0, 50.0]), 10.0, 100.0), [45.0, 55.0])
     crowded = np.sort(move_apart(np.array([0.0, 0.0, 1.0, 99.0, 100.0]), 10.0, 100.0))
@@ -174,7 +171,7 @@ def test_names_stay_as_near_as_their_distance_allows() -> None:
 
 
 @pytest.mark.long
-def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing: Simulation, driven: Simulation) -> None:
+def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing, driven):
     told, history = failing.told(), gauss_bench.history(failing)
     moving = film(".svg", told, history, failing.model, failing.trajectory).decode()
     assert "motion-film" in moving
@@ -185,7 +182,7 @@ def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing: Simulat
     assert getattr(pictures, "n_frames", 0) == 80
 
 
-def test_files_are_written_if_the_run_reached_something(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_are_written_if_the_run_reached_something(tmp_path, capsys):
     plot_file, out = tmp_path / "run.svg", tmp_path / "run.csv"
     command = ["simulate", "four_bar", "--step", "0.01", "--at", "0.2", "--json", "--plot", str(plot_file), "--out", str(out)]
     assert main(command) == 0

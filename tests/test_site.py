@@ -7,11 +7,8 @@ import math
 import re
 import shutil
 import threading
-from collections.abc import Iterator
 from html import unescape
 from itertools import combinations, product
-from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -37,13 +34,13 @@ from tests.conftest import DOCUMENTATION
 from tests.published import REPORTS, build_guide, published, published_findings, watch
 
 
-def copied(folder: Path) -> Path:
+def copied(folder):
     """Copy the published rows into a folder, and return their folder there."""
     return shutil.copytree(REPORTS, folder / "run", ignore=shutil.ignore_patterns("site", "local", ".run"))
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(tmp_path_factory):
     folder = copied(tmp_path_factory.mktemp("published"))
     build_report(folder)
     return folder
@@ -52,7 +49,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # Numbers, a second way
 
 
-def table(name: str) -> pd.DataFrame:
+def table(name):
     """Return a published table with its times, as pandas reads it."""
     places = [folder / f"{name}.{kind}" for folder in (REPORTS, REPORTS / "times") for kind in ("csv", "parquet")]
     reads = {".csv": lambda p: pd.read_csv(p, keep_default_na=False, na_values=[""]), ".parquet": pd.read_parquet}
@@ -63,7 +60,7 @@ def table(name: str) -> pd.DataFrame:
     return rows
 
 
-def test_every_number_of_the_cards_follows_from_the_published_files() -> None:
+def test_every_number_of_the_cards_follows_from_the_published_files():
     run = published()
     said = {card["question"]: card for make in CARDS if (card := make(run)) is not None}
     results = table("results")
@@ -91,7 +88,7 @@ def test_every_number_of_the_cards_follows_from_the_published_files() -> None:
     assert f"{len(digits)} scenarios" in said["Why trust this?"]["sentence"]
 
 
-def test_a_race_at_the_same_accuracy_replaces_the_estimate() -> None:
+def test_a_race_at_the_same_accuracy_replaces_the_estimate():
     run = published()
     winners = table("search_winners").query("required == 'position' and status == 'ok'")
     for row in winners.dropna(subset=["seconds"]).itertuples():
@@ -100,7 +97,7 @@ def test_a_race_at_the_same_accuracy_replaces_the_estimate() -> None:
         assert one.settings == row.settings
 
 
-def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page() -> None:
+def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_environment_has_a_page():
     run = published()
     folder = REPORTS / "field"
     times, rows = (
@@ -124,7 +121,7 @@ def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_env
 # Colours
 
 
-def linear(colour: str) -> Any:
+def linear(colour):
     x = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
 
@@ -141,7 +138,7 @@ VISIONS = {  # Machado, Oliveira and Fernandes (2009), severity 1
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark: bool) -> None:
+def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark):
     colours = np.array([linear(pair[dark]) for pair in HUES.values()])
     for name, matrix in VISIONS.items():
         seen = np.cbrt(np.clip(colours @ np.transpose(matrix), 0, 1) @ np.transpose(TO_CONES)) @ np.transpose(TO_LAB)
@@ -152,7 +149,7 @@ def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark: bo
     assert all((max(x, paper) + 0.05) / (min(x, paper) + 0.05) >= 3 for x in light)
 
 
-def test_engines_of_a_figure_share_neither_colour_nor_marker() -> None:
+def test_engines_of_a_figure_share_neither_colour_nor_marker():
     engines = [*list(HUES)[:7], "mine", "yours"]
     assert len(set(slots(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
@@ -162,7 +159,7 @@ def test_engines_of_a_figure_share_neither_colour_nor_marker() -> None:
 # Words
 
 
-def test_a_setting_is_in_the_engines_own_words() -> None:
+def test_a_setting_is_in_the_engines_own_words():
     run = published()
     every = (x for settings in all_settings(run).values() for x in settings)
     rigid = next(x for x in every if x.engine == "mujoco" and x.settings == "rigid_slower/[0.05, 1.0]/1")
@@ -175,7 +172,7 @@ def test_a_setting_is_in_the_engines_own_words() -> None:
     assert describe_setting(Run(), rigid) == rigid.words
 
 
-def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers() -> None:
+def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers():
     for one in published_findings():
         said = sentence_of(one)
         assert len(headline(one.text)) <= HEADLINE + 1
@@ -197,9 +194,9 @@ def test_each_finding_is_one_sentence_and_opens_rows_with_the_same_numbers() -> 
     assert headline(f"Slower than `a` ({'x, ' * 100}) on b 0.5. It is.") == "Slower than `a` on b 0.5."
 
 
-def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty() -> None:
+def test_a_long_cell_opens_from_a_short_label_and_no_cell_is_empty():
     long = f"not reached in 400 steps: {'because ' * 20}"
-    page_table = ENVIRONMENT.get_template("blocks.html").module.table  # type: ignore[attr-defined]
+    page_table = ENVIRONMENT.get_template("blocks.html").module.table
     dashes = (Cell("-", why="no target"), Cell("-", why=long))
     made = str(page_table(Table("t", ("a", "b"), ((Cell(long), Cell("1")), (Cell("https://x.org/a"), Cell("")), dashes))))
     assert "<summary>not reached in 400 steps</summary>" in made
@@ -220,7 +217,7 @@ FORMULAS = {
 }
 
 
-def test_formulas_are_typeset_and_text_with_words_is_none() -> None:
+def test_formulas_are_typeset_and_text_with_words_is_none():
     for text, made in FORMULAS.items():
         plain = str(mathml(text)).replace(' stretchy="false"', "").replace(' width="0.2em"', "").replace("\N{MINUS SIGN}", "-")
         assert plain == f"<math>{made}</math>"
@@ -230,7 +227,7 @@ def test_formulas_are_typeset_and_text_with_words_is_none() -> None:
     assert sum(is_formula(str(r["printed"])) for r in published().table("audit")) > 30
 
 
-def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step() -> None:
+def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step():
     run = published()
     said, shown = explain_time(run, "exudyn") or ("", None)
     assert "times as many steps" in said
@@ -246,7 +243,7 @@ def test_why_an_engine_takes_so_long_is_steps_times_time_of_a_step() -> None:
 # Files
 
 
-def test_text_of_files_stays_text() -> None:
+def test_text_of_files_stays_text():
     hostile = "</script><img src=x onerror=alert(1)>`<b>`**<i>**\u2028"
     assert "<" not in script_text({hostile: hostile})
     assert json.loads(script_text({"x": hostile})) == {"x": hostile}
@@ -255,7 +252,7 @@ def test_text_of_files_stays_text() -> None:
     assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
 
 
-def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path: Path) -> None:
+def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path):
     text = (REPORTS.parent / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8").replace('"four_bar"', '"mine"', 1)
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
@@ -271,7 +268,7 @@ def test_a_users_own_linkage_is_drawn_and_turns_from_what_its_run_kept(tmp_path:
         assert "<svg" not in linkage_page(Run({"linkages": damaged}), "mine", "torque").body
 
 
-def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
+def test_a_dash_has_the_reason_of_its_column_or_of_the_run():
     ended, skipped = ({"status": status, "target": math.nan, "error": math.nan} for status in ("ok", "skip"))
     assert make_cell(ended, ".2g", "target").why == make_cell(skipped, ".2g", "target").why == "no target"
     assert make_cell(ended, "error", "error").why == "not measured"
@@ -281,14 +278,14 @@ def test_a_dash_has_the_reason_of_its_column_or_of_the_run() -> None:
 
 
 @pytest.mark.slow
-def test_every_dash_of_the_published_tables_has_a_reason_that_somebody_wrote(out: Path) -> None:
+def test_every_dash_of_the_published_tables_has_a_reason_that_somebody_wrote(out):
     for page in (out / "site").glob("*.html"):
         cells = re.findall(r"<td[^>]*>(.*?)(?=<td|<tr|</tbody>)", page.read_text(encoding="utf-8"), re.DOTALL)
         bare = [x for x in cells if Markup(x).striptags() in ("", "-", f"- {UNMEASURED}")]
         assert not bare, f"{page.name}: {bare[:3]}"
 
 
-def check_links(site: Path) -> None:
+def check_links(site):
     """Check that every address on the pages of a folder leads to a file, and its anchor to an id there."""
     texts = {p.resolve(): p.read_text(encoding="utf-8") for p in site.rglob("*.html") if p.name != "404.html"}
     anchors = {p: {*re.findall(r"\s(?:id|name)=\"?([^\s\">]+)", text)} for p, text in texts.items()}
@@ -305,7 +302,7 @@ def check_links(site: Path) -> None:
 
 
 @pytest.mark.slow
-def test_sizes_and_addresses(out: Path) -> None:
+def test_sizes_and_addresses(out):
     site = out / "site"
     assert sum(p.stat().st_size for p in site.rglob("*") if p.is_file()) < 8e6 - DOCUMENTATION
     assert max(p.stat().st_size for p in site.glob("*.html")) < 600e3
@@ -324,11 +321,11 @@ def test_sizes_and_addresses(out: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def address(out: Path) -> Iterator[str]:
+def address(out):
     """Serve the site on this machine under an address with a path."""
 
     class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
+        def log_message(self, *_):
             pass
 
     handler = functools.partial(Quiet, directory=str(out.parent))
@@ -341,7 +338,7 @@ def address(out: Path) -> Iterator[str]:
 DRAWN = "!document.querySelector('[data-chart]') || document.documentElement.dataset.drawn === 'true'"
 
 
-def opened(browser: Any, url: str, first: str = "", **look: Any) -> tuple[Any, list[str]]:
+def opened(browser, url, first="", **look):
     """Return a page with all figures drawn, and a list of its errors, warnings and requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
     page.add_init_script(first)
@@ -374,9 +371,7 @@ EVERY_LOOK = [("", *look) for look in product((390, 1440), ("light", "dark"))]  
     ("name", "width", "scheme"),
     [*(pytest.param(*x, marks=pytest.mark.slow) for x in LOOKS), *(pytest.param(*x, marks=pytest.mark.long) for x in EVERY_LOOK)],
 )
-def test_a_page_of_a_folder_is_readable_at_any_width_and_axe_finds_nothing(
-    browser: Any, out: Path, name: str, width: int, scheme: str
-) -> None:
+def test_a_page_of_a_folder_is_readable_at_any_width_and_axe_finds_nothing(browser, out, name, width, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme}
     every = sorted((out / "site").glob("*.html"))
@@ -401,7 +396,7 @@ def test_a_page_of_a_folder_is_readable_at_any_width_and_axe_finds_nothing(
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """Return the folder of the site that `make docs report` builds, with programs and documentation."""
     folder = copied(tmp_path_factory.mktemp("whole"))
     build_guide(folder / "site" / "docs")
@@ -410,7 +405,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.long
-def test_the_site_with_its_documentation_is_small_and_every_link_leads_somewhere(whole: Path) -> None:
+def test_the_site_with_its_documentation_is_small_and_every_link_leads_somewhere(whole):
     assert sum(p.stat().st_size for p in whole.rglob("*") if p.is_file()) < 8e6
     assert 'href="docs/' in (whole / "search.html").read_text(encoding="utf-8")
     check_links(whole)
@@ -418,7 +413,7 @@ def test_the_site_with_its_documentation_is_small_and_every_link_leads_somewhere
 
 @pytest.mark.long
 @pytest.mark.parametrize(("width", "scheme"), [*product((390, 1440), ("light", "dark"))])
-def test_no_page_of_the_documentation_is_wider_than_its_window(browser: Any, whole: Path, width: int, scheme: str) -> None:
+def test_no_page_of_the_documentation_is_wider_than_its_window(browser, whole, width, scheme):
     pages = sorted({*(whole / "docs").glob("*.html")} - {whole / "docs" / "404.html"})  # its addresses begin at the root
     assert len(pages) > 10
     for path in pages:
@@ -429,7 +424,7 @@ def test_no_page_of_the_documentation_is_wider_than_its_window(browser: Any, who
         page.close()
 
 
-def expected_answers() -> dict[str, str]:
+def expected_answers():
     """Return question -> text, computed from the rows, that the linked page must contain."""
     rows = table("results").query("mechanism == 'parallelogram' and status == 'ok' and not control")
     exact = rows[rows.valid.astype(bool)].sort_values("measured_error_t2").iloc[0]
@@ -446,7 +441,7 @@ def expected_answers() -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_five_questions_of_the_first_page_lead_to_their_answers(out: Path) -> None:
+def test_five_questions_of_the_first_page_lead_to_their_answers(out):
     site = out / "site"
     index = site.joinpath("index.html").read_text(encoding="utf-8")
     links = {Markup(text).striptags(): target for target, text in re.findall(r'<a href="([^"]+)">(.*?)</a>', index, re.DOTALL)}
@@ -465,7 +460,7 @@ WATCHED = """new MutationObserver(() => {
 
 
 @pytest.mark.slow
-def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: Path) -> None:
+def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser, out):
     """The answer is there before any figure is drawn, since it needs no large file."""
     page, wrong = opened(browser, (out / "site" / "index.html").as_uri(), first=WATCHED)
     at = {x: page.evaluate("x => performance.getEntriesByName(x)[0].startTime", x) for x in ("answered", "drawn")}
@@ -492,7 +487,7 @@ def test_a_new_user_finds_mujocos_setting_for_the_eight_bar(browser: Any, out: P
 
 
 @pytest.mark.slow
-def test_the_player_moves_and_toggles_hide_lines_under_an_address(browser: Any, address: str) -> None:
+def test_the_player_moves_and_toggles_hide_lines_under_an_address(browser, address):
     page, wrong = opened(browser, f"{address}linkage-eight_bar.html")
     link = "#turn [data-link='0']"
     before = page.get_attribute(link, "transform")

@@ -3,7 +3,6 @@
 import math
 import stat
 import tomllib
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +17,7 @@ FOUND = tomllib.loads((DATA / "page" / "broken.toml").read_text(encoding="utf-8"
 BROKEN = FOUND["broken"]
 
 
-def broken(name: str, folder: Path) -> Pen:
+def broken(name, folder):
     """Return a drawing with the fault that the data file describes."""
     how, pen = BROKEN[name], Pen(folder)
     for x, y in how.get("pins", []):
@@ -36,7 +35,7 @@ def broken(name: str, folder: Path) -> Pen:
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_what_is_broken_is_shown_and_explained_in_place(tmp_path: Path, name: str) -> None:
+def test_what_is_broken_is_shown_and_explained_in_place(tmp_path, name):
     word, where, found = BROKEN[name].get("word", ""), BROKEN[name].get("where", ""), broken(name, tmp_path).now
     told = [x for x in found["problems"] if word in x["text"]]
     if word:
@@ -54,7 +53,7 @@ def test_what_is_broken_is_shown_and_explained_in_place(tmp_path: Path, name: st
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", exhaustive(BROKEN, "a loose chain", "no sketch", "a scenario that cannot start"))
-def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path: Path, name: str) -> None:
+def test_nothing_asked_of_what_is_broken_is_a_fault(tmp_path, name):
     """Each request gets a result, or a sentence that refuses it."""
     pen = broken(name, tmp_path)
     for message in FOUND["asked"]:
@@ -73,7 +72,7 @@ HOSTILE = (
 )
 
 
-def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path, bars: Pen) -> None:
+def test_names_and_paths_that_mean_harm_are_refused(tmp_path, bars):
     text = bars.session.text
     for word in HOSTILE:
         assert bars.refused("rename", what="links.bar1", to=word)
@@ -85,7 +84,7 @@ def test_names_and_paths_that_mean_harm_are_refused(tmp_path: Path, bars: Pen) -
     assert [*tmp_path.iterdir()] == []
 
 
-def test_files_are_of_the_working_folder_alone(tmp_path: Path) -> None:
+def test_files_are_of_the_working_folder_alone(tmp_path):
     inside, outside = tmp_path / "inside", tmp_path / "outside"
     inside.mkdir()
     outside.mkdir()
@@ -98,7 +97,7 @@ def test_files_are_of_the_working_folder_alone(tmp_path: Path) -> None:
     assert (outside / "secret.toml").read_text(encoding="utf-8") == BASE
 
 
-def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path: Path, bars: Pen) -> None:
+def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path, bars):
     file = tmp_path / "mine.toml"
     file.write_text(theirs := "# mine\n", encoding="utf-8")
     assert "there already" in bars.refused("save", path="mine")
@@ -119,7 +118,7 @@ def test_a_file_is_replaced_only_where_that_is_wished_and_possible(tmp_path: Pat
     assert bars.scene("save", replace=True)["unsaved"] is False
 
 
-def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path, pen: Pen) -> None:
+def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path, pen):
     """A template can be opened again, so nothing of an unchanged template is kept."""
     for how in (
         {"do": "template", "name": "crank_rocker"},
@@ -136,7 +135,7 @@ def test_a_template_is_unsaved_only_once_it_is_changed(tmp_path: Path, pen: Pen)
     assert pen.scene("open", text=text)["unsaved"] is True, "the server cannot have a text of the page again"
 
 
-def test_half_a_drawing_is_saved_and_opened_as_it_is(tmp_path: Path, pen: Pen) -> None:
+def test_half_a_drawing_is_saved_and_opened_as_it_is(tmp_path, pen):
     pen.pin(0.5, 0.5)
     pen.bar((0.0, 0.0), (0.1, 0.0))
     before = pen.now["pins"]

@@ -4,7 +4,6 @@ import base64
 import math
 import tomllib
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ EDITS = tomllib.loads((DATA / "page" / "edits.toml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pen]:
+def drawn(tmp_path_factory):
     return {name: draw(tmp_path_factory.mktemp(name)) for name, draw in DRAWN.items()}
 
 
@@ -27,7 +26,7 @@ LOOPS = {"four_bar": 1, "quick_return": 2}
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_what_was_drawn_from_nothing_assembles_and_is_a_file_that_the_suite_takes(drawn: dict[str, Pen], name: str) -> None:
+def test_what_was_drawn_from_nothing_assembles_and_is_a_file_that_the_suite_takes(drawn, name):
     """Both scenarios start at the drawing, within the digits of the file."""
     pen, found = drawn[name], drawn[name].now
     assert found["problems"] == []
@@ -44,7 +43,7 @@ def test_what_was_drawn_from_nothing_assembles_and_is_a_file_that_the_suite_take
         assert not mechanism.v0.any() or scenario == "driven"
 
 
-def test_every_edit_is_taken_back_and_made_again(bars: Pen) -> None:
+def test_every_edit_is_taken_back_and_made_again(bars):
     last, seen = bars.session.text, []
     while bars.now["can_undo"]:
         seen.append(bars.session.text)
@@ -57,7 +56,7 @@ def test_every_edit_is_taken_back_and_made_again(bars: Pen) -> None:
 
 
 @pytest.mark.parametrize("name", exhaustive(sorted(built_in()), "crank_slider", "four_bar", "shaper"))
-def test_an_edit_leaves_comments_and_everything_else_as_they_were(pen: Pen, name: str) -> None:
+def test_an_edit_leaves_comments_and_everything_else_as_they_were(pen, name):
     before = built_in()[name].read_text(encoding="utf-8")
     pen.ask("template", name=name)
     link = pen.now["links"][0]["name"]
@@ -73,7 +72,7 @@ def test_an_edit_leaves_comments_and_everything_else_as_they_were(pen: Pen, name
     pen.refused("rename", what=f"links.{link}", to="no name")
 
 
-def test_a_renamed_link_is_the_same_motion(tmp_path: Path, pen: Pen) -> None:
+def test_a_renamed_link_is_the_same_motion(tmp_path, pen):
     pen.ask("template", name="shaper")
     pen.ask("rename", what="links.lever", to="arm")
     pen.ask("rename", what="pins.A", to="77")
@@ -84,7 +83,7 @@ def test_a_renamed_link_is_the_same_motion(tmp_path: Path, pen: Pen) -> None:
     assert [x.name for x in new.links] == ["crank", "block", "arm", "rod", "ram"]
 
 
-def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
+def test_text_that_cannot_be_changed_in_place_is_written_anew():
     """Dotted keys and tables out of order are TOML too."""
     odd = 'name = "odd"\nlinks.a.points = { P = [0.0, 1.0] }\n[joints.x]\ntype = "revolute"\n[links.b]\nmass = 1.0\n[joints.y]\n'
     document = tomllib.loads(odd)
@@ -94,7 +93,7 @@ def test_text_that_cannot_be_changed_in_place_is_written_anew() -> None:
     assert tomllib.loads(write_document(odd, document)) == document
 
 
-def test_moving_a_pin_changes_lengths_and_nothing_else_and_a_trial_shows_that_before(bars: Pen) -> None:
+def test_moving_a_pin_changes_lengths_and_nothing_else_and_a_trial_shows_that_before(bars):
     before, pin = (bars.session.text, bars.session.revision), bars.at(0.3, 0.28)
     tried = bars.ask("move", pin=pin, at=[0.35, 0.3], trial=True)["trial"]
     assert (bars.session.text, bars.session.revision) == before
@@ -107,7 +106,7 @@ def test_moving_a_pin_changes_lengths_and_nothing_else_and_a_trial_shows_that_be
     assert lengths == pytest.approx({"bar1": 0.12, "bar2": math.hypot(0.35, 0.18), "bar3": math.hypot(0.05, 0.3)}, abs=1e-10)
 
 
-def test_a_length_and_an_angle_are_numbers(bars: Pen) -> None:
+def test_a_length_and_an_angle_are_numbers(bars):
     bars.ask("set_length", link="bar1", a="1", b="3", value=0.1)
     assert bars.now["links"][0]["points"]["3"] == [0.1, 0.0]
     bars.ask("set_angle", link="bar1", value_deg=30.0)
@@ -126,7 +125,7 @@ def test_a_length_and_an_angle_are_numbers(bars: Pen) -> None:
 
 
 @pytest.mark.long
-def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(bars: Pen) -> None:
+def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(bars):
     for force in EDITS["forces"]:
         bars.ask("add_force", **force)
     found = bars.now
@@ -141,7 +140,7 @@ def test_forces_act_where_they_are_drawn_and_in_the_free_scenario(bars: Pen) -> 
     assert not any(x["level"] == "error" for x in bars.now["problems"])
 
 
-def test_joining_and_freeing_pins(pen: Pen) -> None:
+def test_joining_and_freeing_pins(pen):
     first = pen.bar((0.0, 0.0), (0.1, 0.0))
     pen.bar((0.2, 0.1), (0.3, 0.05))
     pen.ask("ground", pin=pen.at(0.0, 0.0))
@@ -158,14 +157,14 @@ def test_joining_and_freeing_pins(pen: Pen) -> None:
     assert pen.now["links"][0]["name"] == first
 
 
-def test_what_cannot_be_drawn_is_refused_with_its_reason(bars: Pen) -> None:
+def test_what_cannot_be_drawn_is_refused_with_its_reason(bars):
     text = bars.session.text
     for case in EDITS["refused"]:
         assert case["said"] in bars.refused(**case["message"])
     assert bars.session.text == text
 
 
-def test_deleting_takes_what_cannot_be_without_it(pen: Pen, bars: Pen) -> None:
+def test_deleting_takes_what_cannot_be_without_it(pen, bars):
     pen.ask("template", name="eight_bar")
     pen.ask("delete", ids=["links.upper"])
     found = pen.now
@@ -181,7 +180,7 @@ def test_deleting_takes_what_cannot_be_without_it(pen: Pen, bars: Pen) -> None:
     assert bars.scene("undo")["status"]["loops"] == 1
 
 
-def test_a_drawing_is_exported_as_it_moves(bars: Pen) -> None:
+def test_a_drawing_is_exported_as_it_moves(bars):
     assert bars.ask("export", kind="toml")["text"] == bars.session.text
     assert bars.ask("export", kind="svg")["text"].startswith("<svg")
     head, *rows = bars.ask("export", kind="csv", samples=2)["text"].splitlines()
@@ -192,14 +191,14 @@ def test_a_drawing_is_exported_as_it_moves(bars: Pen) -> None:
 
 
 @pytest.mark.slow
-def test_an_exported_drawing_comes_back_by_import(pen: Pen, bars: Pen) -> None:
+def test_an_exported_drawing_comes_back_by_import(pen, bars):
     pytest.importorskip("mujoco")
     drawn, back = bars.now, pen.scene("import", text=bars.ask("export", kind="mujoco")["text"])
     assert back["status"]["dof"] == 1
     assert {x["name"]: x["mass"] for x in back["links"]} == {x["name"]: pytest.approx(x["mass"]) for x in drawn["links"]}
 
 
-def test_a_linkage_is_a_link_that_carries_itself(pen: Pen, bars: Pen) -> None:
+def test_a_linkage_is_a_link_that_carries_itself(pen, bars):
     text, fragment = bars.session.text, bars.ask("share")["fragment"]
     assert set(fragment) <= set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_")
     assert len(fragment) < 2000
@@ -211,7 +210,7 @@ def test_a_linkage_is_a_link_that_carries_itself(pen: Pen, bars: Pen) -> None:
     assert "more than a linkage file" in pen.refused("open", fragment=huge)
 
 
-def test_a_locked_length_stays_whatever_is_edited(pen: Pen) -> None:
+def test_a_locked_length_stays_whatever_is_edited(pen):
     """Edits that would change the length are refused and change nothing."""
     plate = pen.plate((0.0, 0.0), (0.3, 0.0), (0.1, 0.2))
     a, b, c = pen.now["links"][0]["points"]
@@ -227,7 +226,7 @@ def test_a_locked_length_stays_whatever_is_edited(pen: Pen) -> None:
     pen.ask("set_length", link=plate, a=a, b=b, value=0.5)
 
 
-def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path, monkeypatch):
     """The picture is kept with the unsaved drawing, and offered with it after the process has ended."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     pen, url = Pen(tmp_path), "data:image/png;base64,AAAA"
@@ -248,7 +247,7 @@ def test_a_picture_is_named_in_scenes_and_outlives_its_process(tmp_path: Path, m
     assert not list((tmp_path / "cache").rglob("*.picture"))
 
 
-def test_an_edit_that_continues_another_is_undone_with_it(pen: Pen) -> None:
+def test_an_edit_that_continues_another_is_undone_with_it(pen):
     pen.pin(0.0, 0.0, ground=True)
     alone = pen.session.text
     pen.pin(0.3, 0.0, ground=True)

@@ -10,24 +10,22 @@ import sys
 import time
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 pytest.importorskip("uvicorn")
-from websockets.sync.client import ClientConnection
 
 from gauss_bench.studio.autosave import start_of
 from gauss_bench.studio.requests import VERBS, answer
 from gauss_bench.studio.server import as_json
-from tests.studio import Pen, Running, Watched, ask, four_bar
+from tests.studio import Watched, ask, four_bar
 
 HUGE = 10**400
-STRANGE: list[Any] = [None, True, -1, 1e400, HUGE, "", "\0", "</script>", "..", "\ud800", [], {}, [[1]]]
+STRANGE = [None, True, -1, 1e400, HUGE, "", "\0", "</script>", "..", "\ud800", [], {}, [[1]]]
 STRANGE += [{"at": [HUGE, 0]}, {"pin": {}}]
 
 
-def deep(levels: int) -> Any:
+def deep(levels):
     return [deep(levels - 1)] if levels else 1
 
 
@@ -36,7 +34,7 @@ KEYS += ("name", "fragment", "index", "job", "samples", "driver", "scenario", "a
 
 
 @pytest.mark.slow
-def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> None:
+def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path):
     """Strange values for the keys of all verbs cause no fault of the studio, and a refused message changes nothing."""
     session, chance = four_bar(tmp_path).session, random.Random(0)
     for verb in sorted(VERBS.keys() - {"hello", "import", "drawing", "recommend", "release"}):
@@ -51,12 +49,12 @@ def test_whatever_a_message_holds_its_answer_is_a_sentence(tmp_path: Path) -> No
                 session.undo()
 
 
-def test_half_a_character_is_refused_before_it_is_in_the_drawing(pen: Pen) -> None:
+def test_half_a_character_is_refused_before_it_is_in_the_drawing(pen):
     assert "half a character" in pen.refused("set", path="title", value="\ud800")
     assert "half a character" in pen.refused("open", text='name = "x\udfff"')
 
 
-def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how() -> None:
+def test_a_process_that_has_ended_is_no_more_though_nobody_asked_how():
     """A process whose parent does not wait for it stays in the list of processes, as in some containers."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
         assert start_of(process.pid)
@@ -82,9 +80,7 @@ CRANKS = [((x, 0.0), (x + 0.05, 0.1)) for x in (0.0, 0.2, 0.4)]
     ],
     ids=["line", "strut", "double parallelogram"],
 )
-def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
-    pen: Pen, grounds: Any, bars: Any, plate: Any, dof: int, redundant: list[int]
-) -> None:
+def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(pen, grounds, bars, plate, dof, redundant):
     """The rows of the joints lose rank if all bars lie in one line. A double parallelogram has a redundant row everywhere."""
     for x in grounds:
         pen.pin(x, 0.0, ground=True)
@@ -98,7 +94,7 @@ def test_bars_in_one_line_are_no_freer_than_they_are_elsewhere(
 
 
 @pytest.mark.long
-def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path, monkeypatch):
     (tmp_path / "taken").write_text("a file, and no folder", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "taken"))
     pen = four_bar(tmp_path)
@@ -110,8 +106,8 @@ def test_runs_where_the_caches_cannot_be_written_are_run_elsewhere(tmp_path: Pat
     assert not pen.session.jobs.running
 
 
-def test_jobs_stopped_at_once_leave_room_for_others(bars: Pen) -> None:
-    told: list[dict[str, Any]] = []
+def test_jobs_stopped_at_once_leave_room_for_others(bars):
+    told = []
     bars.session.tell = told.append
     for _ in range(6):
         job = bars.ask("release", until=20.0, engine="gauss")["job"]
@@ -121,15 +117,15 @@ def test_jobs_stopped_at_once_leave_room_for_others(bars: Pen) -> None:
     assert [x["error"] for x in told if x["event"] == "release_done"] == ["it was stopped"] * 6
 
 
-def heard(socket: ClientConnection, event: str) -> dict[str, Any]:
+def heard(socket, event):
     while True:
-        found: dict[str, Any] = json.loads(socket.recv(20))
+        found = json.loads(socket.recv(20))
         if found.get("event") == event:
             return found
 
 
 @pytest.mark.long
-def test_a_second_page_sees_what_the_first_one_draws(studio_server: Running) -> None:
+def test_a_second_page_sees_what_the_first_one_draws(studio_server):
     with studio_server.socket() as first, studio_server.socket() as second:
         ask(first, "hello"), ask(second, "hello")
         drawn = ask(first, "template", name="four_bar")["scene"]
@@ -139,7 +135,7 @@ def test_a_second_page_sees_what_the_first_one_draws(studio_server: Running) -> 
 
 
 @pytest.mark.long
-def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server: Running) -> None:
+def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server):
     """An import takes seconds in a process of its own, and other requests are answered meanwhile."""
     with studio_server.socket() as first, studio_server.socket() as second:
         ask(first, "hello"), ask(second, "hello")
@@ -154,7 +150,7 @@ def test_no_page_waits_for_the_long_requests_of_another_or_its_own(studio_server
 
 
 @pytest.mark.long
-def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
+def test_who_reads_nothing_holds_up_nobody(studio_server):
     """A page that never reads its replies and half-open connections do not stop another page."""
     idle = [sockets.create_connection(("127.0.0.1", studio_server.port)) for _ in range(10)]
     with studio_server.socket() as deaf, studio_server.socket() as good:
@@ -174,7 +170,7 @@ def test_who_reads_nothing_holds_up_nobody(studio_server: Running) -> None:
 @pytest.mark.slow
 @pytest.mark.long("fresh")
 @pytest.mark.parametrize("before", ["", "GET /page/none HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n"], ids=["fresh", "answered"])
-def test_requests_that_never_end_leave_room_for_the_user(studio_server: Running, before: str) -> None:
+def test_requests_that_never_end_leave_room_for_the_user(studio_server, before):
     """The server closes the oldest unfinished requests, answers the newest, and keeps the socket of an open page."""
     rest = f"GET /?token={studio_server.token} HTTP/1.1\r\nHost: 127.0.0.1:{studio_server.port}\r\n"
     with contextlib.ExitStack() as stack:
@@ -199,7 +195,7 @@ def test_requests_that_never_end_leave_room_for_the_user(studio_server: Running,
 
 
 @pytest.mark.long
-def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path: Path) -> None:
+def test_a_taken_port_and_a_folder_that_is_gone_are_told(tmp_path):
     with sockets.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -2,15 +2,14 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.studio import XY, Pen, four_bar
+from tests.studio import Pen, four_bar
 from tests.test_studio_page import Page, studio
 
 STEPS = 50  # of the history, at least
@@ -21,7 +20,7 @@ TOOLS |= {"Torque": "t", "Force": "f", "Cylinder": "c", "Observe": "o"}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Save a four-bar with a rod that slides on the ground, and return its folder."""
     pen = four_bar(tmp_path)
     pen.bar((0.3, 0.28), (0.6, 0.0))
@@ -35,26 +34,26 @@ class Hand:
 
     look: dict[str, Any] = {}  # noqa: RUF012
 
-    def __init__(self, browser: Any, url: str):
+    def __init__(self, browser, url):
         self.sheet = Page(browser, url, **self.look)
         self.page = self.sheet.page
 
-    def use(self, tool: str) -> None:
+    def use(self, tool):
         self.show_drawing()
         self.press(self.sheet.button(tool))
 
-    def tap(self, at: XY) -> None:
+    def tap(self, at):
         self.page.mouse.click(*self.sheet.pixel(at))
 
-    def end(self) -> None:
+    def end(self):
         """Close a link at its first corner."""
         self.tap((0.1, -0.05))
 
-    def way(self, start: XY, by: XY) -> list[XY]:
+    def way(self, start, by):
         """Return six pixels on the way from a place by a displacement."""
         return [self.sheet.pixel((start[0] + s * by[0], start[1] + s * by[1])) for s in np.linspace(0.0, 1.0, 6)]
 
-    def drag(self, start: XY, by: XY) -> None:
+    def drag(self, start, by):
         way = self.way(start, by)
         self.page.mouse.move(*way[0])
         self.page.mouse.down()
@@ -62,37 +61,37 @@ class Hand:
             self.page.mouse.move(*at)
         self.page.mouse.up()
 
-    def press(self, what: Any) -> None:
+    def press(self, what):
         what.click()
 
-    def write(self, field: str, text: str) -> None:
+    def write(self, field, text):
         self.focus(self.page.get_by_label(field, exact=True).first)
         self.page.keyboard.press("Control+a")
         self.page.keyboard.type(text)
         self.page.keyboard.press("Enter")
 
-    def focus(self, field: Any) -> None:
+    def focus(self, field):
         field.click()
 
-    def choose(self, label: str, option: str) -> None:
+    def choose(self, label, option):
         self.page.get_by_label(label, exact=True).select_option(option)
 
-    def pick(self, part: str) -> None:
+    def pick(self, part):
         """Select a part in the list of parts."""
         self.rest()
         self.show_parts()
         self.press(self.sheet.button(part))
 
-    def delete(self) -> None:
+    def delete(self):
         self.press(self.sheet.button("Delete"))
 
-    def history(self, way: str) -> None:
+    def history(self, way):
         self.press(self.sheet.button({"undo": "Undo", "redo": "Redo"}[way]))
 
-    def save(self) -> None:
+    def save(self):
         self.press(self.sheet.button("Save"))
 
-    def rest(self) -> None:
+    def rest(self):
         """Take the tool Select, and select nothing."""
         self.use("Select")
         nothing = self.page.locator('[aria-label="Select nothing"]')
@@ -101,66 +100,66 @@ class Hand:
             self.press(nothing)
         self.show_drawing()
 
-    def show_parts(self) -> None: ...
+    def show_parts(self): ...
 
-    def show_drawing(self) -> None: ...
+    def show_drawing(self): ...
 
 
 class Keys(Hand):
     """Edits by the keyboard alone, with the cross of the canvas."""
 
-    def use(self, tool: str) -> None:
+    def use(self, tool):
         self.sheet.canvas.focus()
         self.page.keyboard.press(TOOLS[tool])
 
-    def tap(self, at: XY) -> None:
+    def tap(self, at):
         self._go(at)
         self.page.keyboard.press("Enter")
 
-    def end(self) -> None:
+    def end(self):
         self.page.keyboard.press("Enter")
 
-    def drag(self, start: XY, by: XY) -> None:
+    def drag(self, start, by):
         """Select a pin with the cross, and move it by five steps of the grid with one arrow key."""
         assert max(map(abs, by)) == pytest.approx(5 * self._step())
         self.tap(start)
         self.page.keyboard.press(f"Shift+Arrow{'Right' if by[0] > 0 else 'Left' if by[0] < 0 else 'Up' if by[1] > 0 else 'Down'}")
 
-    def press(self, what: Any) -> None:
+    def press(self, what):
         what.focus()
         self.page.keyboard.press("Space" if what.get_attribute("type") == "checkbox" else "Enter")
 
-    def focus(self, field: Any) -> None:
+    def focus(self, field):
         field.focus()
 
-    def choose(self, label: str, option: str) -> None:
+    def choose(self, label, option):
         field = self.page.get_by_label(label, exact=True)
         options = {x.get_attribute("value") or x.inner_text(): x.inner_text() for x in field.locator("option").all()}
         field.focus()
         self.page.keyboard.type(options[option])
 
-    def delete(self) -> None:
+    def delete(self):
         self.sheet.canvas.focus()
         self.page.keyboard.press("Delete")
 
-    def history(self, way: str) -> None:
+    def history(self, way):
         self.sheet.canvas.focus()
         self.page.keyboard.press({"undo": "Control+z", "redo": "Control+Shift+Z"}[way])
 
-    def save(self) -> None:
+    def save(self):
         self.page.keyboard.press("Control+s")
 
-    def rest(self) -> None:
+    def rest(self):
         self.use("Select")
         self.page.keyboard.press("Escape")
 
-    def _step(self) -> float:
+    def _step(self):
         """Return the fine step of the grid [m]."""
         wanted = 9 / self.sheet.scale()
         power = 10 ** np.floor(np.log10(wanted))
         return float(next(f for f in (1, 2, 5, 10) if f * power >= wanted) * power)
 
-    def _go(self, at: XY) -> None:
+    def _go(self, at):
         """Move the cross to the point of the grid that is nearest to a place."""
         cross = self.page.locator(".rubber .cross")
         press, step = self.page.keyboard.press, self._step()
@@ -186,13 +185,13 @@ class Touch(Hand):
 
     look = {"viewport": {"width": 390, "height": 844}, "has_touch": True}  # noqa: RUF012
 
-    def tap(self, at: XY) -> None:
+    def tap(self, at):
         self.page.touchscreen.tap(*self.sheet.pixel(at))
 
-    def end(self) -> None:
+    def end(self):
         self.press(self.sheet.button("Done"))
 
-    def drag(self, start: XY, by: XY) -> None:
+    def drag(self, start, by):
         hand = self.page.context.new_cdp_session(self.page)
         for k, (x, y) in enumerate(self.way(start, by)):
             points = [{"x": x, "y": y, "id": 0}]
@@ -200,17 +199,17 @@ class Touch(Hand):
         hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
         hand.detach()
 
-    def press(self, what: Any) -> None:
+    def press(self, what):
         what.tap()
 
-    def focus(self, field: Any) -> None:
+    def focus(self, field):
         field.tap()
 
-    def show_parts(self) -> None:
+    def show_parts(self):
         if self.sheet.button("Properties").get_attribute("aria-expanded") != "true":
             self.sheet.button("Properties").tap()
 
-    def show_drawing(self) -> None:
+    def show_drawing(self):
         if self.sheet.button("Properties").get_attribute("aria-expanded") == "true":
             self.sheet.button("Close properties").tap()
 
@@ -218,14 +217,14 @@ class Touch(Hand):
 class Saved:
     """The content of the saved file, and its scene."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder):
         self.text = (folder / f"{NAME}.toml").read_text(encoding="utf-8")
         self.document = tomllib.loads(self.text)
         self.scene = Pen(folder).scene("open", text=self.text)
 
-    def get(self, *keys: Any) -> Any:
+    def get(self, *keys):
         """Return an entry of the file, or None."""
-        at: Any = self.document
+        at = self.document
         for key in keys:
             try:
                 at = at[key]
@@ -233,11 +232,11 @@ class Saved:
                 return None
         return at
 
-    def turn(self, link: str) -> float:
+    def turn(self, link):
         """Return the angle of a link [rad]."""
         return float(next(x["pose"][2] for x in self.scene["links"] if x["name"] == link))
 
-    def pin(self, id: str) -> dict[str, Any]:
+    def pin(self, id):
         return next((x for x in self.scene["pins"] if x["id"] == id), {"at": [np.inf, np.inf], "ground": False})
 
 
@@ -258,8 +257,8 @@ class Edit:
     lock: tuple[str, str] | None = None
 
 
-def draw(tool: str, *places: XY, end: bool = False) -> Callable[[Hand], None]:
-    def make(hand: Hand) -> None:
+def draw(tool, *places, end=False):
+    def make(hand):
         hand.use(tool)
         for at in places:
             hand.tap(at)
@@ -269,28 +268,28 @@ def draw(tool: str, *places: XY, end: bool = False) -> Callable[[Hand], None]:
     return make
 
 
-def write(part: str, field: str, text: str) -> Callable[[Hand], None]:
+def write(part, field, text):
     """Return an edit that writes into a field of a part, or of the whole linkage if `part` is empty."""
 
-    def make(hand: Hand) -> None:
+    def make(hand):
         hand.pick(part) if part else (hand.rest(), hand.show_parts())
         hand.write(field, text)
 
     return make
 
 
-def press(part: str, kind: str, name: str) -> Callable[[Hand], None]:
-    def make(hand: Hand) -> None:
+def press(part, kind, name):
+    def make(hand):
         hand.pick(part)
         hand.press(hand.page.get_by_role(kind, name=name, exact=True).first)
 
     return make
 
 
-def law(field: str, text: str) -> Callable[[Hand], None]:
+def law(field, text):
     """Return an edit that writes into a field of the driver, or chooses its law."""
 
-    def make(hand: Hand) -> None:
+    def make(hand):
         hand.rest()
         hand.press(hand.page.locator("details.drive > summary"))
         if field == "Law of motion":
@@ -303,18 +302,18 @@ def law(field: str, text: str) -> Callable[[Hand], None]:
     return make
 
 
-def drag(tool: str, pin: XY | str, by: XY) -> Callable[[Hand], None]:
-    def make(hand: Hand) -> None:
+def drag(tool, pin, by):
+    def make(hand):
         hand.use(tool)
         hand.drag(hand.sheet.stands_at()[pin] if isinstance(pin, str) else pin, by)
 
     return make
 
 
-def join(pin: str, to: str) -> Callable[[Hand], None]:
+def join(pin, to):
     """Return an edit that joins a pin with another by name."""
 
-    def make(hand: Hand) -> None:
+    def make(hand):
         hand.pick(pin)
         hand.choose("Join with", to)
         hand.press(hand.sheet.button("Join"))
@@ -322,15 +321,15 @@ def join(pin: str, to: str) -> Callable[[Hand], None]:
     return make
 
 
-def delete(part: str) -> Callable[[Hand], None]:
-    def make(hand: Hand) -> None:
+def delete(part):
+    def make(hand):
         hand.pick(part)
         hand.delete()
 
     return make
 
 
-def branch(hand: Hand) -> None:
+def branch(hand):
     hand.rest()
     hand.show_parts()
     hand.press(hand.sheet.button("Other assemblies"))
@@ -340,30 +339,30 @@ def branch(hand: Hand) -> None:
     hand.page.wait_for_selector("dialog", state="detached")
 
 
-def near(value: Any, wanted: float) -> bool:
+def near(value, wanted):
     return value is not None and value == pytest.approx(wanted, rel=1e-9, abs=1e-12)
 
 
-def value(wanted: float, *keys: Any) -> Callable[[Saved], bool]:
+def value(wanted, *keys):
     """Return a test whether an entry of the file has a value in SI."""
     return lambda x: near(x.get(*keys), wanted)
 
 
-def driven(key: str, wanted: Any) -> Callable[[Saved], bool]:
+def driven(key, wanted):
     """Return a test whether a key of the only driver, or of the first one, has a value."""
     own = ("scenarios", "driven", "driver"), ("scenarios", "driven", "drivers", 0)
     return lambda x: any(x.get(*at, key) == (wanted if isinstance(wanted, str) else pytest.approx(wanted, rel=1e-9)) for at in own)
 
 
-def there(*keys: Any) -> Callable[[Saved], bool]:
+def there(*keys):
     return lambda x: x.get(*keys) is not None
 
 
-def gone(*keys: Any) -> Callable[[Saved], bool]:
+def gone(*keys):
     return lambda x: x.get(*keys) is None
 
 
-def lock(part: str, name: str) -> Edit:
+def lock(part, name):
     return Edit(f"lock {name} of {part}", press(part, "button", f"Lock {name}"), lock=(part, f"Lock {name}"))
 
 
@@ -443,13 +442,13 @@ EDITS = [
 ]
 
 
-def shown(hand: Hand) -> dict[str, list[str]]:
+def shown(hand):
     """Return kind -> ids of the parts on the page."""
     find = "(c, kind) => [...c.querySelectorAll(`[data-${kind}]`)].map(x => x.dataset[kind])"
     return {kind: sorted(hand.sheet.canvas.evaluate(find, kind)) for kind in IDS}
 
 
-def check(hand: Hand, folder: Path) -> Saved:
+def check(hand, folder):
     """Save, check that the page shows the parts of the file, and return the file."""
     before = hand.sheet.revision()
     hand.save()
@@ -467,12 +466,12 @@ def check(hand: Hand, folder: Path) -> Saved:
     return saved
 
 
-def is_locked(hand: Hand, part: str, button: str) -> bool:
+def is_locked(hand, part, button):
     hand.pick(part)
     return bool(hand.page.get_by_role("button", name=button, exact=True).first.get_attribute("aria-pressed") == "true")
 
 
-def make_all(hand: Hand, folder: Path) -> list[Saved]:
+def make_all(hand, folder):
     """Make all edits, check each on the page and in the file, and return the files before, between and after them."""
     sheet = hand.sheet
     sheet.button("Open").click()
@@ -500,7 +499,7 @@ def make_all(hand: Hand, folder: Path) -> list[Saved]:
     return files
 
 
-def walk_history(hand: Hand, folder: Path, files: list[Saved]) -> None:
+def walk_history(hand, folder, files):
     """Undo all edits and redo them; check page and file after every step."""
     count = len(EDITS)
     steps = [*((k, "undo", EDITS[k]) for k in reversed(range(count))), *((k + 1, "redo", EDITS[k]) for k in range(count))]
@@ -518,7 +517,7 @@ HANDS = {"mouse": Hand, "keys": Keys, "touch": Touch}
 
 
 @pytest.fixture(params=HANDS)
-def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator[Hand]:
+def hand(request, browser, folder):
     with studio(folder) as running:
         opened = HANDS[request.param](browser, running.address)
         yield opened
@@ -526,6 +525,6 @@ def hand(request: pytest.FixtureRequest, browser: Any, folder: Path) -> Iterator
 
 
 @pytest.mark.long
-def test_every_edit_by_every_means_is_on_the_page_in_the_file_and_taken_back_over_fifty_steps(hand: Hand, folder: Path) -> None:
+def test_every_edit_by_every_means_is_on_the_page_in_the_file_and_taken_back_over_fifty_steps(hand, folder):
     assert len(EDITS) >= STEPS
     walk_history(hand, folder, make_all(hand, folder))

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,17 +10,17 @@ import pytest
 pytest.importorskip("tomlkit")
 from gauss_bench.engines import MissingExtra, compiled, not_installed
 from gauss_bench.studio.requests import answer
-from tests.studio import Pen, Watched
+from tests.studio import Watched
 
 
-def test_marks_of_singular_positions_come_behind_the_motion(bars: Pen) -> None:
+def test_marks_of_singular_positions_come_behind_the_motion(bars):
     watched = Watched(bars)
     job, event = bars.ask("motion", samples=4)["job"], watched.until("singular")
     assert event["job"] == job
     assert {x["kind"] for x in event["singular"]} == {"dead centre"}
 
 
-def test_what_is_drawn_without_a_law_turns_what_can_be_driven(pen: Pen) -> None:
+def test_what_is_drawn_without_a_law_turns_what_can_be_driven(pen):
     pen.bar((0.0, 0.0), (0.1, 0.0))
     assert "driven" in pen.refused("motion")
     pen.ask("ground", pin=pen.at(0.0, 0.0))
@@ -34,7 +33,7 @@ def test_what_is_drawn_without_a_law_turns_what_can_be_driven(pen: Pen) -> None:
 
 
 @pytest.mark.slow
-def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(pen: Pen) -> None:
+def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(pen):
     x, y = at = next(p["at"] for p in pen.scene("template", name="eight_bar")["pins"] if p["id"] == "5")
     before = pen.session.text
     assert "fixed" in pen.refused("drag_begin", pin="1")
@@ -54,7 +53,7 @@ def test_a_drag_follows_the_pointer_and_is_drawn_where_it_ends(pen: Pen) -> None
 
 
 @pytest.mark.parametrize(("template", "crank"), [("crank_rocker", "B"), ("eight_bar", "2"), ("five_bar", "B"), ("whitworth", "A")])
-def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str, crank: str, pen: Pen) -> None:
+def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template, crank, pen):
     """The pointer goes around in a wave about the circle, and the crank makes a whole turn with it."""
     pin = next(x for x in pen.scene("template", name=template)["pins"] if x["id"] == crank)
     owner = pin["members"][0].partition(".")[0]
@@ -71,14 +70,14 @@ def test_a_crank_pin_led_all_round_beside_its_circle_says_nothing(template: str,
     assert np.ptp(np.unwrap(angles)) > 6.2
 
 
-def test_a_rocker_drawn_beyond_its_swing_says_that_it_comes_no_nearer_and_no_longer_when_it_comes_back(pen: Pen) -> None:
+def test_a_rocker_drawn_beyond_its_swing_says_that_it_comes_no_nearer_and_no_longer_when_it_comes_back(pen):
     pin = next(x for x in pen.scene("template", name="crank_rocker")["pins"] if x["id"] == "C")
     pen.ask("drag_begin", pin="C")
     assert "cannot come nearer" in pen.ask("drag", at=[pin["at"][0] + 5.0, pin["at"][1]])["note"]
     assert pen.ask("drag", at=[pin["at"][0], pin["at"][1] + 0.01])["note"] is None
 
 
-def test_locked_angles_hold_a_drag(pen: Pen, bars: Pen) -> None:
+def test_locked_angles_hold_a_drag(pen, bars):
     """The angle of a link, and the angle between the two bars of a pin."""
     bars.ask("lock", link="bar1")
     bars.ask("drag_begin", pin=bars.at(0.3, 0.28))
@@ -95,7 +94,7 @@ def test_locked_angles_hold_a_drag(pen: Pen, bars: Pen) -> None:
     assert poses["bar1"][2] > 0.5
 
 
-def test_other_branches_have_the_same_input(bars: Pen) -> None:
+def test_other_branches_have_the_same_input(bars):
     found = bars.ask("branches")["branches"]
     assert len(found) == 2
     assert found[0]["poses"]["bar1"] == pytest.approx(found[1]["poses"]["bar1"], abs=1e-8)
@@ -106,7 +105,7 @@ def test_other_branches_have_the_same_input(bars: Pen) -> None:
     assert bars.refused("branch", index=5)
 
 
-def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(bars: Pen) -> None:
+def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(bars):
     found = {frozenset(x["links"]): x["at"] for x in bars.ask("centres")["centres"]}
     assert len(found) == 6
     assert found[frozenset({"bar1", "bar2"})] == pytest.approx([0.0, 0.12], abs=1e-9)
@@ -125,7 +124,7 @@ def test_instant_centres_lie_on_the_pins_here_and_along_a_motion(bars: Pen) -> N
         assert bars.refused("centres", along=wrong)
 
 
-def test_what_an_engine_or_a_limit_refuses_is_a_sentence(bars: Pen) -> None:
+def test_what_an_engine_or_a_limit_refuses_is_a_sentence(bars):
     assert "no engine" in bars.refused("release", engine="nothing")
     assert bars.refused("release", until=1e9)
     assert "required" in bars.refused("recommend")
@@ -133,8 +132,8 @@ def test_what_an_engine_or_a_limit_refuses_is_a_sentence(bars: Pen) -> None:
     assert answer(bars.session, {"id": 2, "do": "stop", "job": 77})["ok"]
 
 
-def test_what_is_not_installed_is_said_with_how_to_install_it(bars: Pen, monkeypatch: pytest.MonkeyPatch) -> None:
-    def lacking(library: str) -> None:
+def test_what_is_not_installed_is_said_with_how_to_install_it(bars, monkeypatch):
+    def lacking(library):
         raise MissingExtra(not_installed(ImportError(f"no package {library}", name=library)), name=library)
 
     monkeypatch.setattr(compiled, "require", lacking)
@@ -147,7 +146,7 @@ def test_what_is_not_installed_is_said_with_how_to_install_it(bars: Pen, monkeyp
     assert how in bars.refused("release", engine="gauss-native")
 
 
-def test_a_recommendation_tells_each_answer_as_it_comes_and_all_of_them_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recommendation_tells_each_answer_as_it_comes_and_all_of_them_at_the_end(monkeypatch):
     """The search itself is replaced here; test_recommend tests it."""
     from gauss_bench.advice.answer import Answer
     from gauss_bench.api import recommend
@@ -156,13 +155,13 @@ def test_a_recommendation_tells_each_answer_as_it_comes_and_all_of_them_at_the_e
     first = Answer("gauss-native", "ok", settings="default", integrator="rk4", step=1e-3, errors={"position": 1e-6})
     raced = replace(first, ratio=1.0, snippet="import gauss_bench")
 
-    def found(*wanted: Any, better: Any, **more: Any) -> Any:
+    def found(*wanted, better, **more):
         assert wanted[:2] == ("drawn.toml", 1e-3)
         better(first)
         return SimpleNamespace(answers=[raced], advice="take it", truth="certified", remarks=[], complete=True)
 
     monkeypatch.setattr(recommend, "recommend", found)
-    said: list[dict[str, Any]] = []
+    said = []
     job.recommend({"path": "drawn.toml", "position": 1e-3, "scenario": "released", "budget": 30.0}, said.append)
     early, last = said
     assert early["answer"]["ratio"] is None

@@ -6,10 +6,8 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from PIL import Image
 
 from gauss_bench.cli import main
 from tests.published import watch
-from tests.studio import XY, Running, ended, started
+from tests.studio import ended, started
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "gauss_bench" / "studio" / "page_source"
@@ -27,13 +25,13 @@ SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "test
 
 
 @pytest.fixture
-def folder(studio_server: Running) -> Path:
+def folder(studio_server):
     """The working folder of the studio that tests share."""
     return studio_server.folder
 
 
 @contextlib.contextmanager
-def studio(folder: Path) -> Iterator[Running]:
+def studio(folder):
     """Start a studio with a cache of its own, and end it after the test."""
     running = started(folder)
     yield running
@@ -44,7 +42,7 @@ def studio(folder: Path) -> Iterator[Running]:
 class Page:
     """A page of the studio; places are in metres unless they are called pixels."""
 
-    def __init__(self, browser: Any, url: str, asked: list[str] | None = None, sockets: Any = None, **look: Any):
+    def __init__(self, browser, url, asked=None, sockets=None, **look):
         self.page = browser.new_page(**({"viewport": {"width": 1440, "height": 900}} | look))
         if sockets is not None:
             self.page.route_web_socket(re.compile("/socket"), sockets)
@@ -58,45 +56,45 @@ class Page:
         self.canvas = self.page.get_by_role("application", name="Drawing area")
         self.page.wait_for_selector("#canvas[data-revision]", timeout=60_000)
 
-    def begin(self) -> None:
+    def begin(self):
         """Open an empty drawing."""
         self.button("Open").click()
         self.button("Empty drawing").click()
         self.page.wait_for_selector("dialog", state="detached")
 
-    def template(self, name: str) -> None:
+    def template(self, name):
         """Open a linkage of the gallery by the beginning of its name."""
         self.button("Open").click()
         self.page.get_by_role("button", name=re.compile(f"^{name}", re.I)).click()
         self.page.wait_for_selector("dialog", state="detached")
         self.settled()
 
-    def download(self, kind: str) -> tuple[str, bytes]:
+    def download(self, kind):
         """Return name and content of an export."""
         with self.page.expect_download(timeout=60_000) as waiting:
             self.page.locator("ul.kinds button", has_text=kind).first.click()
         return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
 
-    def places(self) -> dict[str, str]:
+    def places(self):
         """Return pin -> transform in the drawing."""
         return dict(self.canvas.evaluate(WHERE))
 
-    def drawn_at(self) -> dict[str, XY]:
+    def drawn_at(self):
         """Return pin -> place in the drawing, in pixels."""
-        return {k: tuple(map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", x)))[:2] for k, x in self.places().items()}  # type: ignore[misc]
+        return {k: tuple(map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", x)))[:2] for k, x in self.places().items()}
 
-    def stands_at(self) -> dict[str, XY]:
+    def stands_at(self):
         """Return pin -> place in the world [m]."""
         scale, (x, y) = self.scale(), self.origin()
         return {k: ((at[0] - x) / scale, (y - at[1]) / scale) for k, at in self.drawn_at().items()}
 
-    def button(self, name: str) -> Any:
+    def button(self, name):
         return self.page.get_by_role("button", name=name, exact=True)
 
-    def revision(self) -> int:
+    def revision(self):
         return int(self.canvas.get_attribute("data-revision"))
 
-    def until(self, happens: Callable[[], bool], seconds: int = 20) -> None:
+    def until(self, happens, seconds=20):
         """Wait until a condition is true. The page forbids the evaluation of text, so the condition is asked repeatedly."""
         for _ in range(20 * seconds):
             if happens():
@@ -104,38 +102,38 @@ class Page:
             self.page.wait_for_timeout(50)
         raise AssertionError(f"it does not come to that: {self.page.get_by_test_id('said').inner_text()}")
 
-    def changed(self, before: int) -> None:
+    def changed(self, before):
         """Wait until the drawing has a later revision than `before`."""
         self.until(lambda: self.revision() > before)
         self.settled()
 
-    def settled(self) -> None:
+    def settled(self):
         """Wait until every request has its reply."""
         self.until(lambda: bool(self.canvas.get_attribute("data-pending") == "0"), 60)
 
-    def fitted(self) -> None:
+    def fitted(self):
         """Wait until the window has been fitted to the motion and to the room beside its curves, and no longer changes."""
         self.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
-        seen: list[list[str]] = []
+        seen = []
 
-        def stays() -> bool:
+        def stays():
             seen.append(self.canvas.evaluate("c => [c.dataset.scale, c.dataset.origin, c.dataset.pending]"))
             return len(seen) > 12 and all(x == [*seen[-1][:2], "0"] for x in seen[-12:])
 
         self.until(stays, 60)
 
-    def scale(self) -> float:
+    def scale(self):
         return float(self.canvas.get_attribute("data-scale"))
 
-    def origin(self) -> XY:
+    def origin(self):
         x, y = map(float, self.canvas.get_attribute("data-origin").split(","))
         return x, y
 
-    def pixel(self, at: XY) -> XY:
+    def pixel(self, at):
         scale, (x, y), box = self.scale(), self.origin(), self.canvas.bounding_box()
         return box["x"] + x + scale * at[0], box["y"] + y - scale * at[1]
 
-    def use(self, tool: str, *places: XY, end: bool = False) -> None:
+    def use(self, tool, *places, end=False):
         """Take a tool, click at places, and wait until the drawing has changed."""
         before = self.revision()
         self.button(tool).click()
@@ -145,7 +143,7 @@ class Page:
             self.page.keyboard.press("Enter")
         self.changed(before)
 
-    def drive(self, coordinate: str) -> None:
+    def drive(self, coordinate):
         before = self.revision()
         self.page.locator("details.drive > summary").click()
         self.page.get_by_label("Driven coordinate").select_option(coordinate)
@@ -153,13 +151,13 @@ class Page:
         self.page.keyboard.press("Escape")
         self.page.locator(".drive .pop").wait_for(state="hidden")
 
-    def status(self) -> tuple[str, str]:
+    def status(self):
         return self.page.get_by_test_id("dof").inner_text(), self.page.get_by_test_id("loop-count").inner_text()
 
-    def problems(self) -> list[str]:
+    def problems(self):
         return list(self.page.locator(".problems li").all_inner_texts())
 
-    def path(self, point: str) -> Any:
+    def path(self, point):
         """Return the drawn path (k, 2) [m] and the width of a pixel [m]."""
         drawn = self.page.locator(f'[data-path="{point}"] path.path')
         drawn.wait_for(state="attached", timeout=60_000)
@@ -169,7 +167,7 @@ class Page:
         pixels = np.array([[float(v) for v in pair.split()] for pair in re.findall(r"[ML]([-\d. ]+)", drawn.get_attribute("d"))])
         return (pixels - self.origin()) / [scale, -scale], 1 / scale
 
-    def save(self, name: str) -> None:
+    def save(self, name):
         self.button("Save").click()
         self.page.locator('dialog input[name="path"]').fill(f"{name}.toml")
         self.button("Save the file").click()
@@ -177,7 +175,7 @@ class Page:
 
 
 @pytest.fixture(scope="module")
-def one(browser: Any, studio_server: Running) -> Iterator[Page]:
+def one(browser, studio_server):
     """The page that tests share."""
     opened = Page(browser, studio_server.address)
     yield opened
@@ -185,7 +183,7 @@ def one(browser: Any, studio_server: Running) -> Iterator[Page]:
 
 
 @pytest.fixture
-def page(one: Page) -> Iterator[Page]:
+def page(one):
     """The shared page with an empty drawing; at the end, check that nothing went wrong."""
     one.page.keyboard.press("Escape")
     one.begin()
@@ -194,7 +192,7 @@ def page(one: Page) -> Iterator[Page]:
     assert not wrong, wrong[:3]
 
 
-def told(verb: str, file: Path, *arguments: str, fine: tuple[int, ...] = (0,)) -> dict[str, Any]:
+def told(verb, file, *arguments, fine=(0,)):
     """Return the answer of a verb with --json on a file; `fine` are the exit codes that are allowed."""
     said, wrong = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(wrong):
@@ -206,7 +204,7 @@ def told(verb: str, file: Path, *arguments: str, fine: tuple[int, ...] = (0,)) -
 A, B, C, D, P = (0.0, 0.0), (0.0, 0.12), (0.32, 0.28), (0.4, 0.0), (0.12, 0.28)
 
 
-def four_bar(page: Page) -> None:
+def four_bar(page):
     for pivot in (A, D):
         page.use("Ground pivot", pivot)
     page.use("Bar", A, B)
@@ -216,7 +214,7 @@ def four_bar(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, folder: Path) -> None:
+def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page, folder):
     """The drawn path is that of `gauss-bench kinematics` on the saved file, to a pixel; two engines follow it."""
     for _ in range(2):
         page.button("Zoom out").click()
@@ -243,7 +241,7 @@ def test_a_linkage_drawn_from_nothing_moves_as_the_suite_has_it(page: Page, fold
 
 
 @pytest.mark.long
-def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page) -> None:
+def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page):
     """A script in the page drags a joint of the eight-bar around, and waits for the frame of every move."""
     page.template("eight bar")
     page.button("Select").click()
@@ -261,7 +259,7 @@ def test_a_drag_all_around_answers_every_move_and_jumps_to_no_branch(page: Page)
 
 
 @pytest.mark.slow
-def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
+def test_what_is_half_drawn_is_explained_and_stays_on_show(page):
     page.use("Ground pivot", A)
     page.use("Bar", (0.2, 0.1), (0.3, 0.2))  # hangs on nothing
     page.use("Bar", A, B)
@@ -277,11 +275,11 @@ def test_what_is_half_drawn_is_explained_and_stays_on_show(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_held_arrow_moves_the_selected_pin_in_one_step_of_the_history(page: Page) -> None:
+def test_a_held_arrow_moves_the_selected_pin_in_one_step_of_the_history(page):
     """The bar is drawn by keys alone, with which test_studio_means makes every edit; Shift moves the cross by five steps."""
     press = page.page.keyboard.press
 
-    def go(*keys: str) -> None:
+    def go(*keys):
         """Press keys, then Enter at the place of the cross."""
         for key in (*keys, "Enter"):
             press(key)
@@ -311,7 +309,7 @@ def test_a_held_arrow_moves_the_selected_pin_in_one_step_of_the_history(page: Pa
 @pytest.mark.slow
 @pytest.mark.long("__proto__")
 @pytest.mark.parametrize("name", ["constructor", "__proto__"])
-def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page: Page, folder: Path, name: str) -> None:
+def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page, folder, name):
     title = "<img src=x onerror=alert(1)>"
     text = (ROOT / "mechanisms" / "four_bar.toml").read_text(encoding="utf-8")
     text = re.sub(r"\bcrank\b", name, text.replace("Crank-rocker four-bar with a coupler point", title))
@@ -324,7 +322,7 @@ def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page:
     assert page.page.locator("img").count() == 0
     assert page.button(f"link {name}").count() == 1
 
-    def is_whole() -> bool:
+    def is_whole():
         """Tell whether pivots and crank are as in the file, to a tenth of a pixel."""
         at = {k: complex(*x) for k, x in page.stands_at().items()}
         return abs(at["A"]) < 2e-4 and abs(at["D"] - 0.4) < 2e-4 and abs(abs(at["B"] - at["A"]) - 0.12) < 2e-4
@@ -339,11 +337,11 @@ def test_names_of_a_file_are_text_though_every_object_of_a_script_has_them(page:
 @pytest.mark.slow
 @pytest.mark.long("dark")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser: Any, studio_server: Running, scheme: str) -> None:
+def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser, studio_server, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     here = Page(browser, studio_server.address, color_scheme=scheme, bypass_csp=True)
     here.template("four bar")
-    shown: dict[int, tuple[str, ...]] = {375: ("", "Properties"), 768: (), 1440: ("", "Open", "Share", "Help", "Release")}
+    shown = {375: ("", "Properties"), 768: (), 1440: ("", "Open", "Share", "Help", "Release")}
     for width, buttons in shown.items():
         here.page.set_viewport_size({"width": width, "height": 900})
         assert here.page.evaluate("document.documentElement.scrollWidth") <= width
@@ -365,7 +363,7 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(browser:
 
 
 @pytest.mark.slow
-def test_the_page_is_what_its_sources_give(tmp_path: Path) -> None:
+def test_the_page_is_what_its_sources_give(tmp_path):
     """A build of the sources gives the same bytes, if node and the packages of the lock file are installed."""
     node, esbuild = shutil.which("node"), SOURCE / "node_modules" / "esbuild"
     if node is None or not esbuild.is_dir():
@@ -374,7 +372,7 @@ def test_the_page_is_what_its_sources_give(tmp_path: Path) -> None:
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {p.name: p.read_bytes() for p in BUILT.iterdir()}
 
 
-def test_the_page_is_small_and_names_no_other_place() -> None:
+def test_the_page_is_small_and_names_no_other_place():
     assert sum(p.stat().st_size for p in BUILT.iterdir()) < 150_000
     for path in (*BUILT.iterdir(), SOURCE / "package.json"):
         addresses = {x for x in re.findall(r"https?://[^\s\"'`)]+", path.read_text(encoding="utf-8")) if "www.w3.org/" not in x}
@@ -387,7 +385,7 @@ def test_the_page_is_small_and_names_no_other_place() -> None:
         assert f"## {package} " in (BUILT.parent / "THIRD_PARTY.md").read_text(encoding="utf-8")
 
 
-def test_the_sources_of_the_page_import_each_other_in_no_circle() -> None:
+def test_the_sources_of_the_page_import_each_other_in_no_circle():
     sources = {x.stem: x.read_text(encoding="utf-8") for x in (SOURCE / "src").glob("*.ts*")}
     arrows = {name: set(re.findall(r'from "\./([\w-]+)"', text)) for name, text in sources.items()}
     assert sum(map(len, arrows.values())) > 40
@@ -396,7 +394,7 @@ def test_the_sources_of_the_page_import_each_other_in_no_circle() -> None:
 
 
 @pytest.mark.long
-def test_exports_are_what_they_are_called(page: Page) -> None:
+def test_exports_are_what_they_are_called(page):
     """The browser downloads each kind of export that needs no engine; it makes the film itself."""
     page.template("four bar")
     page.page.locator("path.path").first.wait_for(state="attached", timeout=60_000)
@@ -417,7 +415,7 @@ def test_exports_are_what_they_are_called(page: Page) -> None:
 
 
 @pytest.mark.long
-def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: Any, studio_server: Running) -> None:
+def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page, browser, studio_server):
     """The text after the # sign is in no request. `Page` checks that no page asks another server."""
     page.template("four bar")
     drawn = page.places()
@@ -428,7 +426,7 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
     fragment = link.input_value().partition("#")[2]
     page.page.keyboard.press("Escape")
     page.begin()
-    asked: list[str] = []
+    asked = []
     other = Page(browser, f"{studio_server.address}#{fragment}", asked=asked)
     other.until(lambda: bool(other.page.locator("g.linkage [data-link]").count() == 3))
     other.settled()
@@ -451,12 +449,12 @@ def test_a_link_opens_the_same_linkage_and_is_sent_nowhere(page: Page, browser: 
 
 
 @pytest.mark.long
-def test_branches_are_shown_and_taken(page: Page) -> None:
+def test_branches_are_shown_and_taken(page):
     page.template("four bar")
     page.fitted()
     before = page.stands_at()
 
-    def off() -> float:
+    def off():
         return float(max(np.hypot(*np.subtract(x, before[k])) for k, x in page.stands_at().items()))
 
     page.button("Other assemblies").click()
@@ -474,19 +472,19 @@ def test_branches_are_shown_and_taken(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser: Any, studio_server: Running) -> None:
+def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser, studio_server):
     """The first answer is shown while the search goes on; the best answer has a program that can be copied.
 
     This test sends the events itself; test_studio_motion tests that a recommendation sends them.
     """
-    asked: list[dict[str, Any]] = []
-    sockets: list[Any] = []
+    asked = []
+    sockets = []
 
-    def between(page: Any) -> None:
+    def between(page):
         server = page.connect_to_server()
         sockets.append(page)
 
-        def heard(message: str) -> None:
+        def heard(message):
             wanted = json.loads(message)
             if wanted["do"] != "recommend":
                 server.send(message)
@@ -526,7 +524,7 @@ def test_a_recommendation_comes_answer_by_answer_and_brings_its_program(browser:
 
 
 @pytest.mark.long
-def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page) -> None:
+def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page):
     page.use("Ground pivot", A)
     page.use("Bar", A, (0.3, 0.1))
     page.use("Bar", (0.3, 0.1), (0.5, 0.1))
@@ -548,7 +546,7 @@ def test_let_go_a_second_engine_is_laid_over_and_said_where_it_parts(page: Page)
 
 
 @pytest.mark.long
-def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
+def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page):
     """Lengths change on the page while the pointer moves, without a step of the history."""
     four_bar(page)
     page.button("Reshape").click()
@@ -569,11 +567,11 @@ def test_a_pin_put_elsewhere_shows_its_links_meanwhile(page: Page) -> None:
 
 
 @pytest.mark.slow
-def test_a_picture_lies_behind_and_outlives_the_page(page: Page, folder: Path) -> None:
+def test_a_picture_lies_behind_and_outlives_the_page(page, folder):
     """The picture is scaled by two points, is there after a reload, and is sent once but in no scene."""
     Image.new("L", (40, 20), 128).save(folder / "grey.png")
     page.button("Picture").click()
-    sent: list[str] = []
+    sent = []
     page.page.once("websocket", lambda s: s.on("framereceived", lambda frame: sent.append(str(frame))))
     page.page.locator(".picturebar input[type=file]").set_input_files(folder / "grey.png")
     behind = page.page.locator("image.behind")
@@ -602,14 +600,14 @@ TOUCH = {"viewport": {"width": 375, "height": 812}, "has_touch": True}
 
 
 @pytest.mark.slow
-def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_server: Running) -> None:
+def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser, studio_server):
     """The crank's end follows a finger. A second finger ends the drag without a change, and two fingers zoom."""
     here = Page(browser, studio_server.address, **TOUCH)
     here.template("four bar")
     here.fitted()
     hand = here.page.context.new_cdp_session(here.page)
 
-    def touch(kind: str, *fingers: XY) -> None:
+    def touch(kind, *fingers):
         points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(fingers)]
         hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
 
@@ -650,7 +648,7 @@ def test_a_finger_drags_a_joint_and_a_second_one_ends_that(browser: Any, studio_
 
 
 @pytest.mark.long
-def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
+def test_instant_centres_go_with_the_frame_on_show(page):
     """In every frame, the centre of a pin lies on the pin, and the coupler's pole at the intersection of crank and rocker."""
     page.template("four bar")
     page.fitted()
@@ -680,7 +678,7 @@ def test_instant_centres_go_with_the_frame_on_show(page: Page) -> None:
 
 
 @pytest.mark.long
-def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: Path) -> None:
+def test_an_import_says_what_it_left_out_until_that_is_read(page, folder):
     pytest.importorskip("mujoco")
     rod = '<geom type="capsule" fromto="0 0 0 {0} 0 0" size="0.01" mass="1" contype="0" conaffinity="0"/>'
     model = f"""<mujoco model="arm"><worldbody>
@@ -702,7 +700,7 @@ def test_an_import_says_what_it_left_out_until_that_is_read(page: Page, folder: 
 
 
 @pytest.mark.long
-def test_when_the_server_has_gone_nothing_is_lost(browser: Any, tmp_path: Path) -> None:
+def test_when_the_server_has_gone_nothing_is_lost(browser, tmp_path):
     """The page offers its copy for download, and a studio at another port offers the unsaved drawing of the file."""
     (tmp_path / "own.toml").write_text((ROOT / "mechanisms" / "crank_slider.toml").read_text(encoding="utf-8"), encoding="utf-8")
     with studio(tmp_path) as first:

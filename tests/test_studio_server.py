@@ -3,7 +3,6 @@
 import json
 import signal
 import time
-from pathlib import Path
 
 import pytest
 
@@ -13,10 +12,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from gauss_bench.report.site.view import view_page
 from gauss_bench.studio.security import RATE, WINDOW, Rate
 from tests.faults import alive
-from tests.studio import Running, ask, ended, started
+from tests.studio import ask, ended, started
 
 
-def test_the_page_wants_its_token_and_may_run_nothing_from_elsewhere(studio_server: Running) -> None:
+def test_the_page_wants_its_token_and_may_run_nothing_from_elsewhere(studio_server):
     code, _, headers = studio_server.get(f"/?token={studio_server.token}")
     assert code == 200
     assert studio_server.get("/")[0] == studio_server.get("/?token=guessed")[0] == 403
@@ -35,7 +34,7 @@ OTHERS = [("Host", x) for x in ("example.org", "127.0.0.1", "127.0.0.1:1", "loca
 OTHERS += [("Origin", x) for x in ("http://example.org", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1")]
 
 
-def test_another_host_or_origin_is_refused(studio_server: Running) -> None:
+def test_another_host_or_origin_is_refused(studio_server):
     for header, value in OTHERS:
         given = {header: value.format(port=studio_server.port)}
         for path in (f"/?token={studio_server.token}", "/page/index.html"):
@@ -45,14 +44,14 @@ def test_another_host_or_origin_is_refused(studio_server: Running) -> None:
                 studio_server.socket(**given)
 
 
-def test_no_file_but_the_pages_own_is_served(studio_server: Running) -> None:
+def test_no_file_but_the_pages_own_is_served(studio_server):
     for path in ("/page/../server.py", "/page/..%2fserver.py", "/page/%2e%2e/server.py", "/page//etc/passwd", "/etc/passwd"):
         code, content, _ = studio_server.get(path)
         assert code == 404, path
         assert "import" not in content, path
 
 
-def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(studio_server: Running) -> None:
+def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(studio_server):
     code, body, headers = studio_server.get("/view.html")
     page, policy = view_page()
     assert (code, body) == (200, page)
@@ -63,7 +62,7 @@ def test_the_page_of_links_needs_no_token_and_may_run_its_own_script_alone(studi
     assert headers["x-content-type-options"] == "nosniff"
 
 
-def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socket(studio_server: Running) -> None:
+def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socket(studio_server):
     with studio_server.socket() as socket:
         for sent in ("", "{", "[1]", '{"do": 3}', '{"do": "nothing"}', '{"do": "open", "text": NaN}', "[" * 100_000):
             socket.send(sent)
@@ -78,7 +77,7 @@ def test_what_is_no_message_gets_a_sentence_and_what_is_too_large_ends_its_socke
         assert ask(socket, "hello")["ok"]
 
 
-def test_messages_are_answered_no_faster_than_their_rate() -> None:
+def test_messages_are_answered_no_faster_than_their_rate():
     rate = Rate()
     assert all(rate.allows(0.0) for _ in range(RATE))
     assert not rate.allows(0.5)
@@ -86,7 +85,7 @@ def test_messages_are_answered_no_faster_than_their_rate() -> None:
 
 
 @pytest.mark.long
-def test_a_server_that_searches_for_singular_positions_ends_cleanly(tmp_path: Path) -> None:
+def test_a_server_that_searches_for_singular_positions_ends_cleanly(tmp_path):
     running = started(tmp_path)
     with running.socket() as socket:
         for name in ("eight_bar", "four_bar"):
@@ -96,7 +95,7 @@ def test_a_server_that_searches_for_singular_positions_ends_cleanly(tmp_path: Pa
 
 
 @pytest.mark.long
-def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a_clean_end(tmp_path: Path) -> None:
+def test_what_was_drawn_outlives_a_killed_server_whatever_its_port_and_nothing_a_clean_end(tmp_path):
     cache = tmp_path / "cache" / "gauss-bench" / "studio"
     first = started(tmp_path)
     with first.socket() as socket:

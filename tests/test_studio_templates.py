@@ -1,7 +1,6 @@
 """Every template of the studio assembles as its file says, moves through its driven scenario, and is what its title claims."""
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,24 +11,22 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.singular import Curve
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.coordinates import position
-from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.terms import Array
 
 FOLDER = Path(gauss_bench.__file__).parent / "studio" / "templates"
 FILES = sorted(FOLDER.glob("*.toml"))
 
 
-def moved(name: str, samples: int = 73) -> tuple[Mechanism, Array]:
+def moved(name, samples=73):
     mechanism = load(FOLDER / f"{name}.toml", "driven")
     return mechanism, loop_motion(mechanism, np.linspace(0.0, mechanism.duration, samples)).q
 
 
-def path(mechanism: Mechanism, q: Array, point: str) -> Array:
+def path(mechanism, q, point):
     return position(q, mechanism.find_point(point))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda x: x.stem)
-def test_a_template_assembles_as_it_expects_and_runs_its_driven_scenario(file: Path) -> None:
+def test_a_template_assembles_as_it_expects_and_runs_its_driven_scenario(file):
     document = tomllib.loads(file.read_text(encoding="utf-8"))
     assert {"dof", "redundant", "loops"} <= document["expect"].keys()
     assert document["name"] == file.stem
@@ -52,7 +49,7 @@ def test_a_template_assembles_as_it_expects_and_runs_its_driven_scenario(file: P
         ("triple_rocker", set()),
     ],
 )
-def test_grashof_kinds_by_the_links_that_make_whole_turns(name: str, whole: set[str]) -> None:
+def test_grashof_kinds_by_the_links_that_make_whole_turns(name, whole):
     """After one passage of the closed curve of positions, a link has made a whole turn or none."""
     mechanism = load(FOLDER / f"{name}.toml")
     curve, q = Curve(mechanism), mechanism.q0
@@ -69,14 +66,14 @@ def test_grashof_kinds_by_the_links_that_make_whole_turns(name: str, whole: set[
     assert np.abs(turns - np.round(turns)).max() < 0.01
 
 
-def on_isosceles(pin: Array, pivot: complex, side: float) -> Array:
+def on_isosceles(pin, pivot, side):
     """Return the end of a coupler twice as long as its part from pin to knee; pin, knee and pivot are an isosceles triangle."""
     reach = pivot - pin
     knee = pin + reach / 2 + 1j * reach / abs(reach) * np.sqrt(side**2 - abs(reach) ** 2 / 4)
     return np.asarray(2 * knee - pin)
 
 
-def test_hoeckens_line_is_as_straight_as_its_template_claims() -> None:
+def test_hoeckens_line_is_as_straight_as_its_template_claims():
     """Over half a turn, the point moves on a line that is 4.18 cranks long and straight to 0.096 % of its length."""
     mechanism, q = moved("hoecken", 361)
     line = path(mechanism, q, "coupler.M")[90:271]
@@ -88,13 +85,13 @@ def test_hoeckens_line_is_as_straight_as_its_template_claims() -> None:
     assert "0.096 %" in text
 
 
-def test_the_lambda_linkage_stays_within_two_thousandths_of_its_line() -> None:
+def test_the_lambda_linkage_stays_within_two_thousandths_of_its_line():
     mechanism, q = moved("chebyshev_lambda", 181)
     line = path(mechanism, q, "coupler.M")[45:136]
     assert np.ptp(line[:, 1]) / np.ptp(line[:, 0]) < 0.004
 
 
-def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn() -> None:
+def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn():
     """The ram reverses when the pin is level with the pivot of the lever, at crank angles of -30 and 210 degrees."""
     mechanism, q = moved("whitworth", 361)
     x, angle = path(mechanism, q, "ram.C")[:, 0], np.degrees(q[:, 2])
@@ -102,20 +99,20 @@ def test_whitworths_ram_goes_forth_in_two_thirds_of_a_turn() -> None:
     assert ends == pytest.approx([210.0, 330.0], abs=0.01)
 
 
-def peaucellier(of: Callable[[str], Array], q: Array) -> Array:
+def peaucellier(of, q):
     """Return how far the point P is off its straight line, which is longer than 0.5 m."""
     line = of("side_pb.P")
     assert np.ptp(line[:, 1]) > 0.5
     return line[:, 0] - (0.5**2 - 0.2**2) / (2 * 0.2)
 
 
-def scissor_lift(of: Callable[[str], Array], q: Array) -> Array:
+def scissor_lift(of, q):
     """Return how far the level platform is off the height by Pythagoras."""
     assert np.abs(q[:, -1]).max() < 1e-13
     return of("platform.T")[:, 1] - 2 * np.sqrt(0.25 - of("foot.F")[:, 0] ** 2)
 
 
-CLOSED_FORMS: dict[str, Callable[[Callable[[str], Array], Array], Array]] = {  # points, states -> a difference that is zero
+CLOSED_FORMS = {  # points, states -> a difference that is zero
     "peaucellier": peaucellier,
     "pantograph": lambda of, q: of("short.Q") - 0.4 * of("forearm.P"),
     "scotch_yoke": lambda of, q: of("yoke.Y")[:, 0] - 0.1 * np.cos(q[:, 2]),
@@ -126,12 +123,12 @@ CLOSED_FORMS: dict[str, Callable[[Callable[[str], Array], Array], Array]] = {  #
 
 
 @pytest.mark.parametrize("name", CLOSED_FORMS)
-def test_a_template_moves_as_its_closed_form(name: str) -> None:
+def test_a_template_moves_as_its_closed_form(name):
     mechanism, q = moved(name)
     assert np.abs(CLOSED_FORMS[name](lambda point: path(mechanism, q, point), q)).max() < 1e-12
 
 
-def test_klanns_foot_walks() -> None:
+def test_klanns_foot_walks():
     """The foot is near the ground for half a turn, and then rises by more than a third of its stride."""
     mechanism, q = moved("klann", 121)
     foot = path(mechanism, q, "leg.G")

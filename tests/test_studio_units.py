@@ -4,39 +4,36 @@ import csv
 import io
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.studio import Running
 from tests.test_studio_page import Page, told
 
 
 @pytest.fixture(scope="module")
-def page(browser: Any, studio_server: Running) -> Iterator[Page]:
+def page(browser, studio_server):
     here = Page(browser, studio_server.address)
     yield here
     assert not here.wrong, here.wrong[:3]
     here.page.close()
 
 
-def enter(page: Page, label: str, text: str) -> None:
+def enter(page, label, text):
     field = page.page.get_by_label(label, exact=True).first
     field.fill(text)
     field.press("Enter")
 
 
-def file_of(page: Page, studio_server: Running) -> dict[str, Any]:
+def file_of(page, studio_server):
     page.save("own") if page.page.locator("h1.document[title='not saved yet']").count() else page.button("Save").click()
     page.settled()
     return tomllib.loads((studio_server.folder / "own.toml").read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
-def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page: Page, studio_server: Running) -> None:
+def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page, studio_server):
     page.template("four bar")
     page.button("link crank").click()
     for unit, text, metres in (("m", "5.5in", 0.1397), ("mm", "125", 0.125), ("in", "131,5mm", 0.1315)):
@@ -78,7 +75,7 @@ def test_lengths_and_angles_with_units_are_written_in_si_and_others_refused(page
 
 
 @pytest.mark.long
-def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(page: Page) -> None:
+def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(page):
     page.template("four bar")
     page.button("link coupler").click()
     page.page.get_by_label("Unit of lengths").select_option("mm")
@@ -90,7 +87,7 @@ def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(pa
         (sentence,) = page.problems()
         assert f"instead of {instead}" in sentence
         assert page.page.locator(".inplace").inner_text() in sentence
-        apart, needed = re.search(rf"stay (\S+) {unit} apart; .* of (\S+) {unit} instead", sentence).groups()  # type: ignore[union-attr]
+        apart, needed = re.search(rf"stay (\S+) {unit} apart; .* of (\S+) {unit} instead", sentence).groups()
         metres = {"m": 1, "mm": 1e-3, "in": 0.0254}[unit]
         assert float(apart) * metres == pytest.approx(5 - float(needed) * metres, rel=1e-3), "the ends stay that much apart"
     page.page.get_by_label("Unit of lengths").select_option("mm")
@@ -101,7 +98,7 @@ def test_sentences_of_the_server_have_their_lengths_in_the_unit_that_is_shown(pa
 
 
 @pytest.mark.slow
-def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> None:
+def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page):
     page.template("four bar")
     page.button("Release").click()
     page.button("Which engine should I take?").click()
@@ -122,7 +119,7 @@ def test_what_a_dialog_asks_and_is_refused_is_said_in_the_dialog(page: Page) -> 
 
 
 @pytest.mark.long
-def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page: Page) -> None:
+def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(page):
     """The speed changes by rounding only, which must not fill the chart."""
     page.template("four bar")
     page.button("link coupler").click()
@@ -141,12 +138,12 @@ def test_a_point_that_goes_round_evenly_has_a_level_curve_on_a_scale_from_zero(p
     assert len({*re.findall(r"[ML][\d.]+ ([\d.]+)", line)}) == 1, "it is level"
 
 
-def readings(page: Page, chart: str) -> list[float]:
+def readings(page, chart):
     return [float(x) for x in page.page.locator(f'[data-chart="{chart}"] li b').all_inner_texts()]
 
 
 @pytest.mark.slow
-def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(page: Page, studio_server: Running) -> None:
+def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(page, studio_server):
     page.template("four bar")
     page.fitted()
     page.page.get_by_label("Unit of lengths").select_option("mm")
@@ -204,9 +201,9 @@ def test_curves_are_read_by_mouse_keys_and_finger_and_the_table_has_all_of_them(
 
 
 @pytest.mark.long
-def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(page: Page) -> None:
+def test_two_templates_opened_in_turn_ask_nothing_and_a_changed_one_does(page):
     page.template("four bar")  # whatever was drawn before
-    asked: list[str] = []
+    asked = []
     page.page.on("dialog", lambda d: asked.append(d.message))
     for name in ("four bar", "crank slider"):
         page.template(name)

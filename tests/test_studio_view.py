@@ -1,20 +1,18 @@
 """Links to look at: made in the studio, and opened in the page that the studio serves."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("tomlkit")
 from gauss_bench.report.site.view import INTERVALS
-from tests.studio import Pen, Running, quick_return
+from tests.studio import quick_return
 from tests.test_studio_page import Page
 from tests.test_view import content, poses
 
 
-def test_a_link_has_the_motion_that_the_studio_shows(tmp_path: Path) -> None:
+def test_a_link_has_the_motion_that_the_studio_shows(tmp_path):
     pen = quick_return(tmp_path)
     made = pen.ask("view")
     held = content(made["fragment"])
@@ -29,7 +27,7 @@ def test_a_link_has_the_motion_that_the_studio_shows(tmp_path: Path) -> None:
         assert np.abs(states[:, 3 * i + 2] - turned).max() < 1e-3
 
 
-def test_what_cannot_move_is_shared_as_drawn_and_says_why(pen: Pen) -> None:
+def test_what_cannot_move_is_shared_as_drawn_and_says_why(pen):
     assert "nothing is drawn" in pen.refused("view")
     pen.bar((0.0, 0.0), (0.3, 0.0))
     made = pen.ask("view")
@@ -40,7 +38,7 @@ def test_what_cannot_move_is_shared_as_drawn_and_says_why(pen: Pen) -> None:
     assert [len(x["points"]) for x in held["links"]] == [2]
 
 
-def test_a_drawing_beyond_an_address_is_refused_in_words(bars: Pen) -> None:
+def test_a_drawing_beyond_an_address_is_refused_in_words(bars):
     before = bars.session.text
     letters = "".join(chr(0x4E00 + (k * k * 7919 + k * 31) % 20_000) for k in range(9000))
     bars.ask("set", path="title", value=letters)
@@ -52,7 +50,7 @@ def test_a_drawing_beyond_an_address_is_refused_in_words(bars: Pen) -> None:
 @pytest.mark.long("390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
-def test_share_makes_a_link_that_draws(browser: Any, studio_server: Running, width: int, scheme: str) -> None:
+def test_share_makes_a_link_that_draws(browser, studio_server, width, scheme):
     page = Page(
         browser, studio_server.address, viewport={"width": width, "height": 800}, color_scheme=scheme, reduced_motion="reduce"
     )
@@ -81,9 +79,7 @@ def test_share_makes_a_link_that_draws(browser: Any, studio_server: Running, wid
 @pytest.mark.long("390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
-def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
-    browser: Any, studio_server: Running, width: int, scheme: str
-) -> None:
+def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(browser, studio_server, width, scheme):
     """The poses are those of a four-bar with known pivots, which the studio finds from the pins and from the pivots."""
     page = Page(browser, studio_server.address, viewport={"width": width, "height": 850}, color_scheme=scheme)
     page.begin()
@@ -122,7 +118,7 @@ def test_three_poses_placed_by_hand_become_a_sketch_in_one_step(
 
 
 @pytest.mark.slow
-def test_a_pin_with_three_places_on_a_line_slides_from_the_first_pose_to_the_third(browser: Any, studio_server: Running) -> None:
+def test_a_pin_with_three_places_on_a_line_slides_from_the_first_pose_to_the_third(browser, studio_server):
     page = Page(browser, studio_server.address)
     page.begin()
     page.button("Snap to the grid").click()

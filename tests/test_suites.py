@@ -9,7 +9,7 @@ from gauss_bench.bench.cases import Case, cases, is_left_out
 from gauss_bench.bench.search import COARSEST
 from gauss_bench.cli import main
 from gauss_bench.linkage.load import load
-from gauss_bench.reach import Kind, Requirement, Trial, reach, trial_of
+from gauss_bench.reach import Kind, Requirement, reach, trial_of
 from gauss_bench.suites.read import SECTIONS, names, of_engines, read_suite, restrict
 from gauss_bench.suites.schema import FORMAT, LeftOut, OnLinkages
 from gauss_bench.tables import read_table
@@ -34,7 +34,7 @@ FAULTY = [  # content of a suite, and what the refusal names
 
 
 @pytest.mark.parametrize("name", names())
-def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
+def test_every_suite_names_linkages_and_scenarios_that_exist(name):
     suite = read_suite(name)
     for section in SECTIONS:
         for part in getattr(suite, section):
@@ -47,9 +47,9 @@ def test_every_suite_names_linkages_and_scenarios_that_exist(name: str) -> None:
     assert suite.hours or not suite.search, "a suite that searches states its time"
 
 
-def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for() -> None:
+def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for():
     """Within 1e-6 m, on every linkage that it models: its budget holds what its published ladders extrapolate to."""
-    ladders: dict[str, dict[str, list[Trial]]] = {}
+    ladders = {}
     for r in read_table("search_ladder", Path(__file__).parents[1] / "reports"):
         if r["engine"] == "exudyn":
             ladders.setdefault(r["mechanism"], {}).setdefault(r["settings"], []).append(trial_of(r))
@@ -61,7 +61,7 @@ def test_exudyn_may_take_the_steps_that_its_stored_order_asks_for() -> None:
             assert found.kind in (Kind.TIMED, Kind.NO_MODEL) or found.needed < 0.9 * most, (linkage, found.words)
 
 
-def test_a_suite_joins_those_it_builds_on_once_each() -> None:
+def test_a_suite_joins_those_it_builds_on_once_each():
     quick, kernel, whole = (read_suite(name) for name in ("quick", "kernel", "full"))
     assert set(cases(quick)) < set(cases(whole))
     assert {(x.engine, x.step) for x in set(cases(whole)) - set(cases(quick))} == {("gauss", 1e-3)}  # `gauss-native` runs there
@@ -70,7 +70,7 @@ def test_a_suite_joins_those_it_builds_on_once_each() -> None:
     assert whole.papers == quick.papers
 
 
-def test_what_is_left_out_matches_every_field_and_has_a_reason() -> None:
+def test_what_is_left_out_matches_every_field_and_has_a_reason():
     case = Case("four_bar", "torque", "lagrange", "default", "rk4", "none", 1e-4, 2.0)
     why = "for the sake of the test"
     rules = ({"engines": ("lagrange",), "steps": (1e-4,)}, {"engines": ("lagrange",), "steps": (1e-3,)}, {"engines": ("gauss",)})
@@ -82,7 +82,7 @@ def test_what_is_left_out_matches_every_field_and_has_a_reason() -> None:
     assert any(c.engine == "lagrange" and c.step == 1e-4 for c in cases(read_suite("exhaustive")))
 
 
-def test_a_users_linkages_and_engines_cut_a_suite() -> None:
+def test_a_users_linkages_and_engines_cut_a_suite():
     suite = of_engines(restrict(read_suite("full"), {"parallelogram": "torque"}), ["gauss"])
     assert {(c.linkage, c.engine) for c in cases(suite)} == {("parallelogram", "gauss")}
     assert {x for part in suite.cost for x in part.linkages} == {"parallelogram"}
@@ -90,7 +90,7 @@ def test_a_users_linkages_and_engines_cut_a_suite() -> None:
     assert not suite.papers
 
 
-def test_a_faulty_suite_is_told_by_file_and_field(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_faulty_suite_is_told_by_file_and_field(tmp_path, capsys):
     path = tmp_path / "mine.toml"
     around = f'format = "{FORMAT}"\ntitle = "round and round"\nwith = ["{path}"]\n'
     for content, said in (*FAULTY, (around, "builds on itself")):

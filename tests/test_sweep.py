@@ -41,17 +41,17 @@ DOCUMENT = reduce_to_scenario(document_of("crank_slider")[0], "paper")
 SHORT = Options(scenario="paper", until=0.2, stabilization="projection")
 
 
-def table(folder: Path) -> dict[str, bytes]:
+def table(folder):
     return {x.name: x.read_bytes() for x in sorted((folder / PARTS).iterdir())}
 
 
-def rows(folder: Path) -> list[dict[str, object]]:
+def rows(folder):
     import pyarrow.parquet as pq
 
     return [row for x in sorted((folder / PARTS).iterdir()) for row in pq.read_table(x).to_pylist()]
 
 
-def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others() -> None:
+def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others():
     document, _, _ = document_of("crank_slider")
     assert number_at(document, "links.rod.length") == pytest.approx(0.56)
     made = change(document, {"links.rod.length": 0.70})
@@ -63,13 +63,13 @@ def test_another_length_moves_the_points_of_a_link_along_its_bar_and_no_others()
     assert (link.mass, link.inertia) == (0.77, pytest.approx(0.77 * 0.70**2 / 12))  # a given mass stays, its spread follows the bar
 
 
-def test_a_path_that_names_no_number_is_refused_by_name() -> None:
+def test_a_path_that_names_no_number_is_refused_by_name():
     for path in CASES["paths_without_numbers"]:
         with pytest.raises(SweepError, match=path):
             number_at(document_of("crank_slider")[0], path)
 
 
-def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
+def test_grids_are_crossed_and_random_values_come_from_the_seed():
     assert plan(["a=0:1:3", "b=5:6:2"]).values.tolist() == [[0, 5], [0, 6], [0.5, 5], [0.5, 6], [1, 5], [1, 6]]
     mixed, same, other = (plan(["a=0:1:3", "b=normal(1.5,0.1)"], 4000, seed=seed).values for seed in (1, 1, 2))
     assert mixed[:4, 0].tolist() == [0, 0.5, 1, 0]
@@ -79,14 +79,14 @@ def test_grids_are_crossed_and_random_values_come_from_the_seed() -> None:
     assert (mixed != other).any()
 
 
-def test_what_cannot_be_planned_is_refused() -> None:
+def test_what_cannot_be_planned_is_refused():
     for case in CASES["no_plan"]:
         with pytest.raises(SweepError, match=case["said"]):
             plan(case["vary"], case.get("samples"))
     assert dimension("a=1:2:10000000").count == 10_000_000
 
 
-def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance() -> None:
+def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance():
     some = plan(["a=uniform(0,1)", "b=uniform(0,1)", "c=normal(0,1)"], 5 * 1024, "sobol", 3)
     assert (some.base, some.values.shape) == (1024, (5120, 3))
     y = 2 * some.values[:, 0] + some.values[:, 1]
@@ -105,9 +105,7 @@ def test_indices_of_a_sobol_plan_are_the_shares_of_a_known_variance() -> None:
         ("parallelogram", None, ["gravity.y"], [-20.0], [0.0]),
     ],
 )
-def test_starts_close_at_their_own_dimensions(
-    name: str, scenario: str | None, paths: list[str], low: list[float], high: list[float]
-) -> None:
+def test_starts_close_at_their_own_dimensions(name, scenario, paths, low, high):
     mechanism = load(name, scenario)
     document = reduce_to_scenario(document_of(name)[0], mechanism.scenario)
     family = Family(document, mechanism.scenario, paths, name)
@@ -121,7 +119,7 @@ def test_starts_close_at_their_own_dimensions(
 
 
 @pytest.mark.slow
-def test_a_batch_in_one_call_is_what_every_sample_is_alone_and_half_the_step_halves_an_error_of_first_order(tmp_path: Path) -> None:
+def test_a_batch_in_one_call_is_what_every_sample_is_alone_and_half_the_step_halves_an_error_of_first_order(tmp_path):
     """The kernel with open numbers is compared with the reference formulation, which builds every linkage anew."""
     how = replace(SHORT, integrator="semi_implicit_euler", step=1e-4, until=0.05)
     summary = sweep("crank_slider", VARIED, tmp_path / "s", ["gauss-native", "gauss"], 3, how=how, where=Backend(jobs=1))
@@ -148,7 +146,7 @@ def test_a_batch_in_one_call_is_what_every_sample_is_alone_and_half_the_step_hal
         (str(DATA / "loaded.toml"), None),
     ],
 )
-def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: str, scenario: str | None) -> None:
+def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage, scenario):
     """Forces on pins and slides, the work of dampers and drivers, and its error bar are compared with the metrics."""
     mechanism = load(linkage, scenario)
     evaluator = Evaluator(mechanism)
@@ -164,7 +162,7 @@ def test_a_row_has_the_forces_and_the_energy_that_one_motion_alone_has(linkage: 
     assert found["loops"][0] == pytest.approx(metrics.drift(evaluator, x).position.max(), rel=1e-6)
 
 
-def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None:
+def test_ranks_that_rise_together_correlate_wholly_whatever_their_form():
     some = plan(["a=uniform(0,1)", "b=uniform(0,1)", "c=uniform(2,2.0000001)"], 200, seed=1)
     found = sensitivities(some, np.exp(9 * some.values[:, 0]))["rank_correlation"]
     assert found["a"] == pytest.approx(1.0, abs=1e-12)
@@ -178,7 +176,7 @@ def test_ranks_that_rise_together_correlate_wholly_whatever_their_form() -> None
 
 
 @pytest.mark.slow
-def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) -> None:
+def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path):
     """A block on a stiff spring is at rest after 0.3 ms, between two samples that are a millisecond apart."""
     path = tmp_path / "oscillator.toml"
     path.write_bytes(toml(oscillator(k=8e8, c=4e4)))
@@ -191,7 +189,7 @@ def test_damping_that_no_sample_sees_is_judged_as_by_every_verb(tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path, monkeypatch):
     monkeypatch.setattr("gauss_bench.sweep.run.BATCH", 8)
     folder = tmp_path / "s"
     sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=1))
@@ -201,7 +199,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
     damaged = folder / PARTS / "part-00002.parquet"
     damaged.write_bytes(damaged.read_bytes()[:-100])
     (folder / PARTS / ".part-00001.parquet.1.part").write_bytes(b"left by a sweep that was killed")
-    told: list[str] = []
+    told = []
     sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=2), tell=told.append)
     assert "1 of 3 batches are there already" in told
     assert table(folder) == whole
@@ -217,9 +215,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path: Path, monk
 
 
 @pytest.mark.slow
-def test_what_does_not_assemble_is_a_row_with_its_reason_and_the_verb_prints_the_summary(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_does_not_assemble_is_a_row_with_its_reason_and_the_verb_prints_the_summary(tmp_path, capsys):
     varied = [x for text in ("links.coupler.length=0.3:2.3:2", "links.crank.kg_per_m=-0.8:0.8:2") for x in ("--vary", text)]
     asked = ["sweep", "four_bar", *varied, "--scenario", "torque", "--until", "0.1", "--out", str(tmp_path / "s"), "--json"]
     assert cli.main(asked) == 0
@@ -238,18 +234,16 @@ GAUSS = (("gauss", Choice("default", "rk4", step=1e-3)),)
 CASE = SweepCase(json.dumps(DOCUMENT), "paper", "crank_slider", ("gravity.y",), 0.2, GAUSS, 60.0, 1)
 
 
-def repeated(
-    monkeypatch: pytest.MonkeyPatch, count: int, changes: dict[int, float], unit: str = "m", lost: int = -1
-) -> dict[str, object]:
+def repeated(monkeypatch, count, changes, unit="m", lost=-1):
     """Return the check of `count` samples, some of which change one figure when repeated, and one of which may be lost."""
     pandas = pytest.importorskip("pandas")
     columns = units(load("crank_slider", "paper"))
     moved = next(name for name, x in columns.items() if x == unit)
     table = pandas.DataFrame({"sample": range(count), "status": "ok"} | dict.fromkeys(columns, 1.0))
 
-    def again(case: SweepCase, engine: str, numbers: list[int], values: object, parts: int) -> dict[str, object]:
+    def again(case, engine, numbers, values, parts):
         assert parts == 2
-        found: dict[str, object] = {name: np.ones(len(numbers)) for name in columns}
+        found = {name: np.ones(len(numbers)) for name in columns}
         found[moved] = np.array([1.0 + changes.get(k, 0.0) for k in numbers])
         return found | {"status": ["invalid" if k == lost else "ok" for k in numbers]}
 
@@ -259,14 +253,14 @@ def repeated(
     return found
 
 
-def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_sample_in_ten_is_repeated_and_sixteen_at_most(monkeypatch):
     for count, checked in ((1, 1), (10, 1), (11, 2), (150, 15), (160, 16), (1000, 16)):
         found = repeated(monkeypatch, count, {})
         assert (found["samples"], found["worst"]) == (checked, None)
 
 
 @pytest.mark.parametrize("unit", ["m", "rad"])
-def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit, monkeypatch):
     limit = 0.025 * (load("crank_slider", "paper").size if unit == "m" else 1.0)
     for share, ok in ((0.99, True), (1.01, False)):
         found = repeated(monkeypatch, 20, {0: -share * limit, 19: share * limit / 2}, unit)
@@ -276,7 +270,7 @@ def test_a_repetition_may_change_a_fortieth_of_the_size_or_of_a_radian(unit: str
     assert (found["ok"], found["worst"], found["lost"], found[unit]) == (False, 0, 1, pytest.approx(1e-6))
 
 
-def test_the_default_integrator_and_step_of_an_engine() -> None:
+def test_the_default_integrator_and_step_of_an_engine():
     needs("llvmlite")
     for case in CASES["steps"]:
         how = Options(stabilization="none", **case.get("options", {}))
@@ -286,7 +280,7 @@ def test_the_default_integrator_and_step_of_an_engine() -> None:
             assert _choice(case["engine"], how, until=1e-4).step == 1e-4
 
 
-def test_batches_are_large_where_one_call_takes_them() -> None:
+def test_batches_are_large_where_one_call_takes_them():
     native, other = (_batches(513, [engine]) for engine in ("gauss-native", "gauss"))
     assert [(x.number, x.first, x.end) for x in native] == [(0, 0, 512), (1, 512, 513)]
     assert [x.size for x in other] == [8] * 64 + [1]
@@ -294,7 +288,7 @@ def test_batches_are_large_where_one_call_takes_them() -> None:
     assert replace(CASE, jobs=9) == CASE != replace(CASE, until=0.3)  # threads change no row
 
 
-def test_a_summary_of_known_rows() -> None:
+def test_a_summary_of_known_rows():
     """Four samples are ok and have the values 1, 2, 3 and 4; a fifth is not."""
     pandas = pytest.importorskip("pandas")
     some = plan(["gravity.y=1:5:5"], None, "random", 0)
@@ -315,7 +309,7 @@ def test_a_summary_of_known_rows() -> None:
     assert _dependence({"rank_correlation": {"a": 0.5, "b": -0.75}}) == "b -0.75, a +0.50"
 
 
-def test_a_kernel_leaves_open_what_no_welded_body_holds() -> None:
+def test_a_kernel_leaves_open_what_no_welded_body_holds():
     for case in CASES["open"]:
         family = Family(DOCUMENT, "paper", [case["path"]], "crank_slider")
         family.document = DOCUMENT | ({"welds": {}} if case.get("welds") else {})
@@ -323,7 +317,7 @@ def test_a_kernel_leaves_open_what_no_welded_body_holds() -> None:
 
 
 @pytest.mark.long
-def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path: Path) -> None:
+def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp_path):
     how = Options(until=1.0, integrator="dop853", settings="dop853_rtol=1e-9,dop853_atol=1e-9")
     found = sweep("pendulum", ["gravity.1=-9:-10:12"], tmp_path / "s", ["gauss"], how=how, where=Backend(jobs=1))
     check = found["engines"]["gauss"]["half_the_step"]
@@ -332,7 +326,7 @@ def test_an_engine_that_chooses_its_steps_is_repeated_at_a_tighter_tolerance(tmp
 
 
 @pytest.mark.slow
-def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> None:
+def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path):
     pytest.importorskip("mujoco")
     how = replace(SHORT, until=0.05, step=1e-4, stabilization=None)
     sweep("crank_slider", VARIED, tmp_path / "s", ["gauss-native", "mujoco"], 2, how=how)
@@ -343,18 +337,18 @@ def test_an_engine_in_a_worker_moves_as_the_native_code_does(tmp_path: Path) -> 
 
 
 @pytest.mark.long
-def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path: Path) -> None:
+def test_a_cluster_that_loses_a_worker_writes_the_same_table(tmp_path):
     """A scheduler with two worker processes, one of which is killed in the middle of the run."""
     distributed = pytest.importorskip("distributed")
     asked = {"engines": ["gauss"], "samples": 32, "how": replace(SHORT, until=0.05)}
     sweep("crank_slider", VARIED, tmp_path / "local", where=Backend(jobs=1), **asked)
     options = {"n_workers": 2, "threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None}
-    killed: list[int] = []
+    killed = []
 
     with distributed.LocalCluster(**options) as cluster:
         address = cluster.scheduler_address
 
-        def kill_one() -> None:
+        def kill_one():
             parts = tmp_path / "dask" / PARTS
             while not (parts.is_dir() and any(parts.glob("part-*"))):  # one batch is done, others are under way
                 time.sleep(0.01)
@@ -382,9 +376,7 @@ sys.exit(cli.command())
 @pytest.mark.parametrize(
     ("how", "before"), [(signal.SIGINT, "others"), (signal.SIGKILL, "others"), (signal.SIGKILL, "its first task")]
 )
-def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(
-    how: signal.Signals, before: str, tmp_path: Path
-) -> None:
+def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(how, before, tmp_path):
     asked = ["sweep", "crank_slider", "--vary", "links.rod.mass=0.7:0.8:4000", "--engine", "gauss", "--until", "0.2", "--jobs", "2"]
     process = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTIBLE, *asked, "--out", str(tmp_path / "s")],
@@ -394,7 +386,7 @@ def test_a_sweep_that_is_broken_off_says_nothing_else_and_leaves_no_process(
     )
     sign = f"SIGN_OF_A_SWEEP={tmp_path}".encode()
 
-    def under_way() -> bool:
+    def under_way():
         if before == "others":
             return any((tmp_path / "s" / PARTS).glob("part-*"))
         return any(b"LokyProcess" in Path(f"/proc/{pid}/cmdline").read_bytes() for pid in alive(sign))

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -14,28 +13,28 @@ from gauss_bench.bench.gate import read_baseline
 from gauss_bench.bench.provenance import check_publishable
 from gauss_bench.cli import main
 from gauss_bench.report.field_run import folders_of
-from gauss_bench.tables import FORMAT, KEY, TABLES, Table, TableError
+from gauss_bench.tables import FORMAT, KEY, TABLES, TableError
 
 CASE = dict(zip(KEY, ("four_bar", "torque", "gauss", "default", "rk4", "none", 1e-3, 2.0), strict=True))
 REPORTS = Path(__file__).parents[1] / "reports"
-VALUES: dict[str, tuple[Any, ...]] = {
+VALUES = {
     "text": ("", 'a, "b"\nc', "nan", "True", "1"),
     "number": (math.nan, 0.0, -1.25, 1e-300, math.inf),
     "flag": (None, True, False),
 }
 
 
-def row(table: Table, turn: int) -> dict[str, Any]:
+def row(table, turn):
     """A row whose values are those of each kind in turn."""
     return {c.name: VALUES[c.kind][(turn + k) % len(VALUES[c.kind])] for k, c in enumerate(table.columns)}
 
 
-def same(one: Any, other: Any) -> bool:
+def same(one, other):
     return one == other or (isinstance(one, float) and isinstance(other, float) and math.isnan(one) and math.isnan(other))
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
+def test_what_is_written_is_read(name, tmp_path):
     rows = [row(TABLES[name], turn) | ({"format": FORMAT} if name == "baseline" else {}) for turn in range(5)]
     paths = tables.write_table(name, rows, tmp_path)
     tables.write_schema(tmp_path)
@@ -68,9 +67,7 @@ DAMAGED = [  # file, content, and what is said of it
 
 
 @pytest.mark.parametrize(("file", "content", "said"), DAMAGED)
-def test_a_damaged_table_is_refused_with_a_sentence(
-    file: str, content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_table_is_refused_with_a_sentence(file, content, said, tmp_path, capsys):
     tables.write_table("agreement", [], tmp_path)
     tables.write_schema(tmp_path)
     (tmp_path / tables.checksums.FILE).unlink()  # which would tell it first
@@ -83,7 +80,7 @@ def test_a_damaged_table_is_refused_with_a_sentence(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_column_that_is_not_in_the_schema_and_times_that_could_not_be_told_apart_are_not_written(tmp_path: Path) -> None:
+def test_a_column_that_is_not_in_the_schema_and_times_that_could_not_be_told_apart_are_not_written(tmp_path):
     with pytest.raises(KeyError, match="invented"):
         tables.write_table("agreement", [{"mechanism": "four_bar", "invented": 1}], tmp_path)
     with pytest.raises(ValueError, match="same key"):
@@ -91,7 +88,7 @@ def test_a_column_that_is_not_in_the_schema_and_times_that_could_not_be_told_apa
     assert not list(tmp_path.iterdir())
 
 
-def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_path: Path) -> None:
+def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_path):
     head = [*KEY, "metric", "value", "accepted"]
     line = ["four_bar", "torque", "gauss", "default", "rk4", "none", "0.001", "1", "position_error", "1e-9", "2026-01-01 first"]
     path = tmp_path / "baseline.csv"
@@ -108,7 +105,7 @@ def test_a_baseline_of_a_later_format_is_refused_and_an_older_one_is_read(tmp_pa
 LIMIT = 3_000_000  # bytes of what is published beside the code
 
 
-def test_published_files_are_small_unchanged_and_read_completely() -> None:
+def test_published_files_are_small_unchanged_and_read_completely():
     """Every published file is a table of the schema or one of a few others, and every column of a table is read."""
     others = {"README.md", "what_changed.md", "environment.json", checksums.FILE, tables.SCHEMA_FILE}
     ignored = ("site", "local", ".run", "pictures", "findings")
@@ -132,7 +129,7 @@ def test_published_files_are_small_unchanged_and_read_completely() -> None:
 
 
 @pytest.mark.parametrize(("form", "stabilised"), [(1, math.nan), (2, 5e-5)])
-def test_times_with_another_meaning_in_earlier_formats_are_missing(form: int, stabilised: float, tmp_path: Path) -> None:
+def test_times_with_another_meaning_in_earlier_formats_are_missing(form, stabilised, tmp_path):
     """Format 1 gave stabilised runs those of plain steps; builds left out the first step until format 3."""
     if form > 1:
         (tmp_path / "tables.json").write_text(json.dumps({"format": form}), encoding="utf-8")
@@ -156,7 +153,7 @@ FORMAT_1 = {  # tables with errors of the crank, and a baseline with dates and r
 
 
 @pytest.mark.parametrize("rewritten", [False, True])
-def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten: bool, tmp_path: Path) -> None:
+def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewritten, tmp_path):
     for name, text in FORMAT_1.items():
         (tmp_path / f"{name}.csv").write_text(text)
     if rewritten:
@@ -177,7 +174,7 @@ def test_errors_of_the_crank_are_read_as_those_of_the_measured_coordinate(rewrit
     assert [row["accepted"] for row in baseline] == ["2026-11-21 first baseline", "2026-11-22 a better reference"]
 
 
-def test_times_are_stored_apart_and_joined_when_read(tmp_path: Path) -> None:
+def test_times_are_stored_apart_and_joined_when_read(tmp_path):
     """Other times change no byte of the rows of accuracy; a case that was not timed has no row of times."""
     rows = [CASE | {"position_error": 1e-6, "step_time": 5e-5}, CASE | {"step": 1e-2, "position_error": 1e-2}]
     accuracy, times = tables.write_table("results", rows, tmp_path)
@@ -192,7 +189,7 @@ def test_times_are_stored_apart_and_joined_when_read(tmp_path: Path) -> None:
     assert times.read_bytes() != before[1]
 
 
-def test_times_of_a_missing_row_are_refused(tmp_path: Path) -> None:
+def test_times_of_a_missing_row_are_refused(tmp_path):
     accuracy, _ = tables.write_table("results", [CASE | {"step_time": 5e-5}], tmp_path)
     tables.write_schema(tmp_path)
     accuracy.write_text(accuracy.read_text().replace("four_bar", "six_bar"))
@@ -209,16 +206,14 @@ def test_times_of_a_missing_row_are_refused(tmp_path: Path) -> None:
         (2.71828, math.nan, math.nan, (2.718, math.nan, math.nan)),
     ],
 )
-def test_a_ratio_keeps_the_digits_that_its_spread_supports(
-    ratio: float, low: float, high: float, stored: tuple[float, ...], tmp_path: Path
-) -> None:
+def test_a_ratio_keeps_the_digits_that_its_spread_supports(ratio, low, high, stored, tmp_path):
     tables.write_table("results", [CASE | {"step_ratio": ratio, "step_ratio_low": low, "step_ratio_high": high}], tmp_path)
     tables.write_schema(tmp_path)
     (found,) = tables.read_table("results", tmp_path)
     assert all(same(found[f"step_ratio{end}"], x) for end, x in zip(("", "_low", "_high"), stored, strict=True))
 
 
-def test_samples_of_format_4_are_of_one_process(tmp_path: Path) -> None:
+def test_samples_of_format_4_are_of_one_process(tmp_path):
     row = {"mechanism": "four_bar", "engine": "gauss", "quantity": "step", "step": 1e-4, "process": 3, "round": 1, "seconds": 2e-5}
     tables.write_table("samples", [row], tmp_path)
     path = tmp_path / "times" / "samples.parquet"
@@ -228,7 +223,7 @@ def test_samples_of_format_4_are_of_one_process(tmp_path: Path) -> None:
     assert (read["process"], read["round"]) == (0.0, 1.0)
 
 
-def test_format_3_is_read_and_migrated_to_separate_files(tmp_path: Path) -> None:
+def test_format_3_is_read_and_migrated_to_separate_files(tmp_path):
     """Format 3 had all columns in one file, twice. Figures, times and builds stay the same."""
     (tmp_path / "tables.json").write_text('{"format": 3}', encoding="utf-8")
     head = "mechanism,scenario,engine,settings,integrator,stabilization,step,t_end,status,position_error,step_time,build_time"
@@ -244,7 +239,7 @@ def test_format_3_is_read_and_migrated_to_separate_files(tmp_path: Path) -> None
     assert all(same(old[c.name], new[c.name]) for c in TABLES["results"].columns if not c.timed)
 
 
-def test_curves_are_the_same_bytes_and_within_a_pens_width(tmp_path: Path) -> None:
+def test_curves_are_the_same_bytes_and_within_a_pens_width(tmp_path):
     rows = [CASE | {"t": t / 7, "measured_error": 1.2345678e-7 * t} for t in range(100)]
     (path,) = tables.write_table("series", rows, tmp_path)
     before = path.read_bytes()
@@ -257,7 +252,7 @@ def test_curves_are_the_same_bytes_and_within_a_pens_width(tmp_path: Path) -> No
         assert found["step"] == row["step"]
 
 
-def test_a_file_may_lack_a_column_that_was_added_later_and_no_other(tmp_path: Path) -> None:
+def test_a_file_may_lack_a_column_that_was_added_later_and_no_other(tmp_path):
     path = tmp_path / "times" / "kernel_growth.csv"
     path.parent.mkdir()
     tables.write_schema(tmp_path)

@@ -4,13 +4,12 @@ import difflib
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from gauss_bench.api.diagnose import diagnose
 from gauss_bench.api.own_model import read_own_file
-from gauss_bench.api.tune import Tuned, tune
+from gauss_bench.api.tune import tune
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
@@ -80,19 +79,19 @@ print(worst)
 """
 
 
-def lines_changed(before: str, after: str) -> list[str]:
+def lines_changed(before, after):
     """Return the lines that are in the second text alone."""
     return [x[1:] for x in difflib.ndiff(before.splitlines(), after.splitlines()) if x.startswith("+ ")]
 
 
-def largest_error(model: Path, until: float) -> float:
+def largest_error(model, until):
     """Return the error [m] that the program above finds, in a process of its own."""
     run = [sys.executable, "-I", "-c", PROGRAM, str(model), str(until)]
     return float(subprocess.run(run, capture_output=True, text=True, check=True).stdout)
 
 
 @pytest.fixture(scope="module")
-def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tuned, Path]:
+def tuned(tmp_path_factory):
     """The four-bar with settings that hold a tenth of a millimetre over half a second, and its file."""
     needs("mujoco")
     out = tmp_path_factory.mktemp("tuned") / "tuned.xml"
@@ -100,8 +99,8 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Tuned, Path]:
 
 
 def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_attributes_named_alone(
-    tuned: tuple[Tuned, Path],
-) -> None:
+    tuned,
+):
     found, out = tuned
     assert found.succeeded
     assert found.errors["position"] <= 0.5e-4 < found.before["position"]
@@ -112,7 +111,7 @@ def test_a_tuned_file_holds_its_tolerance_in_plain_mujoco_and_differs_in_the_att
     assert closure.startswith('     <connect name="top" body1="coupler" body2="rocker" anchor="0.3 0 0.2" solref="0.002 1.0"')
 
 
-def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path, capsys):
     needs("mujoco")
     out = tmp_path / "tuned.xml"
     assert main(["tune", str(FOUR_BAR), "--position", "1e-13", "--until", "0.05", "--out", str(out), "--json"]) == 1
@@ -122,7 +121,7 @@ def test_what_cannot_be_reached_is_exit_code_one_and_nothing_is_written(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path: Path) -> None:
+def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path):
     needs("mujoco")
     out = tmp_path / "tuned.xml"
     wanted = {"position": 2e-9, "until": 0.05}
@@ -146,7 +145,7 @@ def test_a_shorter_timestep_is_taken_only_where_it_is_allowed(tmp_path: Path) ->
         ('<joint name="rocker_pin"/>', '<joint name="rocker_pin" axis="1 0 0"/>', "joint rocker_pin"),
     ],
 )
-def test_what_no_planar_linkage_has_is_refused_by_element(tmp_path: Path, old: str, new: str, named: str) -> None:
+def test_what_no_planar_linkage_has_is_refused_by_element(tmp_path, old, new, named):
     needs("mujoco")
     model, out = tmp_path / "model.xml", tmp_path / "out.xml"
     model.write_text(FOUR_BAR.read_text().replace(old, new))
@@ -156,7 +155,7 @@ def test_what_no_planar_linkage_has_is_refused_by_element(tmp_path: Path, old: s
 
 
 @pytest.mark.long
-def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside_what_it_includes(tmp_path: Path) -> None:
+def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside_what_it_includes(tmp_path):
     needs("mujoco")
     closures = FOUR_BAR.read_text().split("<equality>")[1].split("</equality>")[0]
     (tmp_path / "closures.xml").write_text(f"<mujoco><equality>{closures}</equality></mujoco>")
@@ -171,7 +170,7 @@ def test_closures_of_an_included_file_take_a_default_and_the_result_stays_beside
     assert not list((tmp_path / "elsewhere").iterdir())
 
 
-def test_the_input_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_input_is_never_written_over(tmp_path, capsys):
     model = tmp_path / "model.xml"
     model.write_bytes(FOUR_BAR.read_bytes())
     assert main(["tune", str(model), "--position", "1e-4", "--out", str(model), "--replace"]) == 2
@@ -179,7 +178,7 @@ def test_the_input_is_never_written_over(tmp_path: Path, capsys: pytest.CaptureF
     assert model.read_bytes() == FOUR_BAR.read_bytes()
 
 
-def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities() -> None:
+def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities():
     text = b"""<mujoco><!-- <option timestep='1'/> --><option  timestep = '0.002'
       integrator='Euler' /><equality><weld name="a > b &amp; c"/></equality></mujoco>"""
     edited = write_settings(text, "model.xml", {"integrator": "RK4"}, {"solref": "0.004 1.0"})
@@ -189,7 +188,7 @@ def test_an_edit_leaves_every_other_byte_and_reads_quotes_comments_and_entities(
 
 
 @pytest.mark.long
-def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tuned: tuple[Tuned, Path]) -> None:
+def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is_tuned(tuned):
     soft = diagnose(str(FOUR_BAR), until=0.2)
     assert (soft.part, soft.step, soft.engine) == ("constraint softness", 0.001, "mujoco")
     assert any("solref 0.02 1" in x for x in soft.remarks)
@@ -199,9 +198,7 @@ def test_a_diagnosis_of_a_model_names_its_own_softness_and_finds_none_once_it_is
 
 
 @pytest.mark.long
-def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_users_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_users_folder(tmp_path, monkeypatch):
     needs("mujoco")
     monkeypatch.chdir(tmp_path)
     model = tmp_path / "model.xml"
@@ -210,7 +207,7 @@ def test_a_model_that_diverges_is_judged_to_the_end_and_leaves_nothing_in_the_us
     assert [x.name for x in tmp_path.iterdir()] == ["model.xml"]
 
 
-def test_a_model_file_takes_no_options_of_linkages_or_other_engines() -> None:
+def test_a_model_file_takes_no_options_of_linkages_or_other_engines():
     needs("mujoco")
     for options, named in (
         ({"scenario": "torque"}, "--scenario"),
@@ -224,7 +221,7 @@ def test_a_model_file_takes_no_options_of_linkages_or_other_engines() -> None:
         diagnose("four_bar", "gauss", close=["a.b=c.d"])
 
 
-def test_the_keyframe_called_start_is_judged_whatever_its_place(tmp_path: Path) -> None:
+def test_the_keyframe_called_start_is_judged_whatever_its_place(tmp_path):
     needs("mujoco")
     model, text = tmp_path / "model.xml", FOUR_BAR.read_text()
     home = '<key name="home" qpos="0 0 0" ctrl="0.5"/>'

@@ -17,7 +17,7 @@ from gauss_bench.untrusted import DEEPEST, TooDeep, check_depth, parse_toml
 MANY = 40_000
 
 
-def dotted(levels: int, part: str = "a") -> str:
+def dotted(levels, part="a"):
     return ".".join([part] * levels)
 
 
@@ -46,7 +46,7 @@ SHALLOW = {
 
 
 @pytest.mark.parametrize("name", DEEP)
-def test_what_lies_deep_is_refused_by_its_line_before_it_is_parsed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_lies_deep_is_refused_by_its_line_before_it_is_parsed(name, monkeypatch):
     monkeypatch.setattr(tomllib, "loads", lambda *_, **__: pytest.fail("it was parsed"))
     text = "first = 1\n" + DEEP[name]
     at = DEEPEST + 2 if name == "lists on lines of their own" else 2 + DEEP[name].count("\n")
@@ -57,21 +57,19 @@ def test_what_lies_deep_is_refused_by_its_line_before_it_is_parsed(name: str, mo
 
 
 @pytest.mark.parametrize("name", SHALLOW)
-def test_what_only_looks_deep_is_parsed(name: str) -> None:
+def test_what_only_looks_deep_is_parsed(name):
     assert parse_toml(SHALLOW[name]) == tomllib.loads(SHALLOW[name])
 
 
 @pytest.mark.parametrize("text", ['x = """a', "x = '''a", 'x = "a', "x = 'a\n", 'x = """\\"""' * 1000, '"""' * 1001, "]" * 100])
-def test_a_string_that_nothing_closes_is_left_to_the_parser(text: str) -> None:
+def test_a_string_that_nothing_closes_is_left_to_the_parser(text):
     check_depth(text)
     with pytest.raises(tomllib.TOMLDecodeError):
         parse_toml(text)
 
 
 @pytest.mark.parametrize("levels", [20_000, 40_000])
-def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
-    levels: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(levels, tmp_path, capsys):
     path = tmp_path / "deep.toml"
     path.write_text(f'name = "deep"\n{dotted(levels)} = 1\n', encoding="utf-8")
     for verb in (["show"], ["simulate"], ["kinematics"], ["export", "--engine", "c", "--out", str(tmp_path / "x.c")]):
@@ -83,7 +81,7 @@ def test_every_verb_that_reads_a_linkage_refuses_a_deep_key(
     assert not (tmp_path / "x.c").exists()
 
 
-def no_files(folder: Path) -> dict[str, Path]:
+def no_files(folder):
     """Return a path of every kind that is no regular file, such as a pipe, a socket or an endless device."""
     os.mkfifo(folder / "pipe.toml")
     (folder / "circle.toml").symlink_to("circle.toml")
@@ -124,7 +122,7 @@ for arguments in ASKED:
 """
 
 
-def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+def test_what_is_no_file_is_refused_at_once(tmp_path):
     """One process calls all verbs; its time limit is far above the time that they take."""
     places = tmp_path / "places"
     places.mkdir()

@@ -5,15 +5,13 @@ import json
 import random
 import re
 import zlib
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from gauss_bench.api.kinematics import Kinematics, kinematics
+from gauss_bench.api.kinematics import kinematics
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.report.site.view import ANGLES, INTERVALS, LIMITS, VERSION, TooLarge, pack_poses, pack_view, view_page
@@ -22,40 +20,40 @@ from tests.published import watch
 
 
 @cache
-def motion(name: str) -> Kinematics:
+def motion(name):
     return kinematics(name, intervals=INTERVALS)
 
 
-def packed(name: str, text: str = "the file") -> tuple[str, Kinematics]:
+def packed(name, text="the file"):
     """Return the fragment of the first driven motion of a linkage, and the motion."""
     made = motion(name)
     return pack_view(text, made.model, made.trajectory.q, float(made.t[-1]))[0], made
 
 
-def content(fragment: str) -> dict[str, Any]:
+def content(fragment):
     """Return the content of a fragment."""
     body = fragment.removeprefix(VERSION)
     return dict(json.loads(zlib.decompress(base64.urlsafe_b64decode(body + "=" * (-len(body) % 4)))))
 
 
-def poses(held: dict[str, Any]) -> Any:
+def poses(held):
     """Return the states (k, n) of a fragment, from its second differences."""
     whole = np.cumsum(np.cumsum(np.array(held["poses"]), axis=1), axis=1).T
     return whole * np.tile([held["unit"], held["unit"], 1 / ANGLES], whole.shape[1] // 3)
 
 
-def packed_bytes(held: Any) -> bytes:
+def packed_bytes(held):
     """Return the compressed JSON of a content, which may be hostile, or of bytes."""
     return zlib.compress(held if isinstance(held, bytes) else json.dumps(held).encode(), 9)
 
 
-def fragment_of(held: Any) -> str:
+def fragment_of(held):
     """Return the fragment of a content or of bytes; a fragment unchanged."""
     return held if isinstance(held, str) else VERSION + base64.urlsafe_b64encode(packed_bytes(held)).decode().rstrip("=")
 
 
 @pytest.mark.parametrize("name", exhaustive(["four_bar", "jansen", "shaper", "excavator"], "jansen", "excavator"))
-def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_point_in_its_place(name: str) -> None:
+def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_point_in_its_place(name):
     """Points in the fragment, moved by its poses, are compared with the observed points of the suite's own motion."""
     text = Path(load(name).source).read_text()
     fragment, made = packed(name, text)
@@ -75,7 +73,7 @@ def test_the_address_holds_the_file_and_every_pose_to_half_a_unit_and_every_poin
     assert links == {round(link) for link, _, _ in held["pins"]}
 
 
-def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
+def test_a_longer_file_takes_poses_away_until_none_is_left():
     chance, counts = random.Random(0), []
     made = motion("four_bar")
     for length in (0, 9000, 9500, 9800):
@@ -100,7 +98,7 @@ def test_a_longer_file_takes_poses_away_until_none_is_left() -> None:
 
 
 @pytest.mark.parametrize("place", [(0.5, 0.5), (3e3, 3e3)])
-def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tuple[float, float]) -> None:
+def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place):
     """The motion of this link is too small to define the unit of length."""
     q = np.array([[*place, 0.0], [place[0] + 1e-7, place[1], 0.1]])
     numbers = np.array(pack_poses(q)["poses"])
@@ -112,13 +110,13 @@ def test_a_drawing_far_from_the_origin_has_numbers_that_the_page_takes(place: tu
 
 
 @pytest.fixture(scope="module")
-def page_file(tmp_path_factory: pytest.TempPathFactory) -> str:
+def page_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "view.html"
     path.write_text(view_page()[0], encoding="utf-8")
     return path.as_uri()
 
 
-def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
+def opened(browser, address, **look):
     """Return the page after it has drawn or refused its link, and a list of errors and of requests to other addresses."""
     page = browser.new_page(**({"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"} | look))
     wrong = watch(page, address.split("#")[0])
@@ -131,7 +129,7 @@ def opened(browser: Any, address: str, **look: Any) -> tuple[Any, list[str]]:
     return page, wrong
 
 
-def drawn_pins(page: Any) -> Any:
+def drawn_pins(page):
     """Return the drawn pins [px] as complex numbers."""
     dots = page.locator("#stage circle.pin").all()
     return np.array([float(x.get_attribute("cx")) - 1j * float(x.get_attribute("cy")) for x in dots])
@@ -140,7 +138,7 @@ def drawn_pins(page: Any) -> Any:
 @pytest.mark.long("shaper-390-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "width", "scheme"), [("jansen", 1200, "light"), ("shaper", 390, "dark")])
-def test_a_link_shows_the_motion_that_the_suite_computed(browser: Any, page_file: str, name: str, width: int, scheme: str) -> None:
+def test_a_link_shows_the_motion_that_the_suite_computed(browser, page_file, name, width, scheme):
     text = Path(load(name).source).read_text()
     fragment, made = packed(name, text)
     held, states = content(fragment), made.trajectory.q
@@ -180,7 +178,7 @@ def test_a_link_shows_the_motion_that_the_suite_computed(browser: Any, page_file
 @pytest.mark.long("1200-dark")
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1200, "dark")])
-def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_file: str, width: int, scheme: str) -> None:
+def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser, page_file, width, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     for fragment in ("", "v1.", packed("four_bar", "[links]\n" * 40)[0]):
         look = {"viewport": {"width": width, "height": 800}, "color_scheme": scheme, "bypass_csp": True}
@@ -196,12 +194,12 @@ def test_the_page_of_links_is_readable_by_eye_and_by_machine(browser: Any, page_
         page.close()
 
 
-def change(path: str, value: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def change(path, value):
     """Return a function that changes one value of the content of a link."""
 
-    def make(held: dict[str, Any]) -> dict[str, Any]:
+    def make(held):
         *above, last = [int(x) if x.isdigit() else x for x in path.split(".")]
-        inner: Any = held
+        inner = held
         for key in above:
             inner = inner[key]
         inner[last] = value
@@ -210,9 +208,9 @@ def change(path: str, value: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
     return make
 
 
-EMPTY: dict[str, Any] = {"links": [], "poses": [], "pins": [], "paths": []}
+EMPTY = {"links": [], "poses": [], "pins": [], "paths": []}
 # name -> function of the content of a good link that returns a fragment, bytes of JSON or another content; word of the answer
-HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str | bytes | dict[str, Any]], str]] = {
+HOSTILE = {
     "no base64": (lambda _: "v1.<script>alert(1)</script>", "changed on its way"),
     "another version": (lambda held: fragment_of(held).replace("v1.", "v2."), "another edition"),
     "too long": (lambda _: VERSION + "A" * LIMITS["fragment"], "more than 16000 characters"),
@@ -239,7 +237,7 @@ HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], str | bytes | dict[str, Any]
 
 
 @pytest.mark.slow
-def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser: Any, page_file: str) -> None:
+def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser, page_file):
     """All links are opened in one page, and before each of them a good link."""
     good = packed("four_bar")[0]
     page, wrong = opened(browser, f"{page_file}#{good}")
@@ -260,7 +258,7 @@ def test_a_hostile_link_gets_one_sentence_and_draws_nothing(browser: Any, page_f
 
 
 @pytest.mark.slow
-def test_markup_in_names_is_text_and_no_script_of_others_runs(browser: Any, page_file: str) -> None:
+def test_markup_in_names_is_text_and_no_script_of_others_runs(browser, page_file):
     held = content(packed("four_bar")[0])
     markup = "</title></script><img src=x onerror=alert(1)><script>alert(2)</script>"
     held |= {"name": markup, "title": markup, "scenario": markup, "file": markup}
