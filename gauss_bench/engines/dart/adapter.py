@@ -93,17 +93,6 @@ class DartModel(TreeModel):
             self.moving, self.still = (World(dartpy, mechanism, self.forces, self.options) for _ in range(2))
             messages.check()
 
-    def _set_options(self, erp: float) -> None:
-        """Set the options of closures; `erp` is the share of a gap that a step closes.
-
-        Trap: these are static variables in DART, so that all closures in a process have the values that were set last.
-        """
-        closures = self.dartpy.constraint.BallJointConstraint
-        closures.setErrorReductionParameter(erp)
-        closures.setConstraintForceMixing(self.options["cfm"])
-        closures.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
-        closures.setErrorAllowance(0.0)
-
     def _push(self, built: World, t: float) -> None:
         """Apply to a world the forces that belong to time t [s] and to its present state."""
         y, dy = built.y, built.dy
@@ -124,7 +113,7 @@ class DartModel(TreeModel):
         """
         built = self.still
         built.restart()
-        self._set_options(erp=0.0)
+        built.set_options(erp=0.0)
         built.world.setTimeStep(h)
         built.put(y, dy)
         rates = []
@@ -149,8 +138,8 @@ class DartModel(TreeModel):
 
     def run(self) -> None:
         # no force may be evaluated after `last` [s], because a force may jump at the end of a stretch
-        self._set_options(self.options["erp"])
         built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
+        built.set_options(self.options["erp"])
         step = built.world.step
         with Messages() as messages:
             for begin, count, size, last, row in self.plan:

@@ -19,20 +19,14 @@ STATEMENTS = {
     **{f"create{kind}JointAndBodyNodePair": "pair_" for kind in KINDS},
     "Isometry3": "frame_",
     "getSecondaryBoxedLcpSolver": "solver",
+    "BallJointConstraint": "closure_",
 }
-RUN = """    place, speed = np.empty((2, len(Y0)))
-    place[order], speed[order] = Y0, DY0
-    skeleton.setPositions(place)
-    skeleton.setVelocities(speed)
-    pins = dartpy.constraint.BallJointConstraint
-    pins.setErrorReductionParameter(ERP)
-    pins.setConstraintForceMixing(CFM)
-    pins.setMaxErrorReductionVelocity(FASTEST)
-    pins.setErrorAllowance(0.0)
-    for ends, body, point in closures:  # a closure connects the points that coincide when it is made
-        at = np.array(point) if body is None else body.getTransform().multiply(np.array(point))
-        world.getConstraintSolver().addConstraint(pins(*ends, at))
-    world.setTimeStep(step)
+START = """place, speed = np.empty((2, len(Y0)))
+place[order], speed[order] = Y0, DY0
+skeleton.setPositions(place)
+skeleton.setVelocities(speed)
+# a closure connects the points that coincide when it is made"""
+RUN = """    world.setTimeStep(step)
     for k in range(1, steps + 1):
         y, dy, command = skeleton.getPositions()[order], skeleton.getVelocities()[order], np.empty(len(Y0))
         command[order] = CONSTANT - STIFFNESS @ y - DAMPING @ dy
@@ -62,10 +56,10 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
         )
     script = Script(STATEMENTS)
     built = World(script.stand_in("dartpy"), mechanism, forces, options)
-    # for each closing pin: the list of its bodies without the ground, then the body and the point of its first end
-    closures = [[[body for body, _ in pin if body is not None], *pin[0]] for pin in built.pins]
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
-    script.lines.append(f"world, bodies, closures = {python(built.world)}, {python(built.bodies)}, {python(closures)}")
+    script.lines.append(f"world, bodies = {python(built.world)}, {python(built.bodies)}")
+    script.lines.append(START)
+    built.close()
+    built.set_options(options["erp"])
     numbers = force_numbers(forces, mechanism, tree)
-    numbers |= {"ERP": options["erp"], "CFM": options["cfm"], "FASTEST": options["max_error_reduction_velocity"]}
     return write_tree_program(mechanism, tree, choice, imports=["import dartpy"], numbers=numbers, model=script.lines, run=RUN)

@@ -42,7 +42,7 @@ class World:
 
     def __init__(self, dartpy: Any, mechanism: Mechanism, forces: GivenForces, options: Mapping[str, Any], motors: bool = True):
         """Build the world; without `motors`, driven joints move freely."""
-        self.dartpy, self.mechanism, self.forces, self.tree = dartpy, mechanism, forces, forces.tree
+        self.dartpy, self.mechanism, self.forces, self.tree, self.options = dartpy, mechanism, forces, forces.tree, options
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.world = dartpy.simulation.World()
         self.world.setGravity(spatial(mechanism.gravity))
@@ -98,19 +98,30 @@ class World:
         return np.asarray(self.skeleton.getVelocities()[self.order])
 
     def restart(self) -> None:
-        """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run.
-
-        Trap: a closure connects the points that coincide when it is made.
-        """
+        """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run."""
         self.world.reset()
         self.put(*self.start)
-        constraints = self.world.getConstraintSolver()
-        constraints.removeAllConstraints()
+        self.world.getConstraintSolver().removeAllConstraints()
+        self.close()
+
+    def close(self) -> None:
+        """Close the loops. Trap: a closure connects the points that coincide when it is made."""
         self.closures = []
         for pin in self.pins:
             bodies = [body for body, _ in pin if body is not None]  # a body that is left out stands for the ground
             self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*pin[0])))
-            constraints.addConstraint(self.closures[-1])
+            self.world.getConstraintSolver().addConstraint(self.closures[-1])
+
+    def set_options(self, erp: float) -> None:
+        """Set the options of closures; `erp` is the share of a gap that a step closes.
+
+        Trap: these are static variables in DART, so that all closures in a process have the values that were set last.
+        """
+        closures = self.dartpy.constraint.BallJointConstraint
+        closures.setErrorReductionParameter(erp)
+        closures.setConstraintForceMixing(self.options["cfm"])
+        closures.setMaxErrorReductionVelocity(self.options["max_error_reduction_velocity"])
+        closures.setErrorAllowance(0.0)
 
     def gaps(self) -> Array:
         """Return point b minus point a of every closing pin (pins, 2) [m], by DART's own kinematics."""

@@ -13,17 +13,13 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.program import write
-from gauss_bench.engines.opensim.translate import Built, refusal
+from gauss_bench.engines.opensim.translate import ADAPTIVE, METHODS, Built, make_manager, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status, in_a_sentence
 
-ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
-METHODS = {"rk_merson": "RungeKuttaMerson", "rk3": "RungeKutta3", "verlet": "Verlet", "semi_explicit_euler2": "SemiExplicitEuler2"}
-METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "RungeKutta3"}
-MEMBER = "IntegratorMethod_"  # beginning of the names of methods in OpenSim's Manager
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
 
 
@@ -54,11 +50,7 @@ class OpenSim(LibraryEngine, beside=__file__):
         return OpenSimModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
-        options, method = self.file.options(choice.settings), choice.integrator or OpenSim.integrators[0]
-        # OpenSim has one accuracy and no absolute tolerance; only integrators that choose their steps have the setting's tolerance
-        accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if method in OpenSim.adaptive else None
-        member = f"{MEMBER}{METHODS[method]}"
-        return write(mechanism, joint_tree(mechanism, options), choice, options, member, accuracy)
+        return write(mechanism, choice, self.file.options(choice.settings))
 
 
 class OpenSimModel(TreeModel):
@@ -118,18 +110,7 @@ class OpenSimModel(TreeModel):
 
     def _manager(self, recorded: bool) -> Any:
         """Return OpenSim's manager, which integrates from the start; if `recorded`, it stores the state after every step."""
-        manager, method = self.opensim.Manager(self.built.model), self.choice.integrator or "rk_merson"
-        manager.setWriteToStorage(recorded)
-        manager.setPerformAnalyses(False)
-        manager.setIntegratorMethod(getattr(self.opensim.Manager, f"{MEMBER}{METHODS[method]}"))
-        self.chooses_steps, accuracy = method in OpenSim.adaptive, self.options["accuracy"]
-        if self.chooses_steps:
-            accuracy, _ = self.choice.tolerances(accuracy, 0.0)
-        else:
-            manager.setIntegratorFixedStepSize(self.choice.step)
-        manager.setIntegratorAccuracy(accuracy)
-        if self.options["constraint_tolerance"]:
-            manager.setIntegratorConstraintTolerance(self.options["constraint_tolerance"])
+        manager = make_manager(self.opensim, self.built.model, self.choice, self.options, self.choice.step, recorded)
         manager.initialize(self._state(self.built, self.times[0], self.y0, self.dy0))
         return manager
 
@@ -155,7 +136,7 @@ class OpenSimModel(TreeModel):
         Raises:
             RunFailure: the repeated run differs.
         """
-        if not self.chooses_steps:
+        if self.choice.integrator not in OpenSim.adaptive:
             return super().count_steps()
         # the repeated run overwrites the copies y, dy, which must then still equal the samples of the run
         manager, y, dy = self._manager(recorded=True), self.y.copy(), self.dy.copy()

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.opensim.translate import Built
+from gauss_bench.engines.opensim.translate import Built, make_manager
 from gauss_bench.engines.programs import write_tree_program
+from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script, python
-from gauss_bench.engines.tree import Tree
 from gauss_bench.mechanism.model import Mechanism
 
 SPRINGS = ("SpringGeneralizedForce", "PointToPointSpring", "ExpressionBasedPointToPointForce")
@@ -19,16 +19,12 @@ STATEMENTS = {
     **dict.fromkeys(["CoordinateActuator", *SPRINGS, "PrescribedForce"], "force_"),
     "PointConstraint": "closure_",
     "initSystem": "state",
+    "Manager": "manager",
 }
 RUN = """    for coordinate, value, rate in zip(coordinates, Y0, DY0):
         coordinate.setValue(state, value, False)  # without False OpenSim would close the loops
         coordinate.setSpeedValue(state, rate)
-    manager = opensim.Manager(model)
-    manager.setWriteToStorage(False)
-    manager.setPerformAnalyses(False)
-    manager.setIntegratorMethod(opensim.Manager.$METHOD)
-    manager.setIntegratorAccuracy(ACCURACY)
-$FURTHER    manager.initialize(state)
+    manager.initialize(state)
     for k in range(every, steps + 1, every):
         state = manager.integrate(k * step)
         model.realizeVelocity(state)
@@ -39,22 +35,13 @@ $FURTHER    manager.initialize(state)
 """
 
 
-def write(mechanism: Mechanism, tree: Tree, choice: Choice, options: Mapping[str, Any], method: str, accuracy: float | None) -> str:
-    """Return the text of a program that runs a mechanism: the recorded calls of Built, and an integration.
-
-    Args:
-        method: name of Simbody's integrator, a member of `opensim.Manager`.
-        accuracy: accuracy of an integrator that chooses its steps. With steps of fixed size `accuracy` is None, and the option
-            "accuracy" only decides when the integrator projects states onto the constraints.
-    """
-    script = Script(STATEMENTS)
-    built = Built(script.stand_in("opensim"), mechanism, tree)
+def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str:
+    """Return the text of a program that runs a mechanism: the recorded calls of Built and `make_manager`, and an integration."""
+    script, tree = Script(STATEMENTS), joint_tree(mechanism, options)
+    opensim = script.stand_in("opensim")
+    built = Built(opensim, mechanism, tree)
     script.lines.insert(0, "opensim.Logger.setLevelString('Off')")
     script.lines.append(f"coordinates = {python(built.coordinates)}")
     script.lines.append(f"bodies = {python([built.bodies[i] for i in range(len(mechanism.links))])}")
-    further = [] if accuracy else ["manager.setIntegratorFixedStepSize(step)"]
-    if tolerance := options["constraint_tolerance"]:
-        further.append(f"manager.setIntegratorConstraintTolerance({tolerance!r})")
-    run = RUN.replace("$METHOD", method).replace("$FURTHER", "".join(f"    {line}\n" for line in further))
-    numbers = {"ACCURACY": accuracy or options["accuracy"]}
-    return write_tree_program(mechanism, tree, choice, imports=["import opensim"], numbers=numbers, model=script.lines, run=run)
+    make_manager(opensim, built.model, choice, options, script.stand_in("step"))  # `step`: the program's variable
+    return write_tree_program(mechanism, tree, choice, imports=["import opensim"], numbers={}, model=script.lines, run=RUN)

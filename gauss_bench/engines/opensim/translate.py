@@ -11,16 +11,21 @@ the left becomes the element of OpenSim on the right; one that no element expres
     prescribed angle or slide at constant speed:    prescribed coordinate, with a LinearFunction
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from gauss_bench.engines.base import Choice
 from gauss_bench.engines.shared import closing_pins, drivers_by_coordinate, measure_gaps, spatial, undriven
 from gauss_bench.engines.tree import Branch, Tree, Turning, turning
 from gauss_bench.engines.tree_loads import OnJoints, OtherLoad, Steady, TreeLoad, refuse_load, sort_loads, turn_force
 from gauss_bench.mechanism.model import GROUND, Distance, Law, Mechanism, Point, PointForce
 from gauss_bench.terms import Array
 
+ADAPTIVE = "_adaptive"  # ending of the integrators that choose their steps
+METHODS = {"rk_merson": "RungeKuttaMerson", "rk3": "RungeKutta3", "verlet": "Verlet", "semi_explicit_euler2": "SemiExplicitEuler2"}
+METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "RungeKutta3"}
 FAR = 1e9  # [rad, m] ends of a coordinate's range; by default the range ends after some turns
 
 
@@ -31,6 +36,26 @@ def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     turns = turning(tree)
     refusals = (refuse_load(load, turns, "OpenSim") for load in sort_loads(mechanism, tree))
     return next(filter(None, refusals), None)
+
+
+def make_manager(opensim: Any, model: Any, choice: Choice, options: Mapping[str, Any], step: Any, recorded: bool = False) -> Any:
+    """Return OpenSim's manager, which integrates a model as a setting says, in steps of the size `step` [s] if they are fixed.
+
+    If `recorded`, it stores the state after every step.
+    """
+    method, accuracy = choice.integrator or next(iter(METHODS)), options["accuracy"]
+    manager = opensim.Manager(model)
+    manager.setWriteToStorage(recorded)
+    manager.setPerformAnalyses(False)
+    manager.setIntegratorMethod(getattr(opensim.Manager, f"IntegratorMethod_{METHODS[method]}"))
+    if method.endswith(ADAPTIVE):
+        accuracy, _ = choice.tolerances(accuracy, 0.0)  # OpenSim has one accuracy and no absolute tolerance
+    else:
+        manager.setIntegratorFixedStepSize(step)  # the accuracy only decides when states are projected onto the constraints
+    manager.setIntegratorAccuracy(accuracy)
+    if tolerance := options["constraint_tolerance"]:
+        manager.setIntegratorConstraintTolerance(tolerance)
+    return manager
 
 
 class Built:
