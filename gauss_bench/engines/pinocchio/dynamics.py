@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.engines.pinocchio.across_releases import find_algorithm, prepare
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import driven_rows, finite_acceleration
-from gauss_bench.engines.tree import Tree
+from gauss_bench.engines.tree import Tree, turning
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import Force, LengthDriver, Mechanism, factor_of
@@ -167,11 +167,9 @@ class Motion:
     def __init__(self, tree: Tree, body: Multibody):
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
         self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
-        # link angles are affine in y, so they follow from those at y = 0 and at unit vectors; rates and accelerations do not matter
-        states = np.vstack([np.zeros(tree.n), np.eye(tree.n)])
-        theta = tree.absolute(states, states, states).q[:, 2::3]
-        self.theta0, self.turns = theta[0], (theta[1:] - theta[0]).T  # theta = theta0 + turns . y
-        # the last row, with the index GROUND = -1, is the ground's, and is removed at the end
+        # in `angles` and in `carried` the last row, with the index GROUND = -1, is the ground's, and is removed
+        angles = turning(tree)
+        self.theta0, self.turns = angles.constants[:-1], angles.rows[:-1]
         self.carried = np.zeros((tree.links + 1, tree.n))
         for b in tree.branches:
             self.carried[b.link] = self.carried[b.parent]
