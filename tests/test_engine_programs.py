@@ -88,7 +88,7 @@ def test_every_setting_of_drake_has_its_closure_and_integrator():
 def test_what_no_program_holds_is_refused_with_the_reason():
     for engine, name, settings, words in (
         ("bullet", "four_bar", "coordinates=bodies", "every link is a free body"),
-        ("bullet", "jansen", "default", "not those between points"),
+        ("bullet", "jansen", "default", "none at or between points"),
         ("dart", "jansen", "default", "none at or between points"),
     ):
         with pytest.raises(RunFailure, match=words):
@@ -102,13 +102,13 @@ def test_a_transcript_has_a_line_for_each_call_in_the_order_of_the_calls():
     first = system.Add(library.Body(mass=0.1, name='a"b'))
     second = system.Add(library.Body(place=np.array([1.0, -0.0])))
     system.options[0].solver = library.Kind.FAST
-    system.Connect(1.0 / first.rate, [second * 2 + first, library.Fixed(3)])
+    system.Connect(1.0 / first.rate, [second * 2 + first, library.FixedFrame(3)])
     assert script.lines == [
         "system = library.System()",
         "item_1 = system.Add(library.Body(mass=0.1, name='a\"b'))",
         "item_2 = system.Add(library.Body(place=np.array([1.0, -0.0])))",
         "system.options[0].solver = library.Kind.FAST",
-        "system.Connect(1.0 / item_1.rate, [item_2 * 2 + item_1, library.Fixed(3)])",
+        "system.Connect(1.0 / item_1.rate, [item_2 * 2 + item_1, library.FixedFrame(3)])",
     ]
     with pytest.raises(TypeError, match="function"):
         system.Add(lambda: 0)

@@ -20,6 +20,7 @@ from gauss_bench.engines.transcript import name_laws, python
 from gauss_bench.engines.tree import Tree, turning
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.trajectory import RunFailure, Status
 
 SAMPLES = 100  # largest number of rows that a program prints after the row of the start
 TITLE = "One linkage: python THIS_FILE [END [STEP]] prints t, positions and velocities as CSV; simulate() returns them."
@@ -146,7 +147,13 @@ def force_numbers(forces: GivenForces, mechanism: Mechanism, tree: Tree) -> dict
     """Return the constants, name -> value, of a program that passes the forces on tree coordinates y to the library at every step.
 
     These forces are CONSTANT - STIFFNESS y - DAMPING y'. LAWS pairs the index of each driven coordinate with its motion law.
+
+    Raises:
+        RunFailure: the program would need forces that only this suite computes.
     """
+    if forces.others is not None:
+        reason = "a program can compute forces of joints only, none at or between points, and none that varies"
+        raise RunFailure(Status.SKIP, reason)
     laws = name_laws(mechanism)
     driven = [[at, laws[id(driver.law)]] for at, driver in drivers_by_coordinate(mechanism, tree).items()]
     return {"CONSTANT": forces.constant, "STIFFNESS": forces.stiffness, "DAMPING": forces.damping, "LAWS": driven}

@@ -39,23 +39,19 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     """Return the text of a program that runs a mechanism: the recorded calls of TreeWorld, and a loop that takes the steps.
 
     Raises:
-        RunFailure: the links are free bodies, or the program would need forces that only this suite computes.
+        RunFailure: the links are free bodies, or `force_numbers` raises it.
     """
     tree = joint_tree(mechanism, options)
     forces = joint_forces(mechanism, tree)
     if options["coordinates"] == "bodies":
         raise RunFailure(Status.SKIP, "a program needs a tree of joints, and with coordinates=bodies every link is a free body")
-    if forces.others is not None:
-        raise RunFailure(
-            Status.SKIP, "Bullet has no springs, and a program can compute forces of joints only, not those between points"
-        )
+    numbers = force_numbers(forces, mechanism, tree)
     script = Script(STATEMENTS)
     world = TreeWorld(script.stand_in("pybullet"), mechanism, tree, options)
     world.damp(forces.joint_damping)
     world.put(*tree.relative(mechanism.q0, mechanism.v0))
     step: Any = script.stand_in("step")  # the program's variable for the length of a step
     world.set_step(step)
-    numbers = force_numbers(forces, mechanism, tree)
     # CARRIERS: for each link of the linkage, the index of the link in Bullet that carries it
     numbers["CARRIERS"] = [world.carrier(i) for i in range(len(mechanism.links))]
     return write_tree_program(mechanism, tree, choice, imports=["import pybullet"], numbers=numbers, model=script.lines, run=RUN)

@@ -9,7 +9,6 @@ from gauss_bench.engines.programs import force_numbers, write_tree_program
 from gauss_bench.engines.shared import joint_tree
 from gauss_bench.engines.transcript import Script, python
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.trajectory import RunFailure, Status
 
 KINDS = ("Revolute", "Prismatic", "Planar")
 STATEMENTS = {
@@ -46,14 +45,11 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     """Return the text of a program that runs a mechanism: the recorded calls of World, and a loop that takes the steps.
 
     Raises:
-        RunFailure: the program would need forces that only this suite computes.
+        RunFailure: see `force_numbers`.
     """
     tree = joint_tree(mechanism, options)
     forces = forces_of(mechanism, tree, options["joint_forces"])
-    if forces.others is not None:
-        raise RunFailure(
-            Status.SKIP, "a program can compute forces of joints only, none at or between points, and none that varies"
-        )
+    numbers = force_numbers(forces, mechanism, tree)
     script = Script(STATEMENTS)
     built = World(script.stand_in("dartpy"), mechanism, forces, options)
     script.lines.append(f"order = {python(built.order)}  # index of each joint's coordinate in DART's order")
@@ -61,5 +57,4 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     script.lines.append(START)
     built.close()
     built.set_options(options["erp"])
-    numbers = force_numbers(forces, mechanism, tree)
     return write_tree_program(mechanism, tree, choice, imports=["import dartpy"], numbers=numbers, model=script.lines, run=RUN)
