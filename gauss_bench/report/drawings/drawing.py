@@ -228,7 +228,7 @@ def hatch(a: Array, b: Array) -> list[str]:
     """Return the SVG elements of a ground line from a to b (2,) [px], with hatching on its right."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
-    slant = 7 * turn_left(along) - 5 * along  # pixels count y downwards, so that this points to the right in the picture
+    slant = 7 * turn_left(along) - 5 * along  # y points down in pixels: `turn_left` turns right on the screen
     starts = a + np.arange(6.0, length, 8.0)[:, None] * along
     strokes = [np.array([s, s + slant]) for s in starts]
     return [stroke(f'stroke="{INK}" stroke-width="1.5"', np.array([a, b])), stroke(f'stroke="{MUTED}"', *strokes)]
