@@ -126,8 +126,9 @@ class MujocoModel(TreeModel):
         data = self.forward(y, dy)
         mass = mass_matrix(self.mujoco, self.still, data)
         forces = data.qfrc_applied + data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-        gaps = -np.array(data.efc_pos).reshape(-1, 3)[:, :2]  # MuJoCo's are point a minus point b, with rows x, y and z
-        return OpenModel(gaps, mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])
+        # Trap: rows of closures that cannot open, such as a second pin on a hinge, are missing in data.efc_pos
+        first, second = data.site_xpos[self.still.eq_obj1id], data.site_xpos[self.still.eq_obj2id]
+        return OpenModel((second - first)[:, :2], mass, forces, positions=np.array(data.xipos[self.bodies])[:, :2])
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         return np.array(self.forward(y, dy, t).qacc)
