@@ -161,8 +161,8 @@ class TreeWorld(World):
         for k in self.joint_indices:  # switches off the motor that brakes each joint
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
         for a, b in self.pins if closed else ():
-            links = [(self.body, self.carriers[point.link]) for point in (a, b)]
-            self._close(*links, self._pivot(a), self._pivot(b))
+            link_a, link_b = (self.body, self.carriers[a.link]), (self.body, self.carriers[b.link])
+            self._close(link_a, link_b, self._pivot(a), self._pivot(b))
         # a run calls these two at every step, so their arguments are bound once
         bound = {"bodyUniqueId": self.body, "jointIndices": self.joint_indices, "physicsClientId": self.client}
         self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **bound)

@@ -33,7 +33,7 @@ class World:
         world, skeleton: DART's objects.
         forces: the applied loads; DART itself models the springs and dampers in `forces.own`.
         bodies: DART's bodies, in the order of the links.
-        coordinates: index of a tree coordinate -> DART's joint, and the index within it.
+        coordinates: index of a tree coordinate, in ascending order -> DART's joint, and the index within the joint.
         order: (n,) DART's index of every tree coordinate.
         pins: for each closing pin, its two ends: DART's body (None for the ground) and the point (3,) in its frame [m].
         start: tree state y, dy (n,) at the start.
@@ -46,9 +46,9 @@ class World:
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.world = dartpy.simulation.World()
         self.world.setGravity(spatial(mechanism.gravity))
-        asleep = self.world.getDeactivationOptions()  # by default DART stops bodies that move slowly
-        asleep.mEnabled = False
-        self.world.setDeactivationOptions(asleep)
+        deactivation = self.world.getDeactivationOptions()  # by default DART stops bodies that move slowly
+        deactivation.mEnabled = False
+        self.world.setDeactivationOptions(deactivation)
         self.skeleton.disableSelfCollisionCheck()
         bodies: dict[int, Any] = {}  # link -> DART's body
         self.coordinates: dict[int, tuple[Any, int]] = {}
@@ -56,11 +56,13 @@ class World:
             bodies[branch.link] = self._add_link(branch, bodies.get(branch.parent))
         self._add_springs()
         if motors:
-            for at in drivers_by_coordinate(mechanism, self.tree):
-                self.coordinates[at][0].setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
+            for index in drivers_by_coordinate(mechanism, self.tree):
+                joint, _ = self.coordinates[index]
+                joint.setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
         self.world.addSkeleton(self.skeleton)
-        self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
-        ends = [[(bodies.get(x.link), np.array(spatial(x.local))) for x in pin] for pin in closing_pins(self.tree)]
+        self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in self.coordinates.values()])
+        # the ground is none of the bodies: `get` returns None for it
+        ends = [[(bodies.get(point.link), np.array(spatial(point.local))) for point in pin] for pin in closing_pins(self.tree)]
         self.pins = [(a, b) for a, b in ends]
         self.bodies = [bodies[i] for i in range(len(mechanism.links))]
         self.start = self.tree.relative(mechanism.q0, mechanism.v0)
@@ -76,7 +78,7 @@ class World:
         self.skeleton.setVelocities(speeds)
 
     def command(self, values: Array) -> None:
-        """Set the forces (n,) on the tree coordinates for the next steps; a driven coordinate is given its speed instead."""
+        """Set the `values` (n,) for the next steps: the forces on tree coordinates, and the speeds of driven ones."""
         ordered = np.empty_like(values)
         ordered[self.order] = values
         self.skeleton.setCommands(ordered)
@@ -107,15 +109,15 @@ class World:
     def close(self) -> None:
         """Close the loops. Trap: a closure connects the points that coincide when it is made."""
         self.closures = []
-        for pin in self.pins:
-            bodies = [body for body, _ in pin if body is not None]  # a body that is left out stands for the ground
-            self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*pin[0])))
+        for a, b in self.pins:
+            bodies = [body for body, _ in (a, b) if body is not None]  # DART takes a single body as pinned to the world
+            self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*a)))
             self.world.getConstraintSolver().addConstraint(self.closures[-1])
 
     def set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
 
-        Trap: these are static variables in DART, so that all closures in a process have the values that were set last.
+        Trap: these are static variables in DART, so all closures in a process have the values that were set last.
         """
         closures = self.dartpy.constraint.BallJointConstraint
         closures.setErrorReductionParameter(erp)
@@ -163,15 +165,16 @@ class World:
 
         In DART a coordinate has only one spring; its rest position is the mean of those of all springs, weighted by stiffness.
         """
+        # preload: the sum of stiffness times rest position
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
             stiffness += load.k * np.abs(load.row)  # the row has at most one entry, 1 or -1
             preload += load.k * (load.rest - load.constant) * load.row
-        for at, (joint, k) in self.coordinates.items():
-            joint.setDampingCoefficient(k, damping[at])
-            if stiffness[at]:
-                joint.setSpringStiffness(k, stiffness[at])
-                joint.setRestPosition(k, preload[at] / stiffness[at])
+        for index, (joint, k) in self.coordinates.items():
+            joint.setDampingCoefficient(k, damping[index])
+            if stiffness[index]:
+                joint.setSpringStiffness(k, stiffness[index])
+                joint.setRestPosition(k, preload[index] / stiffness[index])
 
     def _select_pgs(self, iterations: int) -> None:
         """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses, not Dantzig's method.
