@@ -17,7 +17,7 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
-from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
+from gauss_bench.engines.drake.stepping import HALVINGS, Runner, Stepper, settled_acceleration
 from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, load_library, refusal
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
@@ -79,9 +79,9 @@ class DrakeModel(TreeModel):
 
     Attributes:
         closure: how loops are closed; its kind is OPEN if there are no loops.
-        runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
+        is_continuous: whether the plant that is simulated is continuous; it is discrete if the integrator is SAP.
+        runners: step size [s], or 0 for a continuous plant -> simulation; a discrete plant has only one step size.
         steppers: step size [s], or 0 for a continuous plant -> plant that is evaluated at given states.
-        continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
     library = "Drake"
@@ -101,10 +101,8 @@ class DrakeModel(TreeModel):
         self.closure = choose_closure(self.tree, self.options)
         self.runners: dict[float, Runner] = {}
         self.steppers: dict[float, Stepper] = {}
-        self.continuous: ContinuousRunner | None = None
-        if (choice.integrator or SAP) != SAP:  # an empty name stands for SAP
-            self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
-        self._runner(choice.step)  # builds the discrete plant now, so that a linkage that Drake refuses fails here
+        self.is_continuous = choice.integrator not in ("", SAP)  # an empty name stands for SAP
+        self._runner(choice.step)  # builds the plant now, so that a linkage that Drake refuses fails here
 
     def _build(self, step: float, closure: Closure) -> Built:
         """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
@@ -119,11 +117,11 @@ class DrakeModel(TreeModel):
 
     def _runner(self, size: float) -> Runner:
         """Return the simulation that takes steps of `size` [s]; a discrete plant is built at the first call for each step size."""
-        if self.continuous:
-            return self.continuous  # a continuous plant serves for all step sizes
+        if self.is_continuous:
+            size = 0.0  # one plant for all step sizes
         key = round(size, 15)  # two sizes that differ only by rounding share one plant
         if key not in self.runners:
-            self.runners[key] = Runner(self.drake, self._build(size, self.closure))
+            self.runners[key] = Runner(self._build(size, self.closure))
         return self.runners[key]
 
     def _stepper(self, size: float) -> Stepper:
@@ -153,13 +151,13 @@ class DrakeModel(TreeModel):
         super().prepare(times, native)
         for stretch in self.plan:
             self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
-        if self.continuous:
+        if self.is_continuous:
             name = self.choice.integrator
             accuracy, _ = self.choice.tolerances(self.options["accuracy"], 0.0)
-            self.continuous.set_integrator(self.drake, SCHEMES[name], accuracy if name in Drake.adaptive else None)
+            self._runner(0.0).set_integrator(SCHEMES[name], accuracy if name in Drake.adaptive else None)
 
     def run(self) -> None:
-        # a runner has one step size; another runner starts from the present state when the step size changes
+        # a discrete plant has one step size: when the step size changes, another simulation starts from the present state
         y, dy = self.y0, self.dy0
         running: Runner | None = None
         for stretch in self.plan:
@@ -176,7 +174,7 @@ class DrakeModel(TreeModel):
                 self.y[stretch.row], self.dy[stretch.row] = y, dy
 
     def count_steps(self) -> int:
-        return int(self.continuous.integrator.get_num_steps_taken()) if self.continuous else super().count_steps()
+        return int(self._runner(0.0).integrator.get_num_steps_taken()) if self.is_continuous else super().count_steps()
 
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
@@ -189,7 +187,7 @@ class DrakeModel(TreeModel):
         if self.closure.kind != BALL:  # no closures, or bushings
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        # index of a sample -> the simulation that took the steps to this sample; and simulation -> evaluator of its plant
+        # index of a sample -> the simulation that took the steps to this sample; and simulation -> its plant, for evaluation
         runners = {stretch.row: self._runner(stretch.size) for stretch in self.plan}
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 
