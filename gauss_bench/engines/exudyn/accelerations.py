@@ -37,11 +37,11 @@ class BuiltIn:
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)  # Exudyn's coordinates are displacements from q0
         data.SetODE2Coordinates_t(v, self.initial)
         alpha = self.settings.timeIntegration.generalizedAlpha
-        # Exudyn computes accelerations only at the start of a run, and only with this option; runs keep their own value of it
-        for_runs = alpha.computeInitialAccelerations
+        # Exudyn computes accelerations only at the start of a run, and only with this option; the value for runs is set again
+        value_for_runs = alpha.computeInitialAccelerations
         alpha.computeInitialAccelerations = True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
-        alpha.computeInitialAccelerations = for_runs
+        alpha.computeInitialAccelerations = value_for_runs
         return np.array(data.GetODE2Coordinates_tt())
 
 
@@ -72,8 +72,8 @@ class Readout:
         if speed == 0 or self.m == 0:
             return np.zeros(self.m)
         h = DIFFERENCE / speed
-        near, far = (self.jacobian(q + k * h * v) - self.jacobian(q - k * h * v) for k in (1, 2))
-        return np.asarray(-((8 * near - far) / (12 * h) @ v))
+        narrow, wide = (self.jacobian(q + k * h * v) - self.jacobian(q - k * h * v) for k in (1, 2))
+        return np.asarray(-((8 * narrow - wide) / (12 * h) @ v))
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
         mbs, solver = self.system.mbs, self.solver
@@ -114,8 +114,8 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     dof, redundant = int(counts["degreeOfFreedom"]), int(counts["redundantConstraints"])
     expected_dof = mechanism.dof - len(mechanism.drivers)
     if (dof, redundant) != (expected_dof, mechanism.redundant):
-        message = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows, "
-        raise RunFailure(Status.ERROR, f"{message}the linkage has {expected_dof} and {mechanism.redundant}")
+        counted = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows"
+        raise RunFailure(Status.ERROR, f"{counted}, the linkage has {expected_dof} and {mechanism.redundant}")
     for q, v in states_near_the_start(evaluator):
         own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
         # (m,) largest difference of each row, with its own sign and with the opposite one
@@ -128,8 +128,8 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
             "constraint residual": (np.abs(own.phi), np.abs(expected.phi), size(expected.phi)),
         }
         for t in mechanism.kinks:  # times at which forces jump
-            own_then, then = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
-            pairs[f"applied forces at t = {t:.6g} s"] = own_then, then, size(then)
+            own_forces, expected_forces = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
+            pairs[f"applied forces at t = {t:.6g} s"] = own_forces, expected_forces, size(expected_forces)
         require_agreement(pairs, AGREEMENT)
 
 

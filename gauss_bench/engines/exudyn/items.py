@@ -106,7 +106,7 @@ class System:
                     self._add_point_force(load)
                 else:
                     self._add_law(force.name, load)
-        self.last = np.inf  # [s] latest time at which forces are evaluated; every part of a run sets it
+        self.last = np.inf  # [s] latest time at which forces are evaluated; the adapter sets it for every stretch of a run
         for force in mechanism.varying:
             self._add_varying_force(force)
         self.mbs.Assemble()
@@ -182,21 +182,21 @@ class System:
         links = [point.link for point in span(driver) if point.link != GROUND]
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
-        def full(of_both_links: Any) -> Array:
+        def whole(entries: Any) -> Array:
             """Return an array (n,) with the given entries of the two links (one link for a driver on the ground), and zeros."""
             state = np.zeros(self.mechanism.n)
-            state[columns] = np.array(of_both_links)
+            state[columns] = np.array(entries)
             return state
 
         def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
             """Return the residual x(q) - law(t), or its rate if Exudyn asks for the velocity level."""
             if velocity:
-                return [float(rate(coordinate, full(q), full(v))) - float(law(t)[1])]
-            return [float(value(coordinate, full(q))) - float(law(t)[0])]
+                return [float(rate(coordinate, whole(q), whole(v))) - float(law(t)[1])]
+            return [float(value(coordinate, whole(q))) - float(law(t)[0])]
 
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
             """Return the derivatives (1, columns) of x with respect to the coordinates of the driver's links."""
-            return np.array(gradient(coordinate, full(q))[None, columns])
+            return np.array(gradient(coordinate, whole(q))[None, columns])
 
         return equation, jacobian
 
@@ -207,19 +207,19 @@ class System:
     def _add_varying_force(self, force: Force) -> None:
         """Add a force or torque that varies, with a user function of the time, which is limited to `last`.
 
-        So the force has its value before a jump in a step that ends at the jump.
+        Therefore a step that ends at a jump of the force uses the value before the jump.
         """
         factor = factor_of(force)
         assert factor is not None
         match force:
             case Torque(_, link, reaction, value):
 
-                def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
-                    """Return the torque [N m], positive if it reduces the angle between the markers, whose rate is `turning`.
+                def torque(mbs: Any, t: float, item: int, angle: float, angle_rate: float, *numbers: float) -> float:
+                    """Return the torque [N m], positive if it reduces the angle between the markers.
 
-                    The factor depends on the rate [rad/s] counted positive in the direction of the torque.
+                    The factor depends on the rate of the angle [rad/s], counted positive in the direction of the torque.
                     """
-                    return -value * float(factor(min(t, self.last), np.sign(value) * turning))
+                    return -value * float(factor(min(t, self.last), np.sign(value) * angle_rate))
 
                 markers = [self._mark_angle(reaction), self._mark_angle(link)]
                 self._add("ObjectConnectorCoordinateSpringDamper", markerNumbers=markers, springForceUserFunction=torque)
@@ -234,7 +234,7 @@ class System:
                 self._add("LoadForceVector", markerNumber=marker, **fields, loadVectorUserFunction=scale)
 
     def _add_law(self, name: str, law: Law) -> None:
-        """Add a load of the force `name`."""
+        """Add the items for a force law, a load of the force `name`."""
         match law.coordinate:
             case Angle(a, b):
                 for link, torque in ((b, law.bias), (a, -law.bias)):

@@ -20,8 +20,8 @@ SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
 SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
-LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
-DRAWN = ("visualization", "name")  # arguments of an item on which no motion depends
+COMPARED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
+WITHOUT_EFFECT = ("visualization", "name")  # arguments of an item on which no motion depends
 DEPTH = 4  # levels of the settings that are read
 
 
@@ -42,21 +42,21 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     across_releases.write_nothing(settings)
     across_releases.set_linear_solver(exu, settings, linear_solver, ignore_singular=False)
     across_releases.set_method(exu, settings, "GeneralizedAlpha")
-    answers = []
+    accelerations = []
     for state in zip(q, v, strict=True):
         container = exu.SystemContainer()
         mbs = container.AddSystem()
         build = build_pair if closure == PLANAR else build_in_space
-        kept = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
+        coordinates = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
         mbs.Assemble()
         solver = exu.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(mbs, settings)
         # with this flag, the next call computes the accelerations
         settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
         solver.InitializeSolverInitialConditions(mbs, settings)
-        answers.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(kept)])
+        accelerations.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(coordinates)])
         del solver, mbs, container  # in this order: the solver and the system may refer to the container
-    return np.array(answers)
+    return np.array(accelerations)
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
@@ -118,14 +118,14 @@ def defaults() -> dict[str, str]:
     Linear solvers and integrators have no default value; each one that the release has is listed with the value "there".
     """
     exu, items = library()
-    found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
+    values = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
     for name, kind in vars(items).items():
-        if inspect.isclass(kind) and name.startswith(LISTED):
+        if inspect.isclass(kind) and name.startswith(COMPARED):
             for argument in inspect.signature(kind.__init__).parameters.values():
-                if argument.default is not argument.empty and argument.name not in DRAWN:
-                    found[f"{name} {argument.name}"] = str(argument.default)
-    found |= {f"linear solver {name}": "there" for name in dir(exu.LinearSolverType) if name.startswith(("EXU", "Eigen"))}
-    return found | {f"method {name}": "there" for name in dir(exu.DynamicSolverType) if name[0].isupper()}
+                if argument.default is not argument.empty and argument.name not in WITHOUT_EFFECT:
+                    values[f"{name} {argument.name}"] = str(argument.default)
+    values |= {f"linear solver {name}": "there" for name in dir(exu.LinearSolverType) if name.startswith(("EXU", "Eigen"))}
+    return values | {f"method {name}": "there" for name in dir(exu.DynamicSolverType) if name[0].isupper()}
 
 
 def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, str]]:
@@ -143,7 +143,7 @@ def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, 
             continue
         if isinstance(value, (bool, int, float)):
             yield f"{place}{name}", f"{value:.12g}" if isinstance(value, float) else str(value)
-        elif type(value).__module__.startswith("exudyn") and depth and not hasattr(value, "value"):
+        elif type(value).__module__.startswith("exudyn") and depth and not hasattr(value, "value"):  # nested settings, no word
             yield from read_settings(value, f"{place}{name}.", depth - 1)
         elif hasattr(value, "name"):
             yield f"{place}{name}", str(value.name)
