@@ -27,7 +27,7 @@ class OpenSim(LibraryEngine, beside=__file__):
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
     Simbody's integrator CPodes is not offered: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of
-    Merson's method is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and goes on.
+    Merson's method is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and continues.
     """
 
     name = "opensim"
@@ -69,7 +69,7 @@ class OpenSimModel(TreeModel):
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
             state = self._state(open_tree, 0.0, y, dy)
-            accelerations = self._accelerations(open_tree, state)
+            accelerations = self._accelerations(open_tree, state)  # computes positions too, which `gaps` needs
             return OpenModel(open_tree.gaps(state), accelerations=accelerations)
 
         verify(mechanism, self.tree, describe, AGREEMENT)

@@ -35,7 +35,7 @@ def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
         return reason
     turns = turning(tree)
     refusals = (refuse_load(load, turns, "OpenSim") for load in sort_loads(mechanism, tree))
-    return next(filter(None, refusals), None)
+    return next(filter(None, refusals), None)  # the reason for the first load that OpenSim cannot express
 
 
 def make_manager(opensim: Any, model: Any, choice: Choice, options: Mapping[str, Any], step: Any, recorded: bool = False) -> Any:
@@ -64,7 +64,7 @@ class Built:
     Attributes:
         bodies: link, or GROUND -> OpenSim's body.
         coordinates: OpenSim's coordinates, in the order of the tree coordinates.
-        added: the same coordinates, as their joints hold them.
+        joint_coordinates: index of a tree coordinate -> the same coordinate, as its joint holds it before the model is complete.
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
         elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
@@ -78,7 +78,7 @@ class Built:
         self.model.setUseVisualizer(False)
         self.model.setGravity(self._vector(mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
-        self.added: dict[int, Any] = {}
+        self.joint_coordinates: dict[int, Any] = {}
         self.elements: list[Any] = []
         self.motors: list[tuple[Any, float]] = []
         for i, link in enumerate(mechanism.links):
@@ -94,10 +94,10 @@ class Built:
         if constrained:
             for a, b in self.pins:
                 self.model.addConstraint(opensim.PointConstraint(*a, *b))
-            for at, driver in drivers_by_coordinate(mechanism, tree).items():
+            for index, driver in drivers_by_coordinate(mechanism, tree).items():
                 speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
-                self.added[at].setPrescribedFunction(opensim.LinearFunction(speed, start))
-                self.added[at].setDefaultIsPrescribed(True)
+                self.joint_coordinates[index].setPrescribedFunction(opensim.LinearFunction(speed, start))
+                self.joint_coordinates[index].setDefaultIsPrescribed(True)
         self.model.finalizeConnections()
         self.start = self.model.initSystem()
         for motor, force in self.motors:
@@ -111,8 +111,8 @@ class Built:
         def place(end: tuple[Any, Any]) -> Array:
             """Return the place (2,) [m] in the world of a point of a body."""
             body, point = end
-            found = body.findStationLocationInGround(state, point)
-            return np.array([found.get(0), found.get(1)])
+            location = body.findStationLocationInGround(state, point)
+            return np.array([location.get(0), location.get(1)])
 
         return measure_gaps(self.pins, place)
 
@@ -146,23 +146,23 @@ class Built:
             coordinate.set_clamped(False)
             coordinate.set_range(0, -FAR)
             coordinate.set_range(1, FAR)
-            self.added[k] = coordinate
+            self.joint_coordinates[k] = coordinate
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
         """Add OpenSim's elements for a load; `__init__` sets the forces of actuators later."""
         opensim = self.opensim
         match load:
             case Steady():
-                for at in np.flatnonzero(load.force):
-                    motor = self._add_force(opensim.CoordinateActuator(f"y{at}"))
+                for index in np.flatnonzero(load.force):
+                    motor = self._add_force(opensim.CoordinateActuator(f"y{index}"))
                     motor.setOptimalForce(1.0)
-                    self.motors.append((motor, load.value * float(load.force[at])))
+                    self.motors.append((motor, load.value * float(load.force[index])))
             case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
-                for at in np.flatnonzero(load.row):
-                    spring = self._add_force(opensim.SpringGeneralizedForce(f"y{at}"))
+                for index in np.flatnonzero(load.row):
+                    spring = self._add_force(opensim.SpringGeneralizedForce(f"y{index}"))
                     spring.setStiffness(float(load.k))
                     spring.setViscosity(float(load.c))
-                    spring.setRestLength(float((load.rest - load.constant) * load.row[at]))
+                    spring.setRestLength(float((load.rest - load.constant) * load.row[index]))
             case OtherLoad(_, PointForce() as force):
                 in_world, value = turn_force(force, turns)
                 element = self._add_force(opensim.PrescribedForce("", self.bodies[force.point.link]))
