@@ -54,7 +54,7 @@ class Pinocchio(LibraryEngine, beside=__file__):
             return "projection between steps needs a fixed-step integrator"
         if is_compiled(choice.settings):
             options = self.file.options(choice.settings)
-            return unsupported_by_compiled_loop(mechanism, choice, options) or building.missing()
+            return unsupported_by_compiled_loop(mechanism, choice, options) or building.explain_missing()
         return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
@@ -62,7 +62,7 @@ class Pinocchio(LibraryEngine, beside=__file__):
 
     def unbuilt(self, settings: str) -> str:
         """Return the name of the compiled loop if these settings need it and it is not built yet; otherwise an empty text."""
-        must_build = is_compiled(settings) and not building.missing() and building.absent()
+        must_build = is_compiled(settings) and not building.explain_missing() and building.explain_absence()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
@@ -144,13 +144,13 @@ class PinocchioModel(OwnSteps, TreeModel):
             raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        """Return the samples, with the forces that Python evaluates in every step in the note.
+        """Return the samples, with a note that names the forces that Python evaluates in every step.
 
         Raises:
             RunFailure: the accelerations of a sample do not satisfy the constraints.
         """
-        slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
-        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
+        in_python = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
+        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {in_python}" if in_python else ""
         trajectory = self.trajectory(self.x, self.dx, self.steps, self.stabilized.evaluations, note)
         if finite(trajectory.q, trajectory.v, trajectory.a) == len(self.times):  # `finite` counts the finite samples from the start
             self._check_constraints(trajectory)

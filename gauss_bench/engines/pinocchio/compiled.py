@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio.build import loop_library
+from gauss_bench.engines.pinocchio.build import load_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
@@ -68,18 +68,18 @@ class CompiledDynamics(ConstrainedDynamics):
         self.linkage = self.library.create(_numbers(body.model.gravity.linear))
         model = body.model
         for j in range(1, model.njoints):  # each with the mass, centre and moments of inertia of the body that it carries
-            kind, placement, carried = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
-            lever, inertia = _numbers(carried.lever), _numbers(carried.inertia)
-            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, carried.mass, lever, inertia)
+            kind, placement, inertia = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
+            lever, moments = _numbers(inertia.lever), _numbers(inertia.inertia)
+            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, inertia.mass, lever, moments)
         for row in self.rows:
             first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
             self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
         for force in forces.others:
             for load in force.to_loads():
                 self._add_load(body, load)
-        tables = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
+        affine_forces = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
         accuracies = _numbers([options["absolute_accuracy"], options["relative_accuracy"]])
-        self.library.finish(self.linkage, *tables, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
+        self.library.finish(self.linkage, *affine_forces, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
         # if Eigen's headers have another memory layout than Pinocchio's library, the compiled loop computes nonsense
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
@@ -105,13 +105,12 @@ class CompiledDynamics(ConstrainedDynamics):
         match load:
             case PointForce():
                 self.library.add_push(self.linkage, *place(load.point), *direction(load.frame, load.value))
-            case Law(coordinate=Along() as x):
-                axis, law = direction(x.origin.link, unit(x.angle, x.across))[1], [load.k, load.c, load.rest, load.bias]
-                self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _numbers(law))
-            case Law(coordinate=Distance() as x):
-                # an axis of zero: the force acts along the line between the points
-                axis, law = np.zeros(2), [load.k, load.c, load.rest, load.bias]
-                self.library.add_spring(self.linkage, *place(x.a), *place(x.b), axis, _numbers(law))
+            case Law(Along(origin, point, angle, across), k, c, rest, bias):
+                _, axis = direction(origin.link, unit(angle, across))
+                self.library.add_spring(self.linkage, *place(origin), *place(point), axis, _numbers([k, c, rest, bias]))
+            case Law(Distance(a, b), k, c, rest, bias):
+                axis = np.zeros(2)  # the force acts along the line between the points
+                self.library.add_spring(self.linkage, *place(a), *place(b), axis, _numbers([k, c, rest, bias]))
             case _:
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
@@ -130,9 +129,9 @@ class CompiledDynamics(ConstrainedDynamics):
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
         y, dy = y.copy(), dy.copy()
-        done = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
+        succeeded = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
-        if not done:
+        if not succeeded:
             raise self._failure(f"between t = {t:.6g} s and t = {t + count * h:.6g} s", t, y, dy)
         return y, dy
 
@@ -182,13 +181,13 @@ def _placement(x: Any) -> Array:
 def _tableau() -> Array:
     """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
 
-    A step has 12 stages, and its dense output needs four more evaluations. One of them is at the end of the step, with the
-    coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
+    A step has 12 stages, and its dense output needs four more evaluations, 16 in sum. The first of the four is at the end of the
+    step, with the coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
     """
     from scipy.integrate import DOP853
 
-    stages, every = len(DOP853.B), 16
-    a = np.zeros((every, every))
+    stages, evaluations = len(DOP853.B), 16
+    a = np.zeros((evaluations, evaluations))
     a[:stages, :stages] = DOP853.A[:stages, :stages]
     a[stages + 1 :] = DOP853.A_EXTRA
     return np.concatenate([x.ravel() for x in (a, DOP853.B, DOP853.E5, DOP853.E3, DOP853.D)])
@@ -203,7 +202,7 @@ def _library() -> ctypes.CDLL:
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "loop.so"
-        path.write_bytes(loop_library())
+        path.write_bytes(load_loop())
         library = ctypes.CDLL(str(path))
     library.create.restype, library.create.argtypes = ctypes.c_void_p, [ARRAY]
     for name, types in ARGUMENTS.items():
