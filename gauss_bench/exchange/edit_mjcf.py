@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 from gauss_bench.exchange.errors import ExchangeError
 
 TAG = re.compile(rb"""<(?:"[^"]*"|'[^']*'|[^"'>])*+>""")  # a ">" within quotes does not end the tag
-ATTRIBUTE = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # an attribute and its value within a start tag
+ATTRIBUTE = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # in a start tag: (1) name of an attribute, (2) its value
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,10 @@ def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes
     """Return the text of a start tag with attributes set to values; attributes that the tag lacks are added at its end."""
     text = content[tag.begin : tag.end]
     for name, value in values.items():
-        found = next((x for x in ATTRIBUTE.finditer(text) if x[1] == name.encode()), None)
-        if found:
-            text = text[: found.start(2)] + quoteattr(value).encode() + text[found.end(2) :]
+        places = [x.span(2) for x in ATTRIBUTE.finditer(text) if x[1] == name.encode()]
+        if places:
+            begin, end = places[0]
+            text = text[:begin] + quoteattr(value).encode() + text[end:]
         else:
             end = len(text.removesuffix(b">").removesuffix(b"/").rstrip())  # before "/>" or ">" and white space
             text = text[:end] + attributes({name: value}) + text[end:]
@@ -89,11 +90,11 @@ def write_settings(
             texts[tag] = set_attributes(content, tag, closures)
     if closures and by_default:
         default = b"<equality" + attributes(closures) + b"/>"
-        own = next((tag for tag in tags if tag.path == f"{root.path}/default/equality"), None)
+        equality = [tag for tag in tags if tag.path == f"{root.path}/default/equality"]
         # a <default/> without content cannot hold another element, so it is passed over; a document may have several <default>
         defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
-        if own:
-            texts[own] = set_attributes(content, own, closures)
+        if equality:
+            texts[equality[0]] = set_attributes(content, equality[0], closures)
         elif defaults:
             texts[defaults[0]] = content[defaults[0].begin : defaults[0].end] + default
         else:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.exchange.errors import FileReader
 from gauss_bench.exchange.safe_xml import describe
-from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, Spatial, Spot, Straight
+from gauss_bench.exchange.spatial import WORLD, Body, Force, Joint, LinearLaw, OnJoints, Spatial, Spot
 from gauss_bench.exchange.unused import list_ignored, list_names
 from gauss_bench.terms import Array
 
@@ -109,7 +109,7 @@ class Robot(FileReader):
 
     def spatial(self, close: Sequence[str]) -> Spatial:
         """Return the mechanism in space, whose world is the root link; `close` has closures LINK.FRAME=LINK.FRAME of its loops."""
-        bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
+        bodies, joints, forces, dropped = list[Body](), list[Joint](), list[Force](), self._list_ignored()
         for name, k in self.index.items():  # link -> index of its body; parents precede their children
             if name not in self.joint_to:
                 bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
@@ -122,7 +122,7 @@ class Robot(FileReader):
                 joints.append(joint)
                 damping = self.number(node.find("dynamics"), "damping")
                 if damping:
-                    acting.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, Straight(c=damping)))
+                    forces.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, LinearLaw(c=damping)))
             bodies.append(self._body(name, parent, place, turn))
         if bodies[WORLD].mass:
             dropped.append(f"the mass of {bodies[WORLD].name}, which is the ground")
@@ -133,7 +133,7 @@ class Robot(FileReader):
             np.array(GRAVITY),
             closures=tuple(self._closure(text, bodies) for text in close),
             spots=tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k != WORLD),
-            acting=tuple(acting),
+            forces=tuple(forces),
             dropped=tuple(dropped),
             how_to_close="" if close else self._describe_closing(bodies),
         )

@@ -14,7 +14,7 @@ from gauss_bench.engines.mujoco.adapter import Mujoco
 from gauss_bench.engines.mujoco.compiled import compile_file
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.from_mjcf import compiled_reader
+from gauss_bench.exchange.from_mjcf import make_reader
 from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.mechanism.model import Mechanism
@@ -87,7 +87,7 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
     """
     root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
     refuse_bulk(root, path)
-    reader = compiled_reader(lambda: compile_file(path), path)
+    reader = make_reader(lambda: compile_file(path), path)
     flattened = Flattened(reader.spatial())
     document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
     return OwnLinkage(document, flattened, reader.key)

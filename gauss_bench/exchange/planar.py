@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.spatial import WORLD, Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
-from gauss_bench.exchange.text import unique
+from gauss_bench.exchange.spatial import WORLD, Between, Body, Force, Joint, LinearLaw, OnJoints, Push, Spatial, Spot
+from gauss_bench.exchange.text import make_unique
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints, null_space
 from gauss_bench.linkage.schema import FORMAT
@@ -115,7 +115,7 @@ class Flattened:
     def __init__(self, spatial: Spatial):
         """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`."""
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
-        self.plane = plane_of(spatial)
+        self.plane = find_plane(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
         self.joints_of: dict[int, list[int]] = {}
         for k, joint in enumerate(spatial.joints):
@@ -128,7 +128,7 @@ class Flattened:
         self.links = [link for link in self.members if link != WORLD]
         self.names = {WORLD: "ground"}
         for link in self.links:
-            self.names[link] = name_part(spatial.bodies[link].name, self.names.values())
+            self.names[link] = make_name(spatial.bodies[link].name, self.names.values())
         self.frames = {link: self._frame(link) for link in self.members}
         self.points: dict[int, dict[str, complex]] = {link: {} for link in self.members}
         self.joint_names: dict[int, str] = {}
@@ -198,7 +198,7 @@ class Flattened:
         wanted = spot.name
         for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:  # the link's name is written before it anyway
             wanted = wanted.removeprefix(prefix)
-        key = name_part(wanted, points)
+        key = make_name(wanted, points)
         points[key] = place
         return f"{owner}.{key}"
 
@@ -251,7 +251,7 @@ class Flattened:
                 self.remarks.append(f"closure {name}, whose bodies are one link")
                 continue
             self._check_closure(name, a, b)
-            tables[name_part(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
+            tables[make_name(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
         return tables
 
     def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
@@ -271,7 +271,7 @@ class Flattened:
             reason = f"has the joints {' and '.join(kinds)}, which a linkage can have only with a link between them"
             raise self.refuse(f"body {body.name}", reason)
         for joint in joints:
-            name = name_part(joint.name, tables)
+            name = make_name(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
             ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on parent and child
             if joint.kind == "hinge":
@@ -300,14 +300,14 @@ class Flattened:
     def _forces(self) -> dict[str, Table]:
         """Return the linkage file's tables of all forces, by name; one force of the model file may become several tables."""
         tables: dict[str, Table] = {}
-        for acting in self.spatial.acting:
-            for table in self._force(acting):
-                tables[name_part(acting.name, tables)] = table  # a name that no other table has
+        for force in self.spatial.forces:
+            for table in self._force(force):
+                tables[make_name(force.name, tables)] = table  # a name that no other table has
         return tables
 
-    def _force(self, acting: Acting) -> list[Table]:
+    def _force(self, force: Force) -> list[Table]:
         """Return the tables of the linkage file that describe one force of the model file."""
-        match acting:
+        match force:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
                 if not slides:
@@ -327,9 +327,9 @@ class Flattened:
                 ends = {"type": "spring_damper", "between": [self.point(a), self.point(b)]}
                 return [ends | {"k": law.k, "c": law.c, "rest": rest}]
             case Push():
-                return self._push(acting)
+                return self._push(force)
 
-    def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
+    def _on_angle(self, name: str, joints: dict[int, float], law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all."""
         if self.locked.issuperset(joints):
             return []
@@ -392,7 +392,7 @@ class Flattened:
                     yield k, self.sign(self.spatial.joints[k])
             body = self.spatial.bodies[body].parent
 
-    def _on_slide(self, k: int, law: Straight) -> list[Table]:
+    def _on_slide(self, k: int, law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
         The force acts at the anchor of the body's last joint, which is the hinge of a body that is free in the plane.
@@ -408,21 +408,21 @@ class Flattened:
         # in the file's configuration both points coincide, while the joint coordinate is `ref`
         return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
-    def _push(self, acting: Push) -> list[Table]:
+    def _push(self, force: Push) -> list[Table]:
         """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body."""
-        if abs(acting.direction @ self.plane.normal) > FLAT:
-            raise self.refuse(acting.name, "a force out of the plane")
-        link, law = self.link_of[acting.frame], acting.law
-        point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
+        if abs(force.direction @ self.plane.normal) > FLAT:
+            raise self.refuse(force.name, "a force out of the plane")
+        link, law = self.link_of[force.frame], force.law
+        point, origin = self.point(force.point), None if force.origin is None else self.point(force.origin)
         # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both. Otherwise
         # the body of the axis needs a torque against the moment of a force that depends on the motion.
-        turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
+        turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[force.point.body]).items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
-            raise self.refuse(acting.name, reason)
-        return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
+            raise self.refuse(force.name, reason)
+        return self._along(point, origin, link, self.plane.flat(force.direction), law, law.rest)
 
-    def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
+    def _along(self, point: str, origin: str | None, link: int, along: complex, law: LinearLaw, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
 
         A reaction on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so
@@ -513,7 +513,7 @@ class Flattened:
         return start, crank, free.shape[1]
 
 
-def plane_of(spatial: Spatial) -> Plane:
+def find_plane(spatial: Spatial) -> Plane:
     """Return the plane that is normal to the axis of every hinge and parallel to every slide.
 
     Raises:
@@ -547,9 +547,9 @@ def plane_of(spatial: Spatial) -> Plane:
     return Plane(x, y, np.cross(x, y))
 
 
-def name_part(wanted: str, taken: Collection[str]) -> str:
+def make_name(wanted: str, taken: Collection[str]) -> str:
     """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
-    return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
+    return make_unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:

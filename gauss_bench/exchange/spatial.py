@@ -66,7 +66,7 @@ class Spot:
 
 
 @dataclass(frozen=True, eq=False)
-class Straight:
+class LinearLaw:
     """The linear force law F = bias - k (x - rest) - c dx/dt along a coordinate x."""
 
     k: float = 0.0
@@ -81,7 +81,7 @@ class OnJoints:
 
     name: str
     joints: dict[int, float]
-    law: Straight
+    law: LinearLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Between:
     name: str
     a: Spot
     b: Spot
-    law: Straight
+    law: LinearLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +109,11 @@ class Push:
     point: Spot
     frame: int
     direction: Array
-    law: Straight
+    law: LinearLaw
     origin: Spot | None
 
 
-Acting = OnJoints | Between | Push
+Force = OnJoints | Between | Push
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ class Spatial(FileReader):
         closures: for each closure its name and the two points that it keeps together.
         welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
-        acting: forces.
+        forces: forces.
         dropped: phrases that name parts of the file that are left out.
         how_to_close: part of a message that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
@@ -138,6 +138,6 @@ class Spatial(FileReader):
     closures: tuple[tuple[str, Spot, Spot], ...] = ()
     welds: tuple[tuple[int, int], ...] = ()
     spots: tuple[Spot, ...] = ()
-    acting: tuple[Acting, ...] = ()
+    forces: tuple[Force, ...] = ()
     dropped: tuple[str, ...] = ()
     how_to_close: str = ""
