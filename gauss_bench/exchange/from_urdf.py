@@ -77,17 +77,17 @@ class Robot(FileReader):
             raise self.refuse(describe(joint), f"its {which} {link!r} is no link")
         return link
 
-    def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """Return the numbers of an attribute, as many as `usual` has, or `usual` if the element or the attribute is missing."""
+    def numbers(self, node: Element | None, key: str, default: Sequence[float]) -> Array:
+        """Return the numbers of an attribute, as many as `default` has, or `default` if the element or the attribute is missing."""
         text = None if node is None else node.get(key)
         if node is None or text is None:
-            return np.array(usual, dtype=float)
+            return np.array(default, dtype=float)
         try:
             parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
             raise self.refuse(describe(node), f"{key}={text!r}: no numbers") from error
-        if len(parsed) != len(usual) or not np.isfinite(parsed).all():
-            wanted = "a finite number is" if len(usual) == 1 else f"{len(usual)} finite numbers are"
+        if len(parsed) != len(default) or not np.isfinite(parsed).all():
+            wanted = "a finite number is" if len(default) == 1 else f"{len(default)} finite numbers are"
             raise self.refuse(describe(node), f"{key}={text!r}: {wanted} wanted")
         return parsed
 
@@ -110,11 +110,13 @@ class Robot(FileReader):
     def spatial(self, close: Sequence[str]) -> Spatial:
         """Return the mechanism in space, whose world is the root link; `close` has closures LINK.FRAME=LINK.FRAME of its loops."""
         bodies, joints, forces, dropped = list[Body](), list[Joint](), list[Force](), self._list_ignored()
-        for name, k in self.index.items():  # link -> index of its body; parents precede their children
+        for name, k in self.index.items():  # parents precede their children
             if name not in self.joint_to:
                 bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
                 continue
-            node, parent = self.joints[self.joint_to[name]], self.index[self.ends[self.joint_to[name]][0]]
+            joint_name = self.joint_to[name]
+            parent_name, _ = self.ends[joint_name]
+            node, parent = self.joints[joint_name], self.index[parent_name]
             shift, rotation = self.origin(node)
             place, turn = bodies[parent].origin + bodies[parent].turn @ shift, bodies[parent].turn @ rotation
             joint = self._joint(node, k, place, turn)
@@ -153,7 +155,7 @@ class Robot(FileReader):
         parents = {parent for parent, _ in self.ends.values()}
         # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
         tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
-        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]
+        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]  # on two different links
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 

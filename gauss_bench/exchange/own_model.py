@@ -46,7 +46,7 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return how the poses of a mechanism's links follow from the state of MuJoCo's model, from which it was made."""
+    """Return how the poses of a mechanism's links follow from the state of the MuJoCo model from which the mechanism was made."""
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
@@ -58,7 +58,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
         for k, sign in flattened.hinges_under(link):
             turns[row, k] += sign
     refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
-    at_refs = np.array([flattened.frames[link][1] for link in flattened.links])
+    at_refs = np.array([flattened.frames[link][1] for link in flattened.links])  # angles of the links in this configuration
     axes = np.array([plane.x, plane.y, plane.normal])
     return Seen(tuple(flattened.links), locals=np.array(places), plane=axes, angles=at_refs - turns @ refs, turns=turns)
 

@@ -88,12 +88,12 @@ class Move:
 
 
 def pair(x: complex) -> list[float]:
-    """Return a point or vector as [x, y]."""
+    """Return a point or vector x + i y as [x, y]."""
     return [float(x.real), float(x.imag)]
 
 
 class Flattened:
-    """A mechanism in space, projected into its plane; its methods raise ExchangeError for what a linkage cannot have.
+    """A mechanism in space, projected into its plane; its methods raise ExchangeError for a part that a linkage cannot have.
 
     Bodies and joints are given by their indices in the mechanism, and a link by the index of its first body.
 
@@ -192,12 +192,13 @@ class Flattened:
         """
         link = self.link_of[spot.body]
         place, points, owner = self.to_link(link, spot.place), self.points[link], self.names[link]
-        for key, x in points.items():
-            if not is_new and abs(x - place) <= SAME * max(1.0, self.extent):
+        for key, existing in points.items():
+            if not is_new and abs(existing - place) <= SAME * max(1.0, self.extent):
                 return f"{owner}.{key}"
         wanted = spot.name
-        for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:  # the link's name is written before it anyway
-            wanted = wanted.removeprefix(prefix)
+        # the link's name is written before the point's name anyway; `fromkeys` leaves out a repetition
+        for prefix in dict.fromkeys([self.spatial.bodies[spot.body].name, owner]):
+            wanted = wanted.removeprefix(f"{prefix}.")
         key = make_name(wanted, points)
         points[key] = place
         return f"{owner}.{key}"
@@ -234,8 +235,9 @@ class Flattened:
 
         An armature between two moving links resists their relative motion, so it cannot be added to the inertia of one link.
         """
-        grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
-        if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
+        parent, joints = self.spatial.bodies[joint.body].parent, self.joints_of[joint.body]
+        is_hinge_on_ground = joint.kind == "hinge" and self.link_of[parent] == WORLD and len(joints) == 1
+        if joint.armature and not is_hinge_on_ground:
             raise self.refuse(f"joint {joint.name}", "only the armature of a hinge on the ground can be added to a link")
         return joint.armature
 
@@ -270,7 +272,7 @@ class Flattened:
         if len(joints) > 1:
             reason = f"has the joints {' and '.join(kinds)}, which a linkage can have only with a link between them"
             raise self.refuse(f"body {body.name}", reason)
-        for joint in joints:
+        for joint in joints:  # one, or none if the body is fixed to its parent
             name = make_name(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
             ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on parent and child
@@ -302,7 +304,7 @@ class Flattened:
         tables: dict[str, Table] = {}
         for force in self.spatial.forces:
             for table in self._force(force):
-                tables[make_name(force.name, tables)] = table  # a name that no other table has
+                tables[make_name(force.name, tables)] = table
         return tables
 
     def _force(self, force: Force) -> list[Table]:
@@ -339,10 +341,11 @@ class Flattened:
         if law.c > 0 and not law.k and joint is not None:
             tables.append({"type": "joint_damping", "joint": joint, "c": law.c})
         elif law.k or law.c:
-            refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # value of the sum in the file
+            at_refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # the sum, as the file has it
             links = [self.names[a], self.names[b]]
             # the angle of frame b relative to frame a, when the sum of hinges has the value law.rest
-            rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
+            (_, angle_a), (_, angle_b) = self.frames[a], self.frames[b]
+            rest = angle_b - angle_a + sign * (law.rest - at_refs)
             tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:  # a motor without torque becomes a torque 0, so that the linkage file has a force of this name
             # the torque acts on b if the sum grows with theta_b, so that the torque's value has the sign of the motor's control
@@ -401,22 +404,23 @@ class Flattened:
         parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
         along = self.plane.flat(joint.axis)
         for other in joints[:-1]:  # the last joint of a free body is its hinge
-            # the real part is the dot product of the two directions
-            if other is not joint and abs((along.conjugate() * self.plane.flat(other.axis)).real) > FLAT:
+            cosine = (along.conjugate() * self.plane.flat(other.axis)).real  # dot product of the two directions
+            if other is not joint and abs(cosine) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
         origin, point = (self.point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
         # in the file's configuration both points coincide, while the joint coordinate is `ref`
         return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
     def _push(self, force: Push) -> list[Table]:
-        """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body."""
+        """Return the tables of the linkage file for a force at a point, along a direction that is fixed in a body."""
         if abs(force.direction @ self.plane.normal) > FLAT:
             raise self.refuse(force.name, "a force out of the plane")
         link, law = self.link_of[force.frame], force.law
         point, origin = self.point(force.point), None if force.origin is None else self.point(force.origin)
-        # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both. Otherwise
-        # the body of the axis needs a torque against the moment of a force that depends on the motion.
-        turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[force.point.body]).items()
+        # `_turn` gives hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the
+        # body of the axis needs a torque against the moment of a force that depends on the motion.
+        axis_hinges, point_hinges = self._turn(WORLD, link), self._turn(WORLD, self.link_of[force.point.body])
+        turns_with = axis_hinges.items() <= point_hinges.items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
             raise self.refuse(force.name, reason)
@@ -484,7 +488,8 @@ class Flattened:
         if crank:
             document["crank"] = crank
         document["expect"] = {"dof": dof}
-        return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.remarks)
+        without_empty_tables = {key: table for key, table in document.items() if table not in ({}, {"points": {}})}
+        return without_empty_tables, tuple(self.remarks)
 
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
@@ -514,7 +519,7 @@ class Flattened:
 
 
 def find_plane(spatial: Spatial) -> Plane:
-    """Return the plane that is normal to the axis of every hinge and parallel to every slide.
+    """Return a plane that is normal to the axis of every hinge and parallel to every slide.
 
     Raises:
         ExchangeError: there is no plane in which all joints move.
@@ -548,7 +553,7 @@ def find_plane(spatial: Spatial) -> Plane:
 
 
 def make_name(wanted: str, taken: Collection[str]) -> str:
-    """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
+    """Return `wanted` as a name of letters, digits and underscores, with a number at its end if `taken` contains the name."""
     return make_unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 

@@ -49,7 +49,7 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Raise ExchangeError with the line of what is refused; no tree is built, so that a hostile file costs no memory."""
+    """Raise ExchangeError, with the line number, for content that is refused. No tree is built: a hostile file takes no memory."""
     parser = expat.ParserCreate()
     elements = depth = 0
 
@@ -156,7 +156,7 @@ def _count_arena(key: str, value: str) -> float:
 
 
 def _largest(text: str) -> float:
-    """Return the largest of the numbers in a text, or 1 if none is larger or the text has anything else, which MuJoCo refuses."""
+    """Return the largest of the numbers in a text, but at least 1; 1 for a text with anything else, which MuJoCo refuses."""
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:

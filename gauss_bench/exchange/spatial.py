@@ -77,7 +77,7 @@ class LinearLaw:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """A force as a function of a weighted sum of joint coordinates; `joints` maps the index of a joint to its weight."""
+    """A force on a weighted sum of joint coordinates, by a law of this sum; `joints` maps the index of a joint to its weight."""
 
     name: str
     joints: dict[int, float]
@@ -86,7 +86,7 @@ class OnJoints:
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """A force between two points, as a function of their distance."""
+    """A force between two points, by a law of their distance."""
 
     name: str
     a: Spot
@@ -96,7 +96,7 @@ class Between:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force at a point along a direction that is fixed in a body.
+    """A force at a point, along a direction that is fixed in a body.
 
     Attributes:
         frame: index of the body in which the direction is fixed.
@@ -127,7 +127,7 @@ class Spatial(FileReader):
         welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
         forces: forces.
-        dropped: phrases that name parts of the file that are left out.
+        dropped: phrases that name the parts of the file that an import leaves out.
         how_to_close: part of a message that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
 

@@ -14,7 +14,7 @@ from gauss_bench.trajectory import RunFailure, Status
 if TYPE_CHECKING:
     from gauss_bench.compiler.kernel import Kernel
 
-TEST_TIME = 5.0  # [s] longest part of the motion during which the choice of independent coordinates is tested
+TEST_TIME = 5.0  # [s] longest part of the motion for which a choice of independent coordinates is tested
 TEST_STEPS = 2000  # least number of steps of that test
 CLOSING = {
     "none": "Joints are held by accelerations alone, without stabilisation.",
@@ -74,8 +74,8 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
             return other
     # `end` is the time at which a pivot of the first choice vanished; it is NaN if none did, so that the step may be too long
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
-    at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
-    raise RunFailure(Status.SKIP, f"{reason}{at}")
+    remark = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
+    raise RunFailure(Status.SKIP, f"{reason}{remark}")
 
 
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
@@ -96,6 +96,6 @@ def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | 
     changed = (np.sign(pivots) * np.sign(pivots[0]) < 0).any(axis=1)
     if changed.any():
         return float(t[changed.argmax()])
-    # `alone` runs the first program with the step of the file, and tells whether it reaches the end
+    # `alone` runs the program of the first choice with the step of the file, and tells whether it reaches the end
     reaches_end = kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator)
     return None if reaches_end else float("nan")

@@ -21,11 +21,11 @@ def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     gives_headings = not path or (len(path) == 1 and path[0] in GROUPS)
     values: list[str] = []
     headed: list[str] = []
-    for k, x in table.items():
-        if gives_headings and isinstance(x, dict) and k != "expect":
-            headed += _lines(x, (*path, k))
+    for name, entry in table.items():
+        if gives_headings and isinstance(entry, dict) and name != "expect":
+            headed += _lines(entry, (*path, name))
         else:
-            values.append(f"{key(k)} = {write_value(x)}")
+            values.append(f"{key(name)} = {write_value(entry)}")
     if path and (values or not headed):  # an empty table still gets its heading, so that it is in the file
         values = ["", f"[{'.'.join(map(key, path))}]", *values]
     return values + headed

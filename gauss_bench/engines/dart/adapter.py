@@ -95,7 +95,7 @@ class DartModel(TreeModel):
 
     def _apply_forces(self, built: World, t: float) -> None:
         """Set the forces of a world for the next step to those at time t [s] and at its present state."""
-        y, dy = built.y, built.dy
+        y, dy = built.state()
         built.command(self.forces.on_joints(y, dy))
         if (on_links := self.forces.on_links(t, y, dy)) is not None:
             built.push(on_links)
@@ -120,7 +120,8 @@ class DartModel(TreeModel):
         for begin in (t, t + h):
             self._command(built, begin, begin + h)
             built.world.step(False)
-            rates.append(built.dy)
+            _, rate = built.state()
+            rates.append(rate)
         return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
@@ -152,4 +153,4 @@ class DartModel(TreeModel):
                         messages.check()
                 messages.check()
                 if sample is not None:
-                    self.y[sample], self.dy[sample] = built.y, built.dy
+                    self.y[sample], self.dy[sample] = built.state()

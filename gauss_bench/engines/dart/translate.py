@@ -89,15 +89,9 @@ class World:
             body.setExtForce(spatial(force))  # replaces the earlier force and torque, so that torques do not add up over steps
             body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
 
-    @property
-    def y(self) -> Array:
-        """The tree coordinates (n,)."""
-        return np.asarray(self.skeleton.getPositions()[self.order])
-
-    @property
-    def dy(self) -> Array:
-        """The rates of the tree coordinates (n,)."""
-        return np.asarray(self.skeleton.getVelocities()[self.order])
+    def state(self) -> tuple[Array, Array]:
+        """Return the tree state y, dy (n,)."""
+        return self.skeleton.getPositions()[self.order], self.skeleton.getVelocities()[self.order]
 
     def restart(self) -> None:
         """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run."""
