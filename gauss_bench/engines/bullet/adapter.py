@@ -62,7 +62,7 @@ class Bullet(LibraryEngine, beside=__file__):
         if options["coordinates"] == "bodies":
             if mechanism.slides:
                 return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
-            return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
+            return "Bullet has motors in the joints of a tree, but none between free bodies" if mechanism.drivers else None
         return undriven(mechanism, joint_tree(mechanism, options), "Bullet")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -90,6 +90,7 @@ def step_through(
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
             end of the stretch, or None. No force is evaluated later than `last`, just before a jump of a force.
     """
+    x_samples, dx_samples = samples
     # Constant forces on a tree need no evaluation between steps. The state of free bodies is read at every step in any case,
     # because `BodyWorld.state` counts turns and must not miss one.
     constant = forces.constant.tolist() if isinstance(forces, GivenForces) and forces.are_constant and not laws else None
@@ -108,7 +109,7 @@ def step_through(
                 world.drive(joint, (float(law(t + h)[0]) - float(x[joint])) / h)
             world.step(forces(min(t, last), x, dx).tolist())
         if sample is not None:
-            samples[0][sample], samples[1][sample] = world.state()
+            x_samples[sample], dx_samples[sample] = world.state()
 
 
 class JointModel(TreeModel):
@@ -129,7 +130,7 @@ class JointModel(TreeModel):
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
         self.laws = {joint: driver.law for joint, driver in drivers_by_coordinate(mechanism, self.tree).items()}
-        open_tree = self._world(UNDAMPED, closed=False)
+        open_tree = self._make_world(UNDAMPED, closed=False)
         open_tree.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
@@ -140,9 +141,9 @@ class JointModel(TreeModel):
             return OpenModel(gaps, accelerations=open_tree.state()[1] - dy)  # the step is 1 s
 
         verify(mechanism, self.tree, describe, AGREEMENT)
-        self.accelerations = Accelerations(self._world(CONVERGED), self.forces, self.laws)
+        self.accelerations = Accelerations(self._make_world(CONVERGED), self.forces, self.laws)
 
-    def _world(self, changes: Mapping[str, Any], closed: bool = True) -> TreeWorld:
+    def _make_world(self, changes: Mapping[str, Any], closed: bool = True) -> TreeWorld:
         """Return a new world that holds the linkage, with changed options; if `closed` is false, the loops stay open."""
         world = TreeWorld(self.pybullet, self.mechanism, self.tree, {**self.options, **changes}, closed)
         world.damp(self.forces.joint_damping)
@@ -157,12 +158,13 @@ class JointModel(TreeModel):
         At a state with open loops, redundant closures would contradict each other, and Bullet's solver would not converge.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-        return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
+        q, v = self.evaluator.project(t, q, v)
+        return super().accelerate(t, *self.tree.relative(q, v))
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
-        self.world = self._world({})  # a new world, so that no run depends on the one before
+        self.world = self._make_world({})  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:

@@ -229,9 +229,9 @@ class TreeWorld(World):
             link, pivot = self.carriers[point.link], np.array(self._pivot(point)[:2])
             if link < 0:  # the ground
                 return pivot
-            centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
+            centre, quaternion, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
             # computed here, because PyBullet's multiplyTransforms is exact to 1e-8 only
-            return np.array(centre[:2]) + rotate(pivot, 2 * np.arctan2(turn[2], turn[3]))
+            return np.array(centre[:2]) + rotate(pivot, 2 * np.arctan2(quaternion[2], quaternion[3]))
 
         return measure_gaps(self.pins, place)
 
@@ -244,7 +244,6 @@ class BodyWorld(World):
         self.bodies = [self._add_body(link.mass, link.inertia) for link in mechanism.links]
         bodies = [*self.bodies, self._add_body(0.0, 0.0)]  # the ground is the last, at the index GROUND = -1
         self._advance()  # Bullet sets the inertias of rigid bodies at the end of the first step, and ignores torques in this step
-        self.angles = angles(mechanism.q0).copy()  # angles when they were last set or read: `state` counts turns from them
         for pin in mechanism.pins if closed else ():
             a, b = ((bodies[point.link], -1) for point in (pin.a, pin.b))  # -1: the body itself, not a link of a tree
             self._close(a, b, spatial(pin.a.local), spatial(pin.b.local))
@@ -259,8 +258,8 @@ class BodyWorld(World):
         return body
 
     def put(self, q: Array, v: Array) -> None:
-        """Set the absolute state q, v (3 links,)."""
-        self.angles = angles(q).copy()
+        """Set the absolute state q, v (3 links,); the first call of `state` must come after this."""
+        self.angles = angles(q).copy()  # angles when they were last set or read: `state` counts turns from them
         for body, place, angle, speed, omega in zip(self.bodies, places(q), angles(q), places(v), angles(v), strict=True):
             quaternion = (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
             self._call(self.pybullet.resetBasePositionAndOrientation, body, spatial(place), quaternion)
@@ -270,11 +269,11 @@ class BodyWorld(World):
         """Return the absolute state q, v (3 links,); between two calls, no link may turn by half a turn."""
         q, v = np.empty(3 * len(self.bodies)), np.empty(3 * len(self.bodies))
         for k, body in enumerate(self.bodies):
-            place, turn = self._call(self.pybullet.getBasePositionAndOrientation, body)
-            speed, spin = self._call(self.pybullet.getBaseVelocity, body)
+            place, quaternion = self._call(self.pybullet.getBasePositionAndOrientation, body)
+            speed, omega = self._call(self.pybullet.getBaseVelocity, body)
             places(q)[k], places(v)[k] = place[:2], speed[:2]
-            angles(q)[k], angles(v)[k] = 2 * np.arctan2(turn[2], turn[3]), spin[2]
-        angles(q)[:] = wind(angles(q), self.angles)
+            angles(q)[k], angles(v)[k] = 2 * np.arctan2(quaternion[2], quaternion[3]), omega[2]
+        angles(q)[:] = wind(angles(q), self.angles)  # a quaternion gives an angle only up to whole turns
         self.angles = angles(q).copy()
         return q, v
 

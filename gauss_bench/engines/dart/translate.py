@@ -66,7 +66,6 @@ class World:
         self.pins = [(a, b) for a, b in ends]
         self.bodies = [bodies[i] for i in range(len(mechanism.links))]
         self.start = self.tree.relative(mechanism.q0, mechanism.v0)
-        self.closures: list[Any] = []
         if options["lcp"] == "PGS":
             self._select_pgs(options["pgs_iterations"])
 
@@ -102,7 +101,7 @@ class World:
 
     def close(self) -> None:
         """Close the loops. Trap: a closure connects the points that coincide when it is made."""
-        self.closures = []
+        self.closures: list[Any] = []
         for a, b in self.pins:
             bodies = [body for body, _ in (a, b) if body is not None]  # DART takes a single body as pinned to the world
             self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*a)))
