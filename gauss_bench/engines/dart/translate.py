@@ -130,7 +130,7 @@ class World:
             "free": self.skeleton.createPlanarJointAndBodyNodePair,
         }
         pair = create[b.kind](parent)
-        joint, body = pair[0], pair[1]
+        joint, body = pair[0], pair[1]  # by index, because the stand-in that records a script has no length
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
         if b.kind == "free":
@@ -141,12 +141,12 @@ class World:
         joint.setTransformFromChildBodyNode(self._frame(b.anchor, -b.turn))
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
-        for k in range(3 if b.kind == "free" else 1):
+        for k in range(len(b.coordinates)):
             self.coordinates[b.at + k] = joint, k
         return body
 
     def _frame(self, origin: Array, angle: float = 0.0) -> Any:
-        """Return DART's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
+        """Return a frame in the plane, given by its origin (2,) [m] and angle [rad], as a transform of DART."""
         cosine, sine = np.cos(angle), np.sin(angle)
         frame = self.dartpy.math.Isometry3()
         frame.set_translation(np.array(spatial(origin)))

@@ -63,15 +63,20 @@ class Drake(LibraryEngine, beside=__file__):
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         options = self.file.options(choice.settings)
-        tree = joint_tree(mechanism, options)
-        accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
-        return write(mechanism, tree, choice, choose_closure(tree, options), SCHEMES.get(choice.integrator, ""), accuracy)
+        tree, scheme = joint_tree(mechanism, options), SCHEMES.get(choice.integrator, "")
+        return write(mechanism, tree, choice, choose_closure(tree, options), scheme, choose_accuracy(choice, options))
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
     """Return how the pins that are no joints of the tree are closed, according to the options of the engine."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
+
+
+def choose_accuracy(choice: Choice, options: Mapping[str, Any]) -> float | None:
+    """Return the accuracy of an integrator that chooses its steps, or None for steps of equal size."""
+    accuracy, _ = choice.tolerances(options["accuracy"], 0.0)
+    return accuracy if choice.integrator in Drake.adaptive else None
 
 
 class DrakeModel(TreeModel):
@@ -138,8 +143,8 @@ class DrakeModel(TreeModel):
         """
         try:
             if self.closure.kind == BALL:
-                shorter = [2**k for k in range(HALVINGS + 1)]
-                return settled_acceleration(lambda longest: [self._stepper(longest / x) for x in shorter], y, dy)
+                divisors = [2**k for k in range(HALVINGS + 1)]
+                return settled_acceleration(lambda longest: [self._stepper(longest / x) for x in divisors], y, dy)
             return self._stepper(0.0).reported_acceleration(y, dy)
         except RunFailure:  # is a RuntimeError too
             raise
@@ -152,9 +157,7 @@ class DrakeModel(TreeModel):
         for stretch in self.plan:
             self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
         if self.is_continuous:
-            name = self.choice.integrator
-            accuracy, _ = self.choice.tolerances(self.options["accuracy"], 0.0)
-            self._runner(0.0).set_integrator(SCHEMES[name], accuracy if name in Drake.adaptive else None)
+            self._runner(0.0).set_integrator(SCHEMES[self.choice.integrator], choose_accuracy(self.choice, self.options))
 
     def run(self) -> None:
         # a discrete plant has one step size: when the step size changes, another simulation starts from the present state
