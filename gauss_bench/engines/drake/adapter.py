@@ -68,7 +68,7 @@ class Drake(LibraryEngine, beside=__file__):
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return how the pins that are no joints of the tree are closed, according to the options of the engine."""
+    """Return the closure of the pins that are no joints of the tree, as the engine's options say; OPEN if there are no such pins."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
 

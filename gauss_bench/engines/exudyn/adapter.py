@@ -83,7 +83,7 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     options = Exudyn.file.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
-    solver = linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
+    solver = choose_linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
     if mechanism.redundant:
         solver = options["linear_solver_where_redundant"]
     across_releases.set_linear_solver(exu, settings, solver, bool(mechanism.redundant))
@@ -99,7 +99,7 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     return settings
 
 
-def linear_solver(rule: str, unknowns: int) -> str:
+def choose_linear_solver(rule: str, unknowns: int) -> str:
     """Return the linear solver that a rule chooses for a number of unknowns.
 
     The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
@@ -242,10 +242,11 @@ class ExudynModel:
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
+        if self.failure:  # there are no initial accelerations
+            return
         try:
             for stretch in self.solver_runs:
-                if not self.failure:
-                    self._run_stretch(stretch)
+                self._run_stretch(stretch)
         except RunFailure as failure:  # `read` raises it, together with the samples
             self.failure = failure.with_traceback(None)  # the frames of the traceback would keep the model in memory
 

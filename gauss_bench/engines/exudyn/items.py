@@ -60,22 +60,22 @@ def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
         return None
     for load in loads([force]):
         match load:
-            case Law(Along(origin, point, angle)) if origin.link != GROUND:
-                if not slides_along(mechanism, origin.link, point.link, angle):
-                    return (
-                        f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
-                        "Exudyn's connectors leave out its torque on that link"
-                    )
+            case Law(Along() as axis) if axis.origin.link != GROUND and not slides_along(mechanism, axis):
+                return (
+                    f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
+                    "Exudyn's connectors leave out its torque on that link"
+                )
             case Law(Distance()) if load.c != 0 and value(load.coordinate, mechanism.q0) < COINCIDENT:
                 return f"damper {force.name} joins points that coincide at the start, where its direction is undefined"
     return None
 
 
-def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
-    """Tell whether a slide between two links is parallel to the axis at the angle `theta` [rad] in the link `origin`."""
-    between = [slide for slide in mechanism.slides if {*ends(slide)} == {origin, other}]
-    lines = [slide.angle if slide.guide.link == origin else slide.angle - slide.turn for slide in between]
-    return any(abs(np.sin(line - theta)) < PARALLEL for line in lines)
+def slides_along(mechanism: Mechanism, axis: Along) -> bool:
+    """Tell whether a slide between the link of an axis and the link of the point on it is parallel to the axis."""
+    link = axis.origin.link
+    between = [slide for slide in mechanism.slides if {*ends(slide)} == {link, axis.point.link}]
+    lines = [slide.angle if slide.guide.link == link else slide.angle - slide.turn for slide in between]
+    return any(abs(np.sin(line - axis.angle)) < PARALLEL for line in lines)
 
 
 class System:
