@@ -18,7 +18,6 @@ from gauss_bench.linkage.errors import AssemblyError, LinkageError
 from gauss_bench.linkage.load import load_document
 
 FORMS = {"mujoco": "MJCF", "robot": "URDF"}  # root element -> kind of file
-TITLES = {"MJCF": "model", "URDF": "name"}  # kind of file -> attribute of the root element that holds the model's title
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
     if close and kind == "MJCF":
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
     spatial = Robot(root, str(path)).spatial(close) if kind == "URDF" else from_mjcf(root, path)
-    title = root.get(TITLES[kind]) or path.stem
+    title = root.get("model" if kind == "MJCF" else "name") or path.stem
     try:
         document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")
         note = describe_open_tree(spatial, document["expect"]["dof"])

@@ -483,13 +483,12 @@ class Flattened:
             "assembly": {"angles": angles, "sketch": places},
             "scenarios": {SCENARIO: {"duration": DURATION, "forces": list(forces)}},
         }
-        start, crank, dof = self._start(document)
-        document["scenarios"][SCENARIO]["start"] = start
+        document["scenarios"][SCENARIO]["start"], crank, dof = self._start(document)
         if crank:
             document["crank"] = crank
         document["expect"] = {"dof": dof}
-        without_empty_tables = {key: table for key, table in document.items() if table not in ({}, {"points": {}})}
-        return without_empty_tables, tuple(self.remarks)
+        document = {key: table for key, table in document.items() if table not in ({}, {"points": {}})}  # without empty tables
+        return document, tuple(self.remarks)
 
     def _start(self, document: Table) -> tuple[Table, str | None, int]:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
