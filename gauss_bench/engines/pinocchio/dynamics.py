@@ -123,13 +123,13 @@ class DrivingTorques:
         R = self.rows.copy()
         q, T = self.forces.motion(y)
         at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy)).a  # accelerations if y'' = 0
-        joints = self.constraints(t, q, T @ dy)
+        terms = self.constraints(t, q, T @ dy)
         # A driver's constraint row has phi = x - law, and J a = gamma means x'' = law''; so x'' = J a - gamma + law''.
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
-            R[k] = joints.J[row] @ T
-            x[k] = float(joints.phi[row]) + float(law[0])
-            bias[k] = float(joints.J[row] @ at_rest) + float(law[2]) - float(joints.gamma[row])
+            R[k] = terms.J[row] @ T
+            x[k] = float(terms.phi[row]) + float(law[0])
+            bias[k] = float(terms.J[row] @ at_rest) + float(law[2]) - float(terms.gamma[row])
         return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
@@ -143,7 +143,7 @@ class DrivingTorques:
         R, x, bias = self._rows_at(t, y, dy)
         wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) value that R y'' must have
         free = solve(t, y, dy, tau)  # (n,) a0
-        missing = wanted - R @ free
+        missing = wanted - R @ free  # (k,) part that the driving torques supply
         probes = self.driver_inertias * np.maximum(1.0, np.abs(missing))  # (k,) trial torques of about the size that is needed
         effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
@@ -169,20 +169,21 @@ class Motion:
 
     def __init__(self, tree: Tree, body: Multibody):
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
-        self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
+        carriers = [body.carriers[i] for i in range(tree.links)]
+        self.centres = [(joint, np.array(placement.translation)) for joint, placement in carriers]
         # in `angles` and in `carried` the last row, with the index GROUND = -1, is the ground's, and is removed
         angles = turning(tree)
         self.theta0, self.turns = angles.constants[:-1], angles.rows[:-1]
         self.carried = np.zeros((tree.links + 1, tree.n))
         for b in tree.branches:
             self.carried[b.link] = self.carried[b.parent]
-            self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0
+            self.carried[b.link, b.at : b.at + len(b.coordinates)] = 1.0
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world
-        centres = np.array([placements[joint].act(own) for joint, own in self.centres])
+        centres = np.array([placements[joint].act(centre) for joint, centre in self.centres])
         q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
         # rows of J: 0 and 1 are the velocity at the origin, 5 the angular speed about z
         q[0::3], q[1::3], q[2::3] = centres[:, 0], centres[:, 1], self.theta0 + self.turns.dot(y)
