@@ -102,8 +102,7 @@ class Reader(FileReader):
             raise self.refuse("<mujoco>", "a linkage has no flexible bodies and plug-ins")
         if m.opt.density or m.opt.viscosity:
             raise self.refuse("<option>", "a medium with density or viscosity")
-        lacking = NEEDED & self.disabled
-        if lacking:
+        if lacking := NEEDED & self.disabled:
             raise self.refuse("<flag>", f"{min(lacking)} is disabled, so that the model does not behave as its elements say")
         if (m.body_mocapid >= 0).any():
             raise self.refuse(self.describe("body", int(m.body_mocapid.argmax()), "body"), "a motion capture body")

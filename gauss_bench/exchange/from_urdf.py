@@ -122,8 +122,7 @@ class Robot(FileReader):
             joint = self._joint(node, k, place, turn)
             if joint is not None:  # None for a fixed joint
                 joints.append(joint)
-                damping = self.number(node.find("dynamics"), "damping")
-                if damping:
+                if damping := self.number(node.find("dynamics"), "damping"):
                     forces.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, LinearLaw(c=damping)))
             bodies.append(self._body(name, parent, place, turn))
         if bodies[WORLD].mass:

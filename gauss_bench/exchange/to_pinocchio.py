@@ -43,8 +43,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     if choice.stabilization == "projection":
         raise RunFailure(Status.SKIP, "Pinocchio has no projection, and the suite's own projection is not part of a script")
-    lengths = [d.name for d in mechanism.drivers if isinstance(d, LengthDriver)]
-    if lengths:
+    if lengths := [driver.name for driver in mechanism.drivers if isinstance(driver, LengthDriver)]:
         reason = f"the script holds motion laws of angles and slides only, not of the length {', '.join(lengths)}"
         raise RunFailure(Status.SKIP, reason)
     built = PinocchioModel(mechanism, choice)  # raises if the real model differs from the linkage
