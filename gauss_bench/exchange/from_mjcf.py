@@ -31,7 +31,7 @@ def from_mjcf(root: Element, path: Path) -> Spatial:
     refuse_files(root, path)
     refuse_bulk(root, path)
     # the checked tree is written anew, because MuJoCo's parser might read the bytes of the file differently
-    spatial = make_reader(lambda: compile_document(tostring(root, encoding="unicode")), path).spatial()
+    spatial = make_reader(lambda: compile_document(tostring(root, encoding="unicode")), path).read()
     return replace(spatial, dropped=(*spatial.dropped, *list_unused(root)))
 
 
@@ -74,25 +74,17 @@ class Reader(FileReader):
         """Return the name of element k of a kind, or a name made of the kind and k if it has none."""
         return self.names[kind][k] or f"{kind}{k}"
 
-    def spatial(self) -> Spatial:
+    def read(self) -> Spatial:
         """Return the mechanism that the complete document describes."""
         m = self.model
         self._check_document()
-        joints = tuple(self._joint(k) for k in range(m.njnt))
-        for entry in FIELDS["refused"]:  # fields that no linkage can have: refuse an element in which one is not 0
-            kind = entry["kind"]
-            for field in entry["fields"]:  # one number, or one row of numbers, for each element of the kind
-                for k, numbers in enumerate(getattr(m, field)[: len(self.names[kind])]):
-                    if np.any(numbers):
-                        raise self.refuse(self.describe(kind, k, "joint" if kind == "jnt" else kind), entry["reason"])
-        for entry in FIELDS["left_out"]:  # fields that the import leaves out: report the elements in which one is not 0
-            for k in np.flatnonzero(getattr(m, entry["field"])):
-                self.dropped.append(f"{entry['reason']} {self.name(entry['kind'], int(k))}")
-        closures, welds = self._equalities()
-        forces = [*self._springs(), *self._tendons(), *(self._actuator(k) for k in self._enabled_actuators())]
+        joints = tuple(self._read_joint(k) for k in range(m.njnt))
+        self._check_fields()
+        closures, welds = self._read_equalities()
+        forces = [*self._read_springs(), *self._read_tendons(), *(self._read_actuator(k) for k in self._list_enabled_actuators())]
         gravity = np.zeros(3) if "gravity" in self.disabled else np.array(m.opt.gravity)
-        bodies = tuple(self._body(k) for k in range(m.nbody))
-        spots = tuple(self._site(k) for k in range(m.nsite))
+        bodies = tuple(self._read_body(k) for k in range(m.nbody))
+        spots = tuple(self._read_site(k) for k in range(m.nsite))
         return Spatial(self.file, bodies, joints, gravity, tuple(closures), tuple(welds), spots, tuple(forces), tuple(self.dropped))
 
     def _check_document(self) -> None:
@@ -120,7 +112,20 @@ class Reader(FileReader):
             names = list_names([f"<{kind}> {name}".strip() for kind, name in zip(kinds, self.names["sensor"], strict=True)])
             self.dropped.append(f"{m.nsensor} sensors: {names}")
 
-    def _joint(self, k: int) -> Joint:
+    def _check_fields(self) -> None:
+        """Refuse every element with a field that no linkage can have, and list those with a field that the import leaves out."""
+        for entry in FIELDS["refused"]:
+            kind = entry["kind"]
+            tag = "joint" if kind == "jnt" else kind
+            for field in entry["fields"]:  # one number, or one row of numbers, for each element of the kind
+                for k, numbers in enumerate(getattr(self.model, field)[: len(self.names[kind])]):
+                    if np.any(numbers):
+                        raise self.refuse(self.describe(kind, k, tag), entry["reason"])
+        for entry in FIELDS["left_out"]:
+            for k in np.flatnonzero(getattr(self.model, entry["field"])):
+                self.dropped.append(f"{entry['reason']} {self.name(entry['kind'], int(k))}")
+
+    def _read_joint(self, k: int) -> Joint:
         """Return joint k of MuJoCo's model; it starts as the keyframe says, or at its reference if there is no keyframe."""
         m, kind = self.model, self.compiled.word("mjtJoint", self.model.jnt_type[k])
         if kind not in ("hinge", "slide"):
@@ -138,21 +143,21 @@ class Reader(FileReader):
             armature=float(m.dof_armature[k]),
         )
 
-    def _body(self, k: int) -> Body:
+    def _read_body(self, k: int) -> Body:
         """Return body k of MuJoCo's model, with its pose, mass and inertia in world axes."""
         mass, com, inertia = float(self.model.body_mass[k]), self.data.xipos[k], self.compiled.inertia[k]
         parent = int(self.model.body_parentid[k])
-        return Body(self.name("body", k), parent, self.data.xpos[k], self._turn(k), mass, com, inertia)
+        return Body(self.name("body", k), parent, self.data.xpos[k], self._rotation(k), mass, com, inertia)
 
-    def _turn(self, k: int) -> Array:
+    def _rotation(self, k: int) -> Array:
         """Return the rotation (3, 3) of the frame of body k."""
         return np.asarray(self.data.xmat[k].reshape(3, 3))
 
-    def _site(self, k: int) -> Spot:
+    def _read_site(self, k: int) -> Spot:
         """Return site k of MuJoCo's model as a point of its body."""
         return Spot(self.name("site", k), int(self.model.site_bodyid[k]), self.data.site_xpos[k])
 
-    def _equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
+    def _read_equalities(self) -> tuple[list[tuple[str, Spot, Spot]], list[tuple[int, int]]]:
         """Return the connect constraints, each as its name and two points, and the welds, each as the indices of two bodies."""
         m, closures, welds = self.model, list[tuple[str, Spot, Spot]](), list[tuple[int, int]]()
         for k in range(m.neq):
@@ -163,7 +168,7 @@ class Reader(FileReader):
                 continue
             if kind not in ("connect", "weld"):
                 raise self.refuse(element, "only connect and weld close a linkage")
-            (a, axes_a), (b, axes_b) = self._ends(k, kind, name)
+            (a, axes_a), (b, axes_b) = self._read_ends(k, kind, name)
             if kind == "connect":
                 closures.append((name, a, b))
                 continue
@@ -172,23 +177,23 @@ class Reader(FileReader):
             welds.append((a.body, b.body))
         return closures, welds
 
-    def _ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
+    def _read_ends(self, k: int, kind: str, name: str) -> list[tuple[Spot, Array]]:
         """Return the two points that equality constraint k joins, each with the axes (3, 3) that a weld keeps parallel."""
         m = self.model
         a, b = int(m.eq_obj1id[k]), int(m.eq_obj2id[k])
         if self.compiled.word("mjtObj", m.eq_objtype[k]) == "site":
-            return [(self._site(i), self.data.site_xmat[i].reshape(3, 3)) for i in (a, b)]
+            return [(self._read_site(i), self.data.site_xmat[i].reshape(3, 3)) for i in (a, b)]
         at_a, at_b, turn = m.eq_data[k][:3], m.eq_data[k][3:6], np.eye(3)
         if kind == "weld":
             # for a weld, MuJoCo stores the anchor in the second body first, and the rotation of the second body in the first,
             # as a quaternion that begins with its scalar part; SciPy expects the scalar part last
             at_a, at_b = at_b, at_a
             turn = Rotation.from_quat(np.roll(m.eq_data[k][6:10], -1)).as_matrix()
-        spot_a = Spot(name, a, self.data.xpos[a] + self._turn(a) @ at_a)
-        spot_b = Spot(name, b, self.data.xpos[b] + self._turn(b) @ at_b)
-        return [(spot_a, self._turn(a) @ turn), (spot_b, self._turn(b))]
+        spot_a = Spot(name, a, self.data.xpos[a] + self._rotation(a) @ at_a)
+        spot_b = Spot(name, b, self.data.xpos[b] + self._rotation(b) @ at_b)
+        return [(spot_a, self._rotation(a) @ turn), (spot_b, self._rotation(b))]
 
-    def _springs(self) -> list[Force]:
+    def _read_springs(self) -> list[Force]:
         """Return the springs and dampers in joints, as force laws on joint coordinates."""
         m, springs = self.model, list[Force]()
         for k in range(m.njnt):
@@ -198,7 +203,7 @@ class Reader(FileReader):
                 springs.append(OnJoints(f"{kind}_{self.name('jnt', k)}", {k: 1.0}, law))
         return springs
 
-    def _on_tendon(self, k: int, name: str, law: LinearLaw) -> Force:
+    def _act_on_tendon(self, k: int, name: str, law: LinearLaw) -> Force:
         """Return a force `name` by a law on the length of tendon k: a distance of two sites, or a sum of joint coordinates."""
         m, first = self.model, int(self.model.tendon_adr[k])
         path = slice(first, first + int(m.tendon_num[k]))  # indices of the tendon's parts in MuJoCo's arrays wrap_...
@@ -208,11 +213,11 @@ class Reader(FileReader):
             weights = [float(x) for x in m.wrap_prm[path]]
             return OnJoints(name, dict(zip(objects, weights, strict=True)), law)
         if kinds == ["site", "site"]:
-            return Between(name, self._site(objects[0]), self._site(objects[1]), law)
+            return Between(name, self._read_site(objects[0]), self._read_site(objects[1]), law)
         reason = "only tendons between two sites, and sums of joints, act in a linkage"
         raise self.refuse(self.describe("tendon", k, "tendon"), reason)
 
-    def _tendons(self) -> list[Force]:
+    def _read_tendons(self) -> list[Force]:
         """Return the springs and dampers of tendons."""
         m, tendons = self.model, list[Force]()
         for k in range(m.ntendon):
@@ -221,10 +226,10 @@ class Reader(FileReader):
             if law.k and low != high:
                 raise self.refuse(self.describe("tendon", k, "tendon"), "a spring that is not linear")
             if law.k or law.c:
-                tendons.append(self._on_tendon(k, self.name("tendon", k), law))
+                tendons.append(self._act_on_tendon(k, self.name("tendon", k), law))
         return tendons
 
-    def _enabled_actuators(self) -> list[int]:
+    def _list_enabled_actuators(self) -> list[int]:
         """Return the indices of the enabled actuators, and record those whose group is switched off as left out."""
         m, enabled = self.model, list[int]()
         if m.nactuator != m.nu:
@@ -237,7 +242,7 @@ class Reader(FileReader):
                 enabled.append(k)
         return enabled
 
-    def _actuator(self, k: int) -> Force:
+    def _read_actuator(self, k: int) -> Force:
         """Return actuator k of the model as a force on joints, between two sites or at a site.
 
         MuJoCo's force is F = gain u + b0 + b1 L + b2 dL/dt along the length L = g x of the transmission, where g is the gear and x
@@ -275,12 +280,12 @@ class Reader(FileReader):
                     return OnJoints(name, {target: -1.0}, replace(law, bias=-law.bias))
                 return OnJoints(name, {target: 1.0}, law)
             case "tendon":
-                return self._on_tendon(target, name, law)
+                return self._act_on_tendon(target, name, law)
             case "site":
-                return self._push(element, name, target, reference, gear, law)
+                return self._make_push(element, name, target, reference, gear, law)
         raise self.refuse(element, f"a {transmission} transmission")
 
-    def _push(self, element: str, name: str, site: int, reference: int, gear: Array, law: LinearLaw) -> Push:
+    def _make_push(self, element: str, name: str, site: int, reference: int, gear: Array, law: LinearLaw) -> Push:
         """Return the force of an actuator that acts at a site.
 
         Args:
@@ -294,7 +299,7 @@ class Reader(FileReader):
             raise self.refuse(element, "a site transmission without gear")
         if reference < 0 and (law.k or law.c):
             raise self.refuse(element, "a servo on a site needs a refsite")
-        base, origin = (reference, self._site(reference)) if reference >= 0 else (site, None)
+        base, origin = (reference, self._read_site(reference)) if reference >= 0 else (site, None)
         direction = self.data.site_xmat[base].reshape(3, 3) @ (gear[:3] / np.linalg.norm(gear[:3]))
         body = int(self.model.site_bodyid[base])  # the direction is fixed in this body
-        return Push(name, self._site(site), body, direction, law, origin)
+        return Push(name, self._read_site(site), body, direction, law, origin)

@@ -55,7 +55,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
         body = spatial.bodies[link]
         offset = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)  # x + i y in the plane
         places.append(body.turn.T @ (offset.real * plane.x + offset.imag * plane.y))  # `body.turn` is a rotation matrix
-        for k, sign in flattened.hinges_under(link):
+        for k, sign in flattened.list_hinges(link):
             turns[row, k] += sign
     refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
     at_refs = np.array([flattened.frames[link][1] for link in flattened.links])  # angles of the links in this configuration
@@ -88,8 +88,8 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
     root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
     refuse_bulk(root, path)
     reader = make_reader(lambda: compile_file(path), path)
-    flattened = Flattened(reader.spatial())
-    document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
+    flattened = Flattened(reader.read())
+    document, _ = flattened.write_document(name, f"{root.get('model') or path.stem}, from MJCF")
     return OwnLinkage(document, flattened, reader.key)
 
 

@@ -113,7 +113,7 @@ class Flattened:
     """
 
     def __init__(self, spatial: Spatial):
-        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`."""
+        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `write_document`."""
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
         self.plane = find_plane(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
@@ -129,7 +129,7 @@ class Flattened:
         self.names = {WORLD: "ground"}
         for link in self.links:
             self.names[link] = make_name(spatial.bodies[link].name, self.names.values())
-        self.frames = {link: self._frame(link) for link in self.members}
+        self.frames = {link: self._find_frame(link) for link in self.members}
         self.points: dict[int, dict[str, complex]] = {link: {} for link in self.members}
         self.joint_names: dict[int, str] = {}
         self.locked: set[int] = set()
@@ -148,7 +148,7 @@ class Flattened:
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
-            for joint in self._joints_at(k):
+            for joint in self._list_joints(k):
                 move = move.follow(joint, self.plane.flat(joint.axis), self.plane.flat(joint.anchor), self.sign(joint))
             moves.append(move)
         for a, b in self.spatial.welds:
@@ -157,7 +157,7 @@ class Flattened:
                 raise self.refuse(f"weld of {bodies[a].name} and {bodies[b].name}", "does not hold at the start")
         return moves
 
-    def _joints_at(self, body: int) -> list[Joint]:
+    def _list_joints(self, body: int) -> list[Joint]:
         """Return the joints that move a body relative to its parent, in order."""
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
@@ -167,7 +167,7 @@ class Flattened:
 
     # links
 
-    def _frame(self, link: int) -> tuple[complex, float]:
+    def _find_frame(self, link: int) -> tuple[complex, float]:
         """Return origin and angle [rad] of a link's frame: the angle of the first axis of its body that lies in the plane, or 0."""
         if link == WORLD:
             return 0j, 0.0
@@ -185,7 +185,7 @@ class Flattened:
         origin, angle = self.frames[link]
         return origin + rect(1.0, angle) * local
 
-    def point(self, spot: Spot, is_new: bool = False) -> str:
+    def add_point(self, spot: Spot, is_new: bool = False) -> str:
         """Add a point to a link and return its name LINK.POINT.
 
         If the link has a point at the same place, that point's name is returned, unless `is_new` asks for a further point.
@@ -203,7 +203,7 @@ class Flattened:
         points[key] = place
         return f"{owner}.{key}"
 
-    def _link(self, link: int) -> Table:
+    def _write_link(self, link: int) -> Table:
         """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
 
         The inertia includes the armatures (rotor inertias of motors) of the hinges that move the link.
@@ -219,7 +219,7 @@ class Flattened:
         inertia = 0.0
         for body, centre in zip(bodies, centres, strict=True):  # parallel axis theorem
             inertia += float(normal @ body.inertia @ normal) + body.mass * abs(centre - com) ** 2
-        inertia += sum(self._armature(j) for j in self.spatial.joints if self.link_of[j.body] == link)
+        inertia += sum(self._check_armature(j) for j in self.spatial.joints if self.link_of[j.body] == link)
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
         table: Table = {"points": {key: pair(x) for key, x in points.items()}}
@@ -230,7 +230,7 @@ class Flattened:
             table["bars"] = [[a, b] for a, b in pairwise(ends)]
         return table | {"mass": mass, "com": pair(com), "inertia": inertia}
 
-    def _armature(self, joint: Joint) -> float:
+    def _check_armature(self, joint: Joint) -> float:
         """Return a joint's armature [kg m^2], which is added to the moment of inertia of the link that the joint moves.
 
         An armature between two moving links resists their relative motion, so it cannot be added to the inertia of one link.
@@ -243,7 +243,7 @@ class Flattened:
 
     # joints
 
-    def _joints(self) -> dict[str, Table]:
+    def _write_joints(self) -> dict[str, Table]:
         """Return the linkage file's tables of joints and closures, by name; also fill `joint_names` and `locked`."""
         tables: dict[str, Table] = {}
         for k in range(len(self.spatial.bodies)):
@@ -253,7 +253,7 @@ class Flattened:
                 self.remarks.append(f"closure {name}, whose bodies are one link")
                 continue
             self._check_closure(name, a, b)
-            tables[make_name(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
+            tables[make_name(name, tables)] = {"type": "revolute", "at": [self.add_point(a), self.add_point(b)]}
         return tables
 
     def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
@@ -261,7 +261,7 @@ class Flattened:
 
         No joint is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
         """
-        body, joints = self.spatial.bodies[k], self._joints_at(k)
+        body, joints = self.spatial.bodies[k], self._list_joints(k)
         if joints and self.link_of[body.parent] == self.link_of[k]:
             self.remarks += [f"joint {joint.name}, which a weld holds" for joint in joints]
             self.locked |= {*self.joints_of[k]}
@@ -275,7 +275,7 @@ class Flattened:
         for joint in joints:  # one, or none if the body is fixed to its parent
             name = make_name(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
-            ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on parent and child
+            ends = [self.add_point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on both
             if joint.kind == "hinge":
                 tables[name] = {"type": "revolute", "at": ends}
             else:  # the parent is the guide, body k the block: the angle of the slide's axis in the frame of each of their links
@@ -299,39 +299,40 @@ class Flattened:
 
     # forces
 
-    def _forces(self) -> dict[str, Table]:
+    def _write_forces(self) -> dict[str, Table]:
         """Return the linkage file's tables of all forces, by name; one force of the model file may become several tables."""
         tables: dict[str, Table] = {}
         for force in self.spatial.forces:
-            for table in self._force(force):
+            for table in self._write_force(force):
                 tables[make_name(force.name, tables)] = table
         return tables
 
-    def _force(self, force: Force) -> list[Table]:
+    def _write_force(self, force: Force) -> list[Table]:
         """Return the tables of the linkage file that describe one force of the model file."""
         match force:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
                 if not slides:
-                    return self._on_angle(name, joints, law)
+                    return self._write_on_angle(name, joints, law)
                 if [*joints.values()] != [1.0]:  # anything but one slide alone, with the weight 1
                     raise self.refuse(name, "a sum of joints that contains a slide")
                 joint = self.joint_names.get(slides[0])  # None for a slide of a body that is free in the plane
                 if law.c > 0 and not (law.k or law.bias) and joint is not None:
                     return [{"type": "joint_damping", "joint": joint, "c": law.c}]
-                return self._on_slide(slides[0], law)  # a spring, a constant force, or a damper on a body free in the plane
+                # a spring, a constant force, or a damper on a body free in the plane
+                return self._write_on_slide(slides[0], law)
             case Between(name, a, b, law):
                 if law.bias and not law.k:
                     raise self.refuse(name, "a constant tension; a linkage has no such force")
                 if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
                     raise self.refuse(name, "its ends lie in different planes")
                 rest = law.rest + (law.bias / law.k if law.k else 0.0)  # bias - k (x - rest) = -k (x - rest - bias / k)
-                ends = {"type": "spring_damper", "between": [self.point(a), self.point(b)]}
+                ends = {"type": "spring_damper", "between": [self.add_point(a), self.add_point(b)]}
                 return [ends | {"k": law.k, "c": law.c, "rest": rest}]
             case Push():
-                return self._push(force)
+                return self._write_push(force)
 
-    def _on_angle(self, name: str, joints: dict[int, float], law: LinearLaw) -> list[Table]:
+    def _write_on_angle(self, name: str, joints: dict[int, float], law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all."""
         if self.locked.issuperset(joints):
             return []
@@ -367,24 +368,24 @@ class Flattened:
             body = self.spatial.joints[next(iter(wanted))].body
             pairs.insert(0, (self.link_of[self.spatial.bodies[body].parent], self.link_of[body]))
         for a, b in pairs:
-            turn = self._turn(a, b)
+            turn = self._relative_angle(a, b)
             if turn in (wanted, opposite):
                 return a, b, 1.0 if turn == wanted else -1.0
         raise self.refuse(name, "a sum of joints that is not the angle between two links")
 
-    def _turn(self, a: int, b: int) -> dict[int, float]:
+    def _relative_angle(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
         A hinge on the path from the world to a and also on that to b turns both links, so its angle cancels in the relative angle.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
-            for k, turn in self.hinges_under(body):
+            for k, turn in self.list_hinges(body):
                 if k not in self.locked:
                     weights[k] = weights.get(k, 0.0) + sign * turn
         return {k: weight for k, weight in weights.items() if weight}
 
-    def hinges_under(self, body: int) -> Iterator[tuple[int, float]]:
+    def list_hinges(self, body: int) -> Iterator[tuple[int, float]]:
         """Yield the hinges between a body and the world, each with its sign.
 
         The sign is 1 if a growing joint coordinate turns the body from the x axis of the plane towards the y axis, else -1.
@@ -395,38 +396,38 @@ class Flattened:
                     yield k, self.sign(self.spatial.joints[k])
             body = self.spatial.bodies[body].parent
 
-    def _on_slide(self, k: int, law: LinearLaw) -> list[Table]:
+    def _write_on_slide(self, k: int, law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
         The force acts at the anchor of the body's last joint, which is the hinge of a body that is free in the plane.
         """
         joint = self.spatial.joints[k]
-        parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
+        parent, joints = self.spatial.bodies[joint.body].parent, self._list_joints(joint.body)
         along = self.plane.flat(joint.axis)
         for other in joints[:-1]:  # the last joint of a free body is its hinge
             cosine = (along.conjugate() * self.plane.flat(other.axis)).real  # dot product of the two directions
             if other is not joint and abs(cosine) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
-        origin, point = (self.point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
+        origin, point = (self.add_point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
         # in the file's configuration both points coincide, while the joint coordinate is `ref`
-        return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
+        return self._write_along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
-    def _push(self, force: Push) -> list[Table]:
+    def _write_push(self, force: Push) -> list[Table]:
         """Return the tables of the linkage file for a force at a point, along a direction that is fixed in a body."""
         if abs(force.direction @ self.plane.normal) > FLAT:
             raise self.refuse(force.name, "a force out of the plane")
         link, law = self.link_of[force.frame], force.law
-        point, origin = self.point(force.point), None if force.origin is None else self.point(force.origin)
+        point, origin = self.add_point(force.point), None if force.origin is None else self.add_point(force.origin)
         # `_turn` gives hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the
         # body of the axis needs a torque against the moment of a force that depends on the motion.
-        axis_hinges, point_hinges = self._turn(WORLD, link), self._turn(WORLD, self.link_of[force.point.body])
+        axis_hinges, point_hinges = self._relative_angle(WORLD, link), self._relative_angle(WORLD, self.link_of[force.point.body])
         turns_with = axis_hinges.items() <= point_hinges.items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
             raise self.refuse(force.name, reason)
-        return self._along(point, origin, link, self.plane.flat(force.direction), law, law.rest)
+        return self._write_along(point, origin, link, self.plane.flat(force.direction), law, law.rest)
 
-    def _along(self, point: str, origin: str | None, link: int, along: complex, law: LinearLaw, rest: float) -> list[Table]:
+    def _write_along(self, point: str, origin: str | None, link: int, along: complex, law: LinearLaw, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
 
         A reaction on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so
@@ -452,16 +453,16 @@ class Flattened:
 
     # the document
 
-    def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
+    def write_document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
         """Return the document of a planar linkage (the tables of its file), and phrases on parts that it leaves out or changes."""
         if not self.links:
             raise self.refuse("the model", "has no body that moves")
         for spot in self.spatial.spots:
-            self.point(spot, is_new=True)
-        joints, forces = self._joints(), self._forces()  # both add points to the links
+            self.add_point(spot, is_new=True)
+        joints, forces = self._write_joints(), self._write_forces()  # both add points to the links
         for link in self.links:
             self.points[link] = self.points[link] or {"O": 0j}  # every link needs a point
-        links = {self.names[link]: self._link(link) for link in self.links}
+        links = {self.names[link]: self._write_link(link) for link in self.links}
         gravity = self.spatial.gravity
         across = float(gravity @ self.plane.normal)
         if abs(across) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
@@ -483,14 +484,14 @@ class Flattened:
             "assembly": {"angles": angles, "sketch": places},
             "scenarios": {SCENARIO: {"duration": DURATION, "forces": list(forces)}},
         }
-        document["scenarios"][SCENARIO]["start"], crank, dof = self._start(document)
+        document["scenarios"][SCENARIO]["start"], crank, dof = self._find_start(document)
         if crank:
             document["crank"] = crank
         document["expect"] = {"dof": dof}
         document = {key: table for key, table in document.items() if table not in ({}, {"points": {}})}  # without empty tables
         return document, tuple(self.remarks)
 
-    def _start(self, document: Table) -> tuple[Table, str | None, int]:
+    def _find_start(self, document: Table) -> tuple[Table, str | None, int]:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
 
         The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank

@@ -62,8 +62,7 @@ class Newton(LibraryEngine, beside=__file__):
 
 def compile_kernels(options: Mapping[str, Any]) -> None:
     """Compile the kernels that settings with these options need: take a step, because Warp compiles kernels when they first run."""
-    world = World(load_libraries(), sample_linkage(), options)
-    world.step(np.zeros(9), 1e-3)
+    World(load_libraries(), sample_linkage(), options).step(forces=np.zeros(9), h=1e-3)
 
 
 class NewtonModel(BodyModel):

@@ -71,10 +71,9 @@ class Multibody:
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
-    def _add_joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
+    def _add_joint(self, name: str, parent: int, kind: Any, placement: Any) -> Any:
         """Add a joint at a placement in the frame of the joint `parent`, and return Pinocchio's index of it."""
-        joint: int = self.model.addJoint(parent, kind, placement, name)
-        return joint
+        return self.model.addJoint(parent, kind, placement, name)
 
     def planar(self, origin: Array, angle: float = 0.0) -> Any:
         """Return the SE3 with an origin (2,) [m] in the plane and an angle [rad] about z; it is exact if the angle is 0."""
