@@ -78,7 +78,7 @@ class OwnLinkage:
     key: int
 
 
-def own_linkage(path: Path, name: str) -> OwnLinkage:
+def read_own_linkage(path: Path, name: str) -> OwnLinkage:
     """Read an MJCF file as the linkage `name`.
 
     Raises:
@@ -118,6 +118,6 @@ class OwnModel:
         """Return MuJoCo's model of the file that `choice.settings` names, with the changed options and the step of the choice."""
         settings = json.loads(choice.settings)  # as `setting_text` writes them
         path = Path(settings["model"])
-        linkage = own_linkage(path, "model")
+        linkage = read_own_linkage(path, "model")
         changes = settings["changes"] | {"timestep": choice.step}
         return OwnModelRun(path, locate_links(linkage.flattened, mechanism), linkage.key, changes, choice)

@@ -44,7 +44,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
     """Return the lines of the script that build the model and its settings: the adapter's calls, made with stand-ins for Exudyn."""
-    from gauss_bench.engines.exudyn.adapter import simulation_settings
+    from gauss_bench.engines.exudyn.adapter import make_settings
     from gauss_bench.engines.exudyn.items import System, span
 
     script, laws = Script(STATEMENTS), name_laws(mechanism)
@@ -76,5 +76,5 @@ def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
     exu = script.stand_in("exu")
     Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
-    simulation_settings(exu, mechanism, choice)
+    make_settings(exu, mechanism, choice)
     return script.lines

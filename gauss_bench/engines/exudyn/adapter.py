@@ -37,7 +37,7 @@ SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "Trape
 FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the linkage's size, or this angle [rad]
 
 
-def library() -> tuple[Any, Any]:
+def load_library() -> tuple[Any, Any]:
     """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console."""
     if not hasattr(sys, "exudynFast"):  # must be set before the first import: it selects the fast module without range checks
         setattr(sys, "exudynFast", Exudyn.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
@@ -59,7 +59,7 @@ class Exudyn(LibraryEngine, beside=__file__):
     python_loop = False
 
     def version(self) -> str:
-        exu, _ = library()
+        exu, _ = load_library()
         module = next(name for name in vars(exu) if name.startswith("exudynCPP"))
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
@@ -78,7 +78,7 @@ class Exudyn(LibraryEngine, beside=__file__):
         return ExudynModel(mechanism, choice)
 
 
-def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
+def make_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     """Return Exudyn's simulation settings for a choice; each run sets the start, the end and the number of steps."""
     options = Exudyn.file.options(choice.settings)
     settings = exu.SimulationSettings()
@@ -149,17 +149,17 @@ class ExudynModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        self.exu, items = library()
+        self.exu, items = load_library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
         try:
             self.system = System(self.exu, items, mechanism)
             self.readout = Readout(self.system)
             verify(self.system, self.readout, self.evaluator)
-            self.simulation = simulation_settings(self.exu, mechanism, choice)
+            self.simulation = make_settings(self.exu, mechanism, choice)
             self.built_in = BuiltIn(self.system, self.simulation)
         except across_releases.errors(self.exu) as error:
-            raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {sentence(error)}") from error
+            raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {in_one_line(error)}") from error
         self.log = Log(self.exu)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -171,7 +171,7 @@ class ExudynModel:
             kkt = varies or Exudyn.file.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
         except across_releases.solver_errors(self.exu, np.linalg.LinAlgError) as error:
-            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({in_one_line(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
     def _solve_kkt(self, t: float, q: Array, v: Array) -> Array:
@@ -215,7 +215,7 @@ class ExudynModel:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
         except across_releases.errors(self.exu, np.linalg.LinAlgError) as error:
-            self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
+            self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({in_one_line(error)})")
 
     def _register_samples(self) -> None:
         """If one call of the solver covers several samples, make Exudyn call a function after each step, which stores them."""
@@ -260,7 +260,7 @@ class ExudynModel:
             # with several calls, each must start from the end of the call before it
             succeeded = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
         except across_releases.errors(self.exu) as error:
-            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
+            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({in_one_line(error)}); try a smaller step"
             raise RunFailure(Status.NOT_CONVERGED, message) from error
         if not succeeded:
             message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn reports failure without a reason; try a smaller step"
@@ -313,6 +313,6 @@ class ExudynModel:
             raise RunFailure(Status.DIVERGED, text, trajectory)
 
 
-def sentence(error: Exception) -> str:
+def in_one_line(error: Exception) -> str:
     """Return the message of an exception in one line, without the name of a file and the line number that Exudyn appends."""
     return " ".join(str(error).partition("[Python file")[0].split())

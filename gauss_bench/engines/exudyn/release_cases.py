@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR
 from gauss_bench.engines.exudyn import across_releases
-from gauss_bench.engines.exudyn.adapter import library
+from gauss_bench.engines.exudyn.adapter import load_library
 from gauss_bench.terms import Array
 
 SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
@@ -37,7 +37,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     `name` is one of `list_probes`, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
     """
     closure, _, linear_solver = name.rpartition(", ")
-    exu, items = library()
+    exu, items = load_library()
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
     across_releases.set_linear_solver(exu, settings, linear_solver, ignore_singular=False)
@@ -117,7 +117,7 @@ def defaults() -> dict[str, str]:
 
     Linear solvers and integrators have no default value; each one that the release has is listed with the value "there".
     """
-    exu, items = library()
+    exu, items = load_library()
     values = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
     for name, kind in vars(items).items():
         if inspect.isclass(kind) and name.startswith(COMPARED):
