@@ -64,7 +64,7 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
     if end is None:
         return kernel
     for independent in partitions(mechanism):
-        if independent in kernel.partitions[:1]:
+        if independent in kernel.partitions[:1]:  # the choice that is invalid
             continue
         try:
             other = compile_kernel(mechanism, "gauss", choice.stabilization, independent=independent)
@@ -85,10 +85,10 @@ def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | 
     file's step may jump over a zero that a user's smaller step would meet. The time is NaN if no pivot changes its sign but the run
     with the file's step stops early.
     """
-    tested = min(mechanism.duration, TEST_TIME)  # [s]
-    steps = int(np.ceil(tested / choice.step))
+    duration = min(mechanism.duration, TEST_TIME)  # [s] of the test
+    steps = int(np.ceil(duration / choice.step))
     count = max(steps, TEST_STEPS)  # number of steps of the test
-    every, h = count // TEST_STEPS, tested / count  # steps between the states at which pivots are computed; step size [s]
+    every, h = count // TEST_STEPS, duration / count  # steps between the states at which pivots are computed; step size [s]
     q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)  # (k, n) both
     t = h * np.minimum(every * np.arange(len(q) + 1), count)
     with np.errstate(all="ignore"):  # after the motion is lost all pivots are NaN, which changes no sign
