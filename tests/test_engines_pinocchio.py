@@ -184,7 +184,7 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(building, "NEEDED", {})  # headers
     building._describe_compiler.cache_clear()
-    compiled._library.cache_clear()  # another test of this process may have loaded the user's
+    compiled._load_library.cache_clear()  # another test of this process may have loaded the user's
     return tmp_path
 
 

@@ -36,10 +36,11 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
         MissingExtra: the engine's library is missing; WorkerFailure: its process failed.
     """
     if engine in WRITERS:
-        return str(read_answer(call(answer_plainly, (write_snippet, mechanism, linkage, engine, choice, remarks)), linkage))
+        arguments = (mechanism, linkage, engine, choice, mechanism.duration, remarks)
+        return str(read_answer(call(answer_plainly, (write_snippet, *arguments)), linkage))
     if writes_programs(engine):
         return add_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
-    return write_snippet(mechanism, linkage, engine, choice, remarks)
+    return write_snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
 
 
 class Wanted(NamedTuple):

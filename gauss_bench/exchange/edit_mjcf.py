@@ -58,7 +58,7 @@ def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes
             text = text[:begin] + quoteattr(value).encode() + text[end:]
         else:
             end = len(text.removesuffix(b">").removesuffix(b"/").rstrip())  # before "/>" or ">" and white space
-            text = text[:end] + attributes({name: value}) + text[end:]
+            text = text[:end] + write_attributes({name: value}) + text[end:]
     return text
 
 
@@ -84,12 +84,12 @@ def write_settings(
     if option and options:
         texts[options[-1]] = set_attributes(content, options[-1], option)
     elif option:
-        inserted += b"\n  <option" + attributes(option) + b"/>"
+        inserted += b"\n  <option" + write_attributes(option) + b"/>"
     for tag in tags:
         if closures and tag.path in (f"{root.path}/equality/connect", f"{root.path}/equality/weld"):
             texts[tag] = set_attributes(content, tag, closures)
     if closures and by_default:
-        default = b"<equality" + attributes(closures) + b"/>"
+        default = b"<equality" + write_attributes(closures) + b"/>"
         equality = [tag for tag in tags if tag.path == f"{root.path}/default/equality"]
         # a <default/> without content cannot hold another element, so it is passed over; a document may have several <default>
         defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
@@ -106,6 +106,6 @@ def write_settings(
     return content
 
 
-def attributes(values: Mapping[str, str]) -> bytes:
+def write_attributes(values: Mapping[str, str]) -> bytes:
     """Return attributes as they stand in a start tag, each after a space."""
     return "".join(f" {name}={quoteattr(value)}" for name, value in values.items()).encode()

@@ -156,11 +156,11 @@ def can_export(engine: str, integrator: str, stabilization: str, code: str = "")
     return True
 
 
-def write_snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, remarks: tuple[str, ...]) -> str:
+def write_snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...]) -> str:
     """Return a Python program that runs a linkage: by an engine's library alone if it is one of WRITERS, else by this package.
 
     Args:
-        linkage: name or file of the linkage, for a program that calls this package.
+        linkage, until: name or file of the linkage, and end time of the run [s], for a program that calls this package.
         remarks: sentences for the comment at the beginning of the program.
 
     Raises:
@@ -168,7 +168,7 @@ def write_snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choic
         ImportError: the engine is not installed.
     """
     if engine not in WRITERS:
-        variables = {"linkage": linkage, "engine": engine, "until": mechanism.duration}
+        variables = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
     refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
     return write_model(f"to_{engine}", mechanism, choice, write_snippet_head(mechanism, remarks), refusal, reason)

@@ -53,7 +53,7 @@ def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
     places = []  # centres of mass of the links, each (3,) in the frame of the link's first body [m]
     for row, (link, built) in enumerate(zip(flattened.links, mechanism.links, strict=True)):
         body = spatial.bodies[link]
-        offset = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)  # x + i y in the plane
+        offset = flattened.to_plane(link, complex(*built.com)) - plane.project(body.origin)  # x + i y in the plane
         places.append(body.turn.T @ (offset.real * plane.x + offset.imag * plane.y))  # `body.turn` is a rotation matrix
         for k, sign in flattened.list_hinges(link):
             turns[row, k] += sign

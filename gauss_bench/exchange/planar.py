@@ -43,7 +43,7 @@ class Plane:
     y: Array
     normal: Array
 
-    def flat(self, place: Array) -> complex:
+    def project(self, place: Array) -> complex:
         """Return the projection of a vector (3,) onto the plane, as x + i y."""
         return complex(place @ self.x, place @ self.y)
 
@@ -113,7 +113,7 @@ class Flattened:
     """
 
     def __init__(self, spatial: Spatial):
-        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `write_document`."""
+        """Find the plane and the links, and move the bodies to the start; `write_document` adds points, joints and forces."""
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
         self.plane = find_plane(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
@@ -149,7 +149,7 @@ class Flattened:
         for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
             for joint in self._list_joints(k):
-                move = move.follow(joint, self.plane.flat(joint.axis), self.plane.flat(joint.anchor), self.sign(joint))
+                move = move.follow(joint, self.plane.project(joint.axis), self.plane.project(joint.anchor), self.sign(joint))
             moves.append(move)
         for a, b in self.spatial.welds:
             shift = abs(moves[a].shift - moves[b].shift)
@@ -172,13 +172,13 @@ class Flattened:
         if link == WORLD:
             return 0j, 0.0
         body = self.spatial.bodies[link]
-        in_plane = [self.plane.flat(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
-        return self.plane.flat(body.origin), phase(in_plane[0]) if in_plane else 0.0
+        in_plane = [self.plane.project(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
+        return self.plane.project(body.origin), phase(in_plane[0]) if in_plane else 0.0
 
     def to_link(self, link: int, place: Array) -> complex:
         """Return the point `place` (3,) of the world, in the file's configuration, as x + i y in the frame of a link."""
         origin, angle = self.frames[link]
-        return (self.plane.flat(place) - origin) * rect(1.0, -angle)
+        return (self.plane.project(place) - origin) * rect(1.0, -angle)
 
     def to_plane(self, link: int, local: complex) -> complex:
         """Return the position in the plane, at the file's configuration, of a point given in the frame of a link."""
@@ -279,7 +279,7 @@ class Flattened:
             if joint.kind == "hinge":
                 tables[name] = {"type": "revolute", "at": ends}
             else:  # the parent is the guide, body k the block: the angle of the slide's axis in the frame of each of their links
-                theta = phase(self.plane.flat(joint.axis))
+                theta = phase(self.plane.project(joint.axis))
                 guide, block = (theta - self.frames[self.link_of[end]][1] for end in (body.parent, k))
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
@@ -288,7 +288,7 @@ class Flattened:
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
-        at_a, at_b = self.plane.flat(a.place), self.plane.flat(b.place)
+        at_a, at_b = self.plane.project(a.place), self.plane.project(b.place)
         gap = abs(move_a.place(at_a) - move_b.place(at_b))
         if gap > OPEN * self.extent:
             self.remarks.append(f"closure {name} was open by {gap:.3g} m at the start; the linkage is assembled with it closed")
@@ -403,9 +403,9 @@ class Flattened:
         """
         joint = self.spatial.joints[k]
         parent, joints = self.spatial.bodies[joint.body].parent, self._list_joints(joint.body)
-        along = self.plane.flat(joint.axis)
+        along = self.plane.project(joint.axis)
         for other in joints[:-1]:  # the last joint of a free body is its hinge
-            cosine = (along.conjugate() * self.plane.flat(other.axis)).real  # dot product of the two directions
+            cosine = (along.conjugate() * self.plane.project(other.axis)).real  # dot product of the two directions
             if other is not joint and abs(cosine) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
         origin, point = (self.add_point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
@@ -425,7 +425,7 @@ class Flattened:
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
             raise self.refuse(force.name, reason)
-        return self._write_along(point, origin, link, self.plane.flat(force.direction), law, law.rest)
+        return self._write_along(point, origin, link, self.plane.project(force.direction), law, law.rest)
 
     def _write_along(self, point: str, origin: str | None, link: int, along: complex, law: LinearLaw, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
@@ -476,7 +476,7 @@ class Flattened:
             "format": FORMAT,
             "name": name,
             "title": title,
-            "gravity": pair(self.plane.flat(gravity)),
+            "gravity": pair(self.plane.project(gravity)),
             "ground": {"points": {key: pair(x) for key, x in self.points[WORLD].items()}},
             "links": links,
             "joints": joints,

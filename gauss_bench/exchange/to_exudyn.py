@@ -60,7 +60,7 @@ def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
             script.comment(f"joint {joint.name}")
             super()._add_joint(joint)
 
-        def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+        def _make_equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
             """Define the equation of a driven slide or length and its Jacobian in the script, and return stand-ins for both."""
             # for both ends [is on the ground, x, y]
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
@@ -69,7 +69,7 @@ def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
             script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {python(angle)}, {law})")
             return script.stand_in("equation"), script.stand_in("jacobian")
 
-        def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+        def _make_offset(self, law: MotionLaw, rate: int, start: float) -> Any:
             """Return a stand-in for the offset of a driven angle: derivative number `rate` of its law, less the value `start`."""
             return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 

@@ -51,16 +51,16 @@ class Accelerations:
         speeds_before = {joint: float(dy[joint]) for joint in self.laws}
         speeds_after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
         # first term, P(y) a_free: the change of velocities in one step with forces, divided by the step
-        force_term: Array = (self._velocities_after(STEP, y, dy, tau, speeds_after) - dy) / STEP
+        force_term: Array = (self._step_velocities(STEP, y, dy, tau, speeds_after) - dy) / STEP
         speed = float(np.abs(dy).max(initial=0.0))
         if speed == 0.0:  # the second term is quadratic in the speeds, so it is zero
             return force_term
         e = DIFFERENCE / speed
         # second term, the fourth-order difference of P(y + k e v) v at k = -2, -1, 1, 2; in so short a step, tau changes no speed
-        moved = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, speeds_before) for k in (-2, -1, 1, 2)}
+        moved = {k: self._step_velocities(INSTANT, y + k * e * dy, dy, tau, speeds_before) for k in (-2, -1, 1, 2)}
         return force_term + (8 * (moved[1] - moved[-1]) - (moved[2] - moved[-2])) / (12 * e)
 
-    def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
+    def _step_velocities(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
         """Return the velocities (n,) after one step of length `step` [s] from y, dy (n,) under the forces tau (n,).
 
         `driven` maps the index of a driven joint to the speed that its motor reaches in the step.

@@ -106,7 +106,7 @@ class DartModel(TreeModel):
         for index, law in self.laws.items():
             built.skeleton.setCommand(int(built.order[index]), float(law(end)[1]))
 
-    def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+    def _step_rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
         """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,).
 
         With erp = 0 the steps keep the gaps of the loops, so the rates contain no motion that closes a gap.
@@ -127,7 +127,7 @@ class DartModel(TreeModel):
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) of the closed loops at a tree state y, dy (n,), from short steps."""
         with Messages() as messages:
-            measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
+            measured = acceleration_by_steps(self._step_rates, t, y, dy, SHORT)
             messages.check()
         return measured
 

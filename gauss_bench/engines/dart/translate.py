@@ -124,12 +124,8 @@ class World:
 
     def _add_link(self, b: Branch, parent: Any) -> Any:
         """Add the joint and the rigid body of one branch of the tree, and return the body; `parent` is None for the ground."""
-        create = {
-            "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
-            "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
-            "free": self.skeleton.createPlanarJointAndBodyNodePair,
-        }
-        pair = create[b.kind](parent)
+        kind = {"revolute": "Revolute", "prismatic": "Prismatic", "free": "Planar"}[b.kind]  # DART's word
+        pair = getattr(self.skeleton, f"create{kind}JointAndBodyNodePair")(parent)
         joint, body = pair[0], pair[1]  # by index, because the stand-in that records a script has no length
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
@@ -137,15 +133,15 @@ class World:
             joint.setXYPlane()
         else:
             joint.setAxis(OUT_OF_PLANE if b.kind == "revolute" else spatial(b.axis))
-        joint.setTransformFromParentBodyNode(self._frame(b.parent_anchor + b.base))
-        joint.setTransformFromChildBodyNode(self._frame(b.anchor, -b.turn))
+        joint.setTransformFromParentBodyNode(self._make_frame(b.parent_anchor + b.base))
+        joint.setTransformFromChildBodyNode(self._make_frame(b.anchor, -b.turn))
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
         for k in range(len(b.coordinates)):
             self.coordinates[b.at + k] = joint, k
         return body
 
-    def _frame(self, origin: Array, angle: float = 0.0) -> Any:
+    def _make_frame(self, origin: Array, angle: float = 0.0) -> Any:
         """Return a frame in the plane, given by its origin (2,) [m] and angle [rad], as a transform of DART."""
         cosine, sine = np.cos(angle), np.sin(angle)
         frame = self.dartpy.math.Isometry3()

@@ -18,7 +18,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
 from gauss_bench.engines.drake.stepping import HALVINGS, Runner, Stepper, settled_acceleration
-from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, load_library, refusal
+from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, explain_refusal, load_library
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -56,7 +56,7 @@ class Drake(LibraryEngine, beside=__file__):
         tree = joint_tree(mechanism, options)
         if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
             return f"Drake supports constraints in discrete plants only: use the integrator {SAP}, or bushings as closures"
-        return refusal(mechanism, tree)
+        return explain_refusal(mechanism, tree)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":
         return DrakeModel(mechanism, choice)
@@ -68,7 +68,7 @@ class Drake(LibraryEngine, beside=__file__):
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return the closure of the pins that are no joints of the tree, as the engine's options say; OPEN if there are no such pins."""
+    """Return the closure of the pins that are no joints of the tree, as the options say; OPEN if there are no such pins."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
 
@@ -107,7 +107,7 @@ class DrakeModel(TreeModel):
         self.runners: dict[float, Runner] = {}
         self.steppers: dict[float, Stepper] = {}
         self.is_continuous = choice.integrator not in ("", SAP)  # an empty name stands for SAP
-        self._runner(choice.step)  # builds the plant now, so that a linkage that Drake refuses fails here
+        self._get_runner(choice.step)  # builds the plant now, so that a linkage that Drake refuses fails here
 
     def _build(self, step: float, closure: Closure) -> Built:
         """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
@@ -120,7 +120,7 @@ class DrakeModel(TreeModel):
         except (RuntimeError, ValueError) as error:
             raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
 
-    def _runner(self, size: float) -> Runner:
+    def _get_runner(self, size: float) -> Runner:
         """Return the simulation that takes steps of `size` [s]; a discrete plant is built at the first call for each step size."""
         if self.is_continuous:
             size = 0.0  # one plant for all step sizes
@@ -129,7 +129,7 @@ class DrakeModel(TreeModel):
             self.runners[key] = Runner(self._build(size, self.closure))
         return self.runners[key]
 
-    def _stepper(self, size: float) -> Stepper:
+    def _get_stepper(self, size: float) -> Stepper:
         """Return the plant with steps of `size` [s], or the continuous one if it is 0, that is evaluated at given states."""
         if size not in self.steppers:
             self.steppers[size] = Stepper(self._build(size, self.closure))
@@ -144,8 +144,8 @@ class DrakeModel(TreeModel):
         try:
             if self.closure.kind == BALL:
                 divisors = [2**k for k in range(HALVINGS + 1)]
-                return settled_acceleration(lambda longest: [self._stepper(longest / x) for x in divisors], y, dy)
-            return self._stepper(0.0).reported_acceleration(y, dy)
+                return settled_acceleration(lambda longest: [self._get_stepper(longest / x) for x in divisors], y, dy)
+            return self._get_stepper(0.0).reported_acceleration(y, dy)
         except RunFailure:  # is a RuntimeError too
             raise
         except RuntimeError as error:
@@ -155,16 +155,16 @@ class DrakeModel(TreeModel):
         """Reset to the start; `native` has no effect, because Drake takes the steps."""
         super().prepare(times, native)
         for stretch in self.plan:
-            self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
+            self._get_runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
         if self.is_continuous:
-            self._runner(0.0).set_integrator(SCHEMES[self.choice.integrator], choose_accuracy(self.choice, self.options))
+            self._get_runner(0.0).set_integrator(SCHEMES[self.choice.integrator], choose_accuracy(self.choice, self.options))
 
     def run(self) -> None:
         # a discrete plant has one step size: when the step size changes, another simulation starts from the present state
         y, dy = self.y0, self.dy0
         running: Runner | None = None
         for stretch in self.plan:
-            runner = self._runner(stretch.size)
+            runner = self._get_runner(stretch.size)
             try:
                 if runner is not running:
                     runner.start(y, dy)
@@ -177,7 +177,7 @@ class DrakeModel(TreeModel):
                 self.y[stretch.row], self.dy[stretch.row] = y, dy
 
     def count_steps(self) -> int:
-        return int(self._runner(0.0).integrator.get_num_steps_taken()) if self.is_continuous else super().count_steps()
+        return int(self._get_runner(0.0).integrator.get_num_steps_taken()) if self.is_continuous else super().count_steps()
 
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
@@ -191,7 +191,7 @@ class DrakeModel(TreeModel):
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
         # index of a sample -> the simulation that took the steps to this sample; and simulation -> its plant, for evaluation
-        runners = {stretch.row: self._runner(stretch.size) for stretch in self.plan}
+        runners = {stretch.row: self._get_runner(stretch.size) for stretch in self.plan}
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 
         def acceleration_of_sample(k: int) -> Array:

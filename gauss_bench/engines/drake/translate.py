@@ -38,17 +38,17 @@ BALL, BUSHING, OPEN = "ball", "bushing", "open"  # kinds of closures; OPEN close
 PointLoad = tuple[int, Array, Array]  # link, point (2,) in its frame [m], and force (2,) [N]
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+def explain_refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why Drake's elements cannot express a driver or a force, or None if they can."""
     if mechanism.drivers:
         name = mechanism.drivers[0].name
         return f"Drake has no joint that follows a law ({name}): its actuators are springs, and a locked joint stands still"
     turns = turning(tree)
-    refusals = (load_refusal(load, tree, turns) for load in sort_loads(mechanism, tree))
+    refusals = (explain_load_refusal(load, tree, turns) for load in sort_loads(mechanism, tree))
     return next(filter(None, refusals), None)  # the reason for the first load that Drake cannot express
 
 
-def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
+def explain_load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
     """Return the reason why no element of Drake expresses a load, or None if one does."""
     if reason := refuse_load(load, turns, "Drake"):
         return reason
@@ -173,7 +173,7 @@ class Built:
     def connect(self, root: Any) -> Any:
         """Set the constant forces in the context `root` of the system, and return the plant's context in it."""
         context = self.plant.GetMyMutableContextFromRoot(root)
-        self.plant.get_applied_generalized_force_input_port().FixValue(context, self._ordered(self.motors))
+        self.plant.get_applied_generalized_force_input_port().FixValue(context, self._order(self.motors))
         self.set_forces_at_points(root)
         return context
 
@@ -183,7 +183,7 @@ class Built:
             if len(values):
                 port.FixValue(port.get_system().GetMyMutableContextFromRoot(root), values)
 
-    def _ordered(self, x: Array) -> Array:
+    def _order(self, x: Array) -> Array:
         """Return values (n,) of the tree coordinates in Drake's order."""
         ordered = np.empty_like(x)
         ordered[self.order] = x
@@ -191,8 +191,8 @@ class Built:
 
     def set_state(self, context: Any, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,) in a context of the plant."""
-        self.plant.SetPositions(context, self._ordered(y))
-        self.plant.SetVelocities(context, self._ordered(dy))
+        self.plant.SetPositions(context, self._order(y))
+        self.plant.SetVelocities(context, self._order(dy))
 
     def state(self, context: Any) -> tuple[Array, Array]:
         """Return the tree state y, dy (n,) of a context of the plant."""

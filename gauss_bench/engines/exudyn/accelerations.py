@@ -2,7 +2,7 @@
 
 Exudyn itself (`BuiltIn`) differentiates C_q v by one-sided differences, which limits the accuracy of accelerations to about 1e-7,
 and ignores the second derivatives of motion laws. `Readout` reads the mass matrix, the forces and the Jacobian C_q of the
-constraints, and `kkt_acceleration` solves the equations.
+constraints, and `solve_kkt` solves the equations.
 """
 
 from typing import Any
@@ -90,7 +90,7 @@ class Readout:
         return Terms(M, J, Q, bias, phi, J @ v)  # J v lacks the rates of motion laws: the adapter does not use it
 
 
-def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
+def solve_kkt(terms: Terms, redundant: bool) -> Array:
     """Return the accelerations a (n,) that solve M a + J^T lambda = Q, J a = gamma, without the suite's own formulations.
 
     If constraint rows are redundant, the multipliers lambda are not unique, but a is the same in all solutions; one of least
@@ -116,7 +116,7 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     if (dof, redundant) != (expected_dof, mechanism.redundant):
         counted = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows"
         raise RunFailure(Status.ERROR, f"{counted}, the linkage has {expected_dof} and {mechanism.redundant}")
-    for q, v in states_near_the_start(evaluator):
+    for q, v in draw_states_near_start(evaluator):
         own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
         # (m,) largest difference of each row, with its own sign and with the opposite one
         same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))
@@ -133,7 +133,7 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
         require_agreement(pairs, AGREEMENT)
 
 
-def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
+def draw_states_near_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
     """Return the start, and at most two random states q, v (n,) near it that satisfy the constraints, with speeds of order one."""
     mechanism = evaluator.mechanism
     states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]

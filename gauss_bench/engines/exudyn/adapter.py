@@ -23,8 +23,8 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn import across_releases
-from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
-from gauss_bench.engines.exudyn.items import System, reason_to_refuse
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, solve_kkt, verify
+from gauss_bench.engines.exudyn.items import System, explain_refusal
 from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite, finite_acceleration
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import evaluator_of
@@ -68,7 +68,7 @@ class Exudyn(LibraryEngine, beside=__file__):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
-        reasons = (reason_to_refuse(mechanism, force) for force in mechanism.forces)
+        reasons = (explain_refusal(mechanism, force) for force in mechanism.forces)
         return next(filter(None, reasons), None)  # the reason for the first force that Exudyn cannot express
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -176,7 +176,7 @@ class ExudynModel:
 
     def _solve_kkt(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the KKT system at time t [s] and a state q, v (n,)."""
-        return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
+        return solve_kkt(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset the model to the start and divide the run into calls of SolveDynamic; Exudyn always takes the steps."""

@@ -50,7 +50,7 @@ from gauss_bench.trajectory import RunFailure, Status
 COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 
-def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
+def explain_refusal(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
     if factor := factor_of(force):  # share: fraction of a varying force that acts on a point that moves against the force
         if isinstance(force, PointForce) and factor.share != 1.0:
@@ -159,12 +159,12 @@ class System:
             self._add(
                 "ObjectConnectorCoordinate",
                 markerNumbers=[self._mark_angle(GROUND), self._mark_angle(driver.link)],
-                offsetUserFunction=self._offset(driver.law, 0, start),
-                offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
+                offsetUserFunction=self._make_offset(driver.law, 0, start),
+                offsetUserFunction_t=self._make_offset(driver.law, 1, 0.0),
             )
             return
         nodes = [self._add("MarkerNodeCoordinates", nodeNumber=self.nodes[point.link]) for point in span(driver)]
-        equation, jacobian = self._equation(driver)
+        equation, jacobian = self._make_equation(driver)
         self._add(
             "ObjectConnectorCoordinateVector",
             markerNumbers=nodes,
@@ -173,7 +173,7 @@ class System:
             jacobianUserFunction=jacobian,
         )
 
-    def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+    def _make_equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
         """Return the user functions of the constraint x(q) - law(t) = 0 and of its Jacobian.
 
         Exudyn calls each user function with one list of the coordinates of both links that the driver joins; the ground has none.
@@ -200,7 +200,7 @@ class System:
 
         return equation, jacobian
 
-    def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+    def _make_offset(self, law: MotionLaw, rate: int, start: float) -> Any:
         """Return a user function of time: the law's value (`rate` 0) or its first derivative (`rate` 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 

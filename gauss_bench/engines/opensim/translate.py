@@ -29,7 +29,7 @@ METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "Runge
 FAR = 1e9  # [rad, m] ends of a coordinate's range; by default the range ends after some turns
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+def explain_refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why OpenSim's elements cannot express a driver or a force, or None if they can."""
     if reason := undriven(mechanism, tree, "OpenSim", any_law=False):
         return reason
@@ -76,7 +76,7 @@ class Built:
         self.opensim = opensim
         self.model = opensim.Model()
         self.model.setUseVisualizer(False)
-        self.model.setGravity(self._vector(mechanism.gravity))
+        self.model.setGravity(self._make_vector(mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
         self.joint_coordinates: dict[int, Any] = {}
         self.elements: list[Any] = []
@@ -87,7 +87,7 @@ class Built:
             self.model.addBody(self.bodies[i])
         for branch in tree.branches:
             self._add_joint(branch)
-        self.pins = [(self._place(a), self._place(b)) for a, b in closing_pins(tree)]
+        self.pins = [(self._locate(a), self._locate(b)) for a, b in closing_pins(tree)]
         turns = turning(tree)
         for load in sort_loads(mechanism, tree):
             self._add_load(load, turns)
@@ -116,13 +116,13 @@ class Built:
 
         return measure_gaps(self.pins, place)
 
-    def _vector(self, x: Any) -> Any:
+    def _make_vector(self, x: Any) -> Any:
         """Return a vector (2,) of the plane as OpenSim's vector of space."""
         return self.opensim.Vec3(*spatial(x))
 
-    def _place(self, point: Point) -> tuple[Any, Any]:
+    def _locate(self, point: Point) -> tuple[Any, Any]:
         """Return the OpenSim body to which a point belongs, and the point in the body's frame."""
-        return self.bodies[point.link], self._vector(point.local)
+        return self.bodies[point.link], self._make_vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:
         """Add the joint of a branch of the tree (a link with its joint to the parent), and name the joint's coordinates."""
@@ -130,8 +130,8 @@ class Built:
         # angle [rad] of the x axis of both joint frames in the parent's frame: OpenSim slides along x of both
         direction = float(np.arctan2(b.axis[1], b.axis[0])) if b.kind == "prismatic" else 0.0
         # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
-        near = self.bodies[b.parent], self._vector(b.parent_anchor + b.base), opensim.Vec3(0, 0, direction)
-        far = self.bodies[b.link], self._vector(b.anchor), opensim.Vec3(0, 0, direction - b.turn)
+        near = self.bodies[b.parent], self._make_vector(b.parent_anchor + b.base), opensim.Vec3(0, 0, direction)
+        far = self.bodies[b.link], self._make_vector(b.anchor), opensim.Vec3(0, 0, direction - b.turn)
         kinds = {"prismatic": opensim.SliderJoint, "revolute": opensim.PinJoint, "free": opensim.PlanarJoint}
         joint = kinds[b.kind](f"joint{b.at}", *near, *far)
         if b.kind == "free":
@@ -173,7 +173,7 @@ class Built:
             case OtherLoad(_, Law() as law):
                 k, c, rest, bias, distance = law.k, law.c, law.rest, law.bias, law.coordinate
                 assert isinstance(distance, Distance)  # `skip` refuses laws along other coordinates
-                (body_a, point_a), (body_b, point_b) = self._place(distance.a), self._place(distance.b)
+                (body_a, point_a), (body_b, point_b) = self._locate(distance.a), self._locate(distance.b)
                 if c or bias:
                     # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
                     text = f"{float(k)!r}*(d-({float(rest)!r}))+{float(c)!r}*ddot-({float(bias)!r})"

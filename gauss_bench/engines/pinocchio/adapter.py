@@ -96,14 +96,14 @@ class PinocchioModel(OwnSteps, TreeModel):
         gains = NO_GAINS  # Baumgarte's Kp [1/s^2] and Kd [1/s]
         if choice.stabilization == "baumgarte":
             gains = float(self.options["baumgarte_Kp_per_s2"]), float(self.options["baumgarte_Kd_per_s"])
-        self.stabilized = self._dynamics(gains)
+        self.stabilized = self._make_dynamics(gains)
 
     @cached_property
     def plain(self) -> ConstrainedDynamics:
         """The dynamics that are reported, without Baumgarte's terms."""
-        return self._dynamics(NO_GAINS)
+        return self._make_dynamics(NO_GAINS)
 
-    def _dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
+    def _make_dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
         """Return Pinocchio's dynamics with Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         kind = CompiledDynamics if is_compiled(self.choice.settings) else ConstrainedDynamics
         return kind(self.body, self.forces, self.options, gains)
