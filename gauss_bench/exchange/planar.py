@@ -215,7 +215,7 @@ class Flattened:
         centres = [self.to_link(link, b.com) for b in bodies]
         com = centres[0]  # exactly, without the rounding of a mean, if there is one body
         if len(bodies) > 1:
-            com = sum(b.mass * x for b, x in zip(bodies, centres, strict=True)) / mass
+            com = sum(b.mass * centre for b, centre in zip(bodies, centres, strict=True)) / mass
         inertia = 0.0
         for body, centre in zip(bodies, centres, strict=True):  # parallel axis theorem
             inertia += float(normal @ body.inertia @ normal) + body.mass * abs(centre - com) ** 2
@@ -338,7 +338,7 @@ class Flattened:
             return []
         a, b, sign = self._find_angle(name, {k: weight for k, weight in joints.items() if weight and k not in self.locked})
         tables: list[Table] = []
-        joint = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
+        joint = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None  # name of the only hinge; None for a sum
         if law.c > 0 and not law.k and joint is not None:
             tables.append({"type": "joint_damping", "joint": joint, "c": law.c})
         elif law.k or law.c:

@@ -45,7 +45,7 @@ def python_comment(lines: Iterable[str]) -> str:
 
 def toml_string(text: str) -> str:
     """Return the text as a basic string of TOML, in which characters that cannot be printed are escaped by their numbers."""
-    plain = text.encode("utf-8", errors="replace").decode("utf-8")
+    plain = text.encode("utf-8", errors="replace").decode("utf-8")  # lone surrogates, which UTF-8 cannot hold, become "?"
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 

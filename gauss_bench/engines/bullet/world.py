@@ -121,7 +121,7 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     carry a free link: two slides without mass and a hinge.
     """
     angles = turning(tree).constants  # (links + 1,) [rad] these constant angles; the ground's is the last, at index -1
-    carriers = {GROUND: 0}  # link -> number of the joint that carries the link
+    carriers = {GROUND: 0}  # link -> number, counted from 1, of the joint that carries the link; 0 is the base
     origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:

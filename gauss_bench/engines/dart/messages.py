@@ -26,7 +26,7 @@ class Messages:
         self.file = tempfile.TemporaryFile()
         self.saved = [os.dup(stream) for stream in STREAMS]  # duplicates of the descriptors
         for stream in STREAMS:
-            os.dup2(self.file.fileno(), stream)
+            os.dup2(self.file.fileno(), stream)  # from here on, the output of this process goes to the file
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:

@@ -228,6 +228,7 @@ class ExudynModel:
         step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
+            """Store the sample that is due after this step, if there is one; True lets Exudyn continue."""
             nonlocal step
             step += 1
             if step in due:

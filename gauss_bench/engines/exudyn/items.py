@@ -52,7 +52,7 @@ COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 def explain_refusal(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
-    if factor := factor_of(force):  # share: fraction of a varying force that acts on a point that moves against the force
+    if factor := factor_of(force):  # its `share` is the fraction of the force that acts if the point moves against the force
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):

@@ -64,8 +64,8 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
     ground = mbs.AddObject(items.ObjectGround())
     ends = []
     for k, bar in enumerate(PAIR):
-        place, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
-        node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
+        pose, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=pose, initialVelocities=speed))
         body = mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody2D, bar.mass, bar.inertia, node))
         weigh(mbs, items, body)
         pins = [mark(mbs, items.MarkerBodyPosition, *end) for end in ((ground, bar.at), (body, -bar.centre))]
@@ -83,17 +83,17 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
     ground = mbs.AddObject(items.ObjectGround())
     bodies: list[Any] = []
     for k, bar in enumerate(FOUR_BAR):
-        place, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
-        node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=place, initialVelocities=speed))
+        pose, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=pose, initialVelocities=speed))
         moments = [bar.inertia] * 3 + [0.0] * 3  # equal about all axes
         bodies.append(mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody, bar.mass, moments, node)))
         weigh(mbs, items, bodies[k])
-        parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
-        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, at), (bodies[k], -bar.centre))]
+        parent, place = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
+        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, place), (bodies[k], -bar.centre))]
         mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
     ends = [mark(mbs, items.MarkerBodyRigid, bodies[k], FOUR_BAR[k].length - FOUR_BAR[k].centre) for k in (1, 2)]  # rod, rocker
     mbs.AddObject(getattr(items, closure)(markerNumbers=ends, constrainedAxes=SPATIAL[closure]))
-    return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
+    return [6 * k + axis for k in range(len(FOUR_BAR)) for axis in (0, 1, 5)]
 
 
 def in_space(x: Array) -> list[float]:

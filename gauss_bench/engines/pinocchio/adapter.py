@@ -156,13 +156,13 @@ class PinocchioModel(OwnSteps, TreeModel):
             self._check_constraints(trajectory)
         return trajectory
 
-    def _check_constraints(self, x: Trajectory) -> None:
+    def _check_constraints(self, trajectory: Trajectory) -> None:
         """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma."""
-        rows = self.evaluator.constraints(x.t, x.q, x.v)
+        rows = self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
         # (k,) largest residual of each sample, relative to its accelerations
-        residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)
-        residual /= np.maximum(1.0, np.abs(x.a).max(axis=1))
+        residual = np.abs(np.einsum("kij,kj->ki", rows.J, trajectory.a) - rows.gamma).max(axis=1, initial=0.0)
+        residual /= np.maximum(1.0, np.abs(trajectory.a).max(axis=1))
         if (residual > SOLVED).any():
             k = int(np.argmax(residual > SOLVED))
             text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {residual[k]:.1e} of their size"
-            raise RunFailure(Status.NOT_CONVERGED, text, x[:k])
+            raise RunFailure(Status.NOT_CONVERGED, text, trajectory[:k])

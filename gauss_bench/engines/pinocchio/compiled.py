@@ -44,7 +44,7 @@ ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkag
 def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
     """Return the reason why the compiled loop cannot run a mechanism with a setting, although Python can; None if it can."""
     if choice.stabilization == "projection":
-        return "Pinocchio's compiled loop has no projection: it is the suite's own"
+        return "Pinocchio's compiled loop has no projection, which is a part of the suite in Python"
     if mechanism.drivers:
         return "Pinocchio's compiled loop has no drivers"
     if options["algorithm"] == "lcaba":

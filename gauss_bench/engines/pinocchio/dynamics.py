@@ -103,7 +103,7 @@ class DrivingTorques:
         # (k, n) and (k,) for the k drivers: x = rows . y + origin for driven angles and slides; a length's row stays zero
         self.rows, self.origin = np.zeros((len(self.laws), forces.tree.n)), np.zeros(len(self.laws))
         self.lengths = [k for k, driver in enumerate(forces.drivers) if isinstance(driver, LengthDriver)]
-        others = [k for k in range(len(self.laws)) if k not in self.lengths]
+        others = [k for k in range(len(self.laws)) if k not in self.lengths]  # drivers of angles and slides
         self.rows[others], self.origin[others] = driven_rows(forces.weightless, forces.tree)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         R, _, _ = self._rows_at(0.0, y, dy)

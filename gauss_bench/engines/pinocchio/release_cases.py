@@ -119,9 +119,9 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> default value of ProximalSettings and of Baumgarte's gains, and Pinocchio's names -> "there".
+    """Return name -> default value, of ProximalSettings and of Baumgarte's gains.
 
-    The names are the public ones about constraints, contacts, dynamics or solvers.
+    Pinocchio's public names about constraints, contacts, dynamics or solvers are in it too, each with the value "there".
     """
     import pinocchio as pin
 
