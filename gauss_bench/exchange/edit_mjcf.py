@@ -33,6 +33,7 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     parser = expat.ParserCreate("UTF-8")
 
     def begin(name: str, _: dict[str, str]) -> None:
+        """Record the start tag at which the parser stands, with the path of its element."""
         open_elements.append(name)
         tag = TAG.match(content, parser.CurrentByteIndex)
         assert tag is not None  # the parser stands at the beginning of a start tag

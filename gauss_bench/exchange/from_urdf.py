@@ -154,7 +154,7 @@ class Robot(FileReader):
         parents = {parent for parent, _ in self.ends.values()}
         # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
         tips = [(self._list_chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
-        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]  # on two different links
+        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]  # ends on two different links
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 

@@ -130,7 +130,7 @@ class DrakeModel(TreeModel):
         return self.runners[key]
 
     def _get_stepper(self, size: float) -> Stepper:
-        """Return the plant with steps of `size` [s], or the continuous one if it is 0, that is evaluated at given states."""
+        """Return the plant for evaluations at given states, with steps of `size` [s], or continuous if `size` is 0."""
         if size not in self.steppers:
             self.steppers[size] = Stepper(self._build(size, self.closure))
         return self.steppers[size]

@@ -44,7 +44,8 @@ class Stepper:
         rates = [dy]  # dy at the beginning, and after each step
         for _ in range(steps):
             self.context.SetDiscreteState(self.built.plant.EvalUniquePeriodicDiscreteUpdate(self.context))
-            rates.append(self.built.state(self.context)[1])
+            _, rate = self.built.state(self.context)
+            rates.append(rate)
         return (rates[-2] - rates[-3]) / self.length, (rates[-1] - rates[-2]) / self.length
 
 
