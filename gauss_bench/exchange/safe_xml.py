@@ -11,7 +11,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100  # largest file, most elements, deepest nesting
-NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: a picture of 4096 by 4096 has as many
+NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: as many as a picture of 4096 by 4096 has
 COUNTS = (  # attributes of one element; MuJoCo allocates as many numbers as the product of their values
     "nrow ncol",
     "width height",

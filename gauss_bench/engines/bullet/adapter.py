@@ -131,7 +131,7 @@ class JointModel(TreeModel):
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
         self.laws = {joint: driver.law for joint, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         open_tree = self._make_world(UNDAMPED, closed=False)
-        open_tree.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
+        open_tree.set_step(1.0)  # the open tree's velocities change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops, and Bullet's accelerations of the open tree, at t = 0 and a tree state y, dy (n,)."""

@@ -72,7 +72,7 @@ class World:
         self._call(self.pybullet.changeDynamics, body, -1, maxJointVelocity=FASTEST)
 
     def _close(self, a: tuple[int, int], b: tuple[int, int], point_a: Sequence[float], point_b: Sequence[float]) -> None:
-        """Make a point of link a coincide with a point of link b.
+        """Make a point of the link `a` coincide with a point of the link `b`.
 
         Args:
             a, b: Bullet's index of the body, and index of the link in this body, for each of the two links.

@@ -61,7 +61,7 @@ class World:
                 joint.setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
         self.world.addSkeleton(self.skeleton)
         self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in self.coordinates.values()])
-        # the ground is none of the bodies: `get` returns None for it
+        # `get` returns None for the ground, which is not in `bodies`
         ends = [[(bodies.get(point.link), np.array(spatial(point.local))) for point in pin] for pin in closing_pins(self.tree)]
         self.pins = [(a, b) for a, b in ends]
         self.bodies = [bodies[i] for i in range(len(mechanism.links))]

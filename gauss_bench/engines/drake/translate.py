@@ -146,7 +146,7 @@ class Built:
         self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
         self.frames = 0
         for i, link in enumerate(mechanism.links):
-            # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
+            # only the last moment of inertia acts; Drake refuses moments that no body can have, and accepts three equal ones
             self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
         self.joints = {b.at: self._add_joint(b) for b in tree.branches}
         self.dampings = {b.at: np.zeros(len(b.coordinates)) for b in tree.branches}

@@ -85,7 +85,7 @@ class System:
         container: owner of the system, which must live as long as the system.
         mbs: Exudyn's system.
         bodies, nodes: link -> Exudyn's number of its body and of its node.
-        last: time [s] from which on varying forces keep their value, so that a jump at the end of a run does not act in the run.
+        last: time [s] after which varying forces keep their value, so that a jump at the end of a stretch does not act in it.
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):

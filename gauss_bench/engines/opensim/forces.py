@@ -47,7 +47,7 @@ class JointForces:
         self.on_bodies = [x.load for x in sort_loads(mechanism, tree) if isinstance(x, OtherLoad)]
         self.driven = drivers_by_coordinate(mechanism, tree)
         self.subtrees = {b.link: [b.link] for b in tree.branches}
-        for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
+        for b in reversed(tree.branches):  # a child's list is complete before it is added to its parent's
             if b.parent != GROUND:
                 self.subtrees[b.parent] += self.subtrees[b.link]
 

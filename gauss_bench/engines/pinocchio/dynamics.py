@@ -156,8 +156,9 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    A joint's column of Pinocchio's world Jacobian is the velocity at the world's origin, [u, w], and the angular speed omega, of
-    the body of all links beyond the joint at unit rate. The centre of mass of such a link, at [x, y], has the velocity
+    The links beyond a joint that alone moves, at unit rate, form one body. In Pinocchio's world Jacobian, the column of this joint
+    holds the body's velocity at the world's origin, [u, w], and its angular speed omega. The centre of mass of a link of the body,
+    at [x, y], has the velocity
 
         [u - omega y, w + omega x]
 
