@@ -120,7 +120,7 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     frame in Bullet. Points are turned by this angle here, because a quaternion in Bullet would round it. Three joints in a row
     carry a free link: two slides without mass and a hinge.
     """
-    angles = turning(tree).constants  # (links + 1,) [rad] these constant angles; the ground's is the last, at index -1
+    angles = turning(tree).constants  # (links + 1,) [rad], these constant angles; the ground's is the last, at index -1
     carriers = {GROUND: 0}  # link -> number, counted from 1, of the joint that carries the link; 0 is the base
     origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
