@@ -141,9 +141,7 @@ class PinocchioModel(OwnSteps, TreeModel):
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
         except np.linalg.LinAlgError as error:
-            raise RunFailure(
-                Status.NAN, f"t = {t:.6g} s: the state is not finite and cannot be projected; a smaller step may help"
-            ) from error
+            raise RunFailure(Status.NAN, f"t = {t:.6g} s: the state is not finite; a smaller step may help") from error
 
     def read(self) -> Trajectory:
         """Return the samples, with a note that names the forces that Python evaluates in every step.
