@@ -126,7 +126,7 @@ class Spatial(FileReader):
         closures: for each closure its name and the two points that it keeps together.
         welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
-        forces: forces.
+        forces: springs, dampers, motors and other forces.
         dropped: phrases that name the parts of the file that an import leaves out.
         how_to_close: part of a message that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
