@@ -264,7 +264,7 @@ class Reader(FileReader):
         constant = float(m.actuator_gainprm[k][0]) * u + b0
         if m.actuator_forcelimited[k] and not (b1 or b2):
             constant = float(np.clip(constant, *m.actuator_forcerange[k]))
-        # at a site, gear[:3] is a vector: its length is the gear, and `_push` uses its direction
+        # at a site, gear[:3] is a vector: its length is the gear, and `_make_push` uses its direction
         gear, (target, reference) = m.actuator_gear[k], map(int, m.actuator_trnid[k])
         g = float(np.linalg.norm(gear[:3])) if transmission == "site" else float(gear[0])
         if b1:  # a servo is a spring whose rest makes the force along x zero: constant + b1 g x = 0

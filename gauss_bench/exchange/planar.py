@@ -418,8 +418,8 @@ class Flattened:
             raise self.refuse(force.name, "a force out of the plane")
         link, law = self.link_of[force.frame], force.law
         point, origin = self.add_point(force.point), None if force.origin is None else self.add_point(force.origin)
-        # `_turn` gives hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the
-        # body of the axis needs a torque against the moment of a force that depends on the motion.
+        # hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the body of the
+        # axis needs a torque against the moment of a force that depends on the motion.
         axis_hinges, point_hinges = self._relative_angle(WORLD, link), self._relative_angle(WORLD, self.link_of[force.point.body])
         turns_with = axis_hinges.items() <= point_hinges.items()
         if (law.k or law.c) and (origin is None or not turns_with):

@@ -258,7 +258,7 @@ class Built:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load that `load_refusal` accepts to the plant; store a load that enters through an input port."""
+        """Add the elements of a load without a refusal (`explain_load_refusal`) to the plant; store a load for an input port."""
         tree = self.drake.tree
         match load:
             case Steady():
