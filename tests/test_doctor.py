@@ -67,8 +67,8 @@ def test_what_is_built_once_is_there_or_not_yet_or_cannot_be(monkeypatch):
         "none": ("Pinocchio's compiled loop is not installed: there is no C++ compiler", "not built yet"),
     }
     for value, (missing, absent) in states.items():
-        monkeypatch.setattr(building, "missing", lambda missing=missing: missing)
-        monkeypatch.setattr(building, "absent", lambda absent=absent: absent)
+        monkeypatch.setattr(building, "explain_missing", lambda missing=missing: missing)
+        monkeypatch.setattr(building, "explain_absence", lambda absent=absent: absent)
         (found,) = room._check_builds([pinocchio])
         assert (found.name, found.value, found.status) == ("pinocchio, compiled", value, "ok" if value == "built" else "missing")
     assert "C++ compiler" in found.message

@@ -14,7 +14,7 @@ import gauss_bench
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.adapter import Drake
 from gauss_bench.engines.drake.stepping import LENGTHS, SETTLING, settled_acceleration
-from gauss_bench.engines.drake.translate import Closure, branch_of, least_mass, refusal
+from gauss_bench.engines.drake.translate import Closure, branch_of, explain_refusal, least_mass
 from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.linkage.load import load
 from gauss_bench.suites.read import FOLDER
@@ -67,7 +67,7 @@ def test_a_spring_between_points_beyond_drakes_is_refused_by_name(change, reason
     whole = everything()
     (stretch,) = (f for f in whole.forces if f.name == "stretch")
     alone = replace(whole, forces=(replace(stretch, **change),))
-    assert refusal(alone, spanning_tree(alone)) == reason
+    assert explain_refusal(alone, spanning_tree(alone)) == reason
 
 
 def test_only_discrete_plants_have_constraints():

@@ -7,7 +7,7 @@ import pytest
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn.accelerations import Readout, verify
-from gauss_bench.engines.exudyn.adapter import Exudyn, library, simulation_settings
+from gauss_bench.engines.exudyn.adapter import Exudyn, load_library, make_settings
 from gauss_bench.engines.exudyn.items import System
 from gauss_bench.linkage.load import document_of, load, load_document
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -35,7 +35,7 @@ def with_forces(*names):
 
 def test_default_settings_are_the_shipped_ones():
     shipped = exu.SimulationSettings()
-    own = simulation_settings(library()[0], load("four_bar"), Choice("default", "generalized_alpha"))
+    own = make_settings(load_library()[0], load("four_bar"), Choice("default", "generalized_alpha"))
     own.timeIntegration.adaptiveStep = True  # the one deviation that the settings admit
     own.solution.file.write = True  # nothing but speed
     assert str(own) == str(shipped)
@@ -101,7 +101,7 @@ def test_every_kind_of_force_and_joint_is_exact():
 def test_each_force_alone_passes_and_its_absence_is_noticed(force):
     mechanism = with_forces(force)
     ENGINE.build(mechanism, Choice("tuned", INTEGRATORS[0]))  # compares all terms with the linkage's
-    bare = System(*library(), replace(mechanism, forces=()))
+    bare = System(*load_library(), replace(mechanism, forces=()))
     with pytest.raises(RunFailure, match="applied forces") as caught:
         verify(bare, Readout(bare), Evaluator(mechanism))
     assert caught.value.status is Status.ERROR
@@ -114,7 +114,7 @@ def test_a_missing_joint_or_a_wrong_mass_is_noticed():
         (replace(mechanism, joints=mechanism.joints[1:]), "degrees of freedom"),
         (replace(mechanism, links=(heavy, *mechanism.links[1:]), gravity=np.zeros(2)), "mass matrix"),
     ):
-        system = System(*library(), replace(wrong, dof=mechanism.dof))
+        system = System(*load_library(), replace(wrong, dof=mechanism.dof))
         with pytest.raises(RunFailure, match=words):
             verify(system, Readout(system), Evaluator(replace(mechanism, gravity=wrong.gravity)))
 

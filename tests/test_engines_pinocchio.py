@@ -132,7 +132,7 @@ SEARCHED = exhaustive(["crank_slider", "five_bar", "jansen", "eight_bar", "every
 def built(monkeypatch):
     """The loop of the user's own cache: no test builds it."""
     monkeypatch.setenv("XDG_CACHE_HOME", os.environ[USERS_CACHE])
-    if reason := building.missing() or building.absent():
+    if reason := building.explain_missing() or building.explain_absence():
         pytest.skip(reason)
 
 
@@ -184,7 +184,7 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(building, "NEEDED", {})  # headers
     building._describe_compiler.cache_clear()
-    compiled._library.cache_clear()  # another test of this process may have loaded the user's
+    compiled._load_library.cache_clear()  # another test of this process may have loaded the user's
     return tmp_path
 
 
@@ -202,7 +202,7 @@ target = sys.argv[sys.argv.index("-o") + 1]
     program.write_text(text)
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr(building, "prefix", lambda: folder)
+    monkeypatch.setattr(building, "find_prefix", lambda: folder)
     return folder / "calls"
 
 
@@ -224,7 +224,7 @@ def test_a_loop_is_built_once_with_generic_alignment_and_bounded_memory(own_cach
     (arguments,) = calls.read_text().splitlines()
     assert "-march" not in arguments
     assert f"-Wl,-rpath,{own_cache / 'lib'}" in arguments
-    assert building.loop_library() == f"library of {3 << 30}".encode()
+    assert building.load_loop() == f"library of {3 << 30}".encode()
     assert not ENGINE.unbuilt(COMPILED)
 
 
@@ -235,10 +235,10 @@ def test_another_source_flag_or_compiler_is_another_loop(own_cache, monkeypatch)
     source.write_text("// another")
     others = {"FLAGS": (*building.FLAGS, "-g"), "SOURCE": source, "_describe_compiler": lambda program: "stand-in 2"}
     for name, other in others.items():
-        assert not building.absent()
+        assert not building.explain_absence()
         with monkeypatch.context() as patch:
             patch.setattr(building, name, other)
-            assert building.absent()
+            assert building.explain_absence()
 
 
 @pytest.mark.parametrize(("body", "said"), [('sys.exit("no such header")', "no such header"), ("time.sleep(60)", "did not finish")])
@@ -248,13 +248,13 @@ def test_a_build_that_fails_leaves_nothing(body, said, own_cache, monkeypatch):
     with pytest.raises(RunFailure, match=said):
         building.build_loop()
     assert [x.suffix for x in user_cache.folder().iterdir()] == [".lock"]
-    assert building.absent()
+    assert building.explain_absence()
 
 
 def test_without_a_compiler_or_headers_a_run_is_skipped_with_the_reason(monkeypatch, tmp_path):
     choice = Choice(COMPILED, "rk4")
-    for program, root, reason in ((None, building.prefix(), "no C++ compiler"), ("c++", tmp_path, "headers")):
-        monkeypatch.setattr(building, "compiler", lambda program=program: program)
-        monkeypatch.setattr(building, "prefix", lambda root=root: root)
+    for program, root, reason in ((None, building.find_prefix(), "no C++ compiler"), ("c++", tmp_path, "headers")):
+        monkeypatch.setattr(building, "find_compiler", lambda program=program: program)
+        monkeypatch.setattr(building, "find_prefix", lambda root=root: root)
         assert reason in str(ENGINE.skip(load("four_bar"), choice))
     assert ENGINE.skip(load("four_bar"), Choice("default", "rk4")) is None

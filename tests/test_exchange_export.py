@@ -22,7 +22,7 @@ from gauss_bench.engines import get
 from gauss_bench.engines.transcript import python
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import KINDS, OWNED, export_linkage
-from gauss_bench.exchange.text import C_WORDS, c_comment, c_string, identifiers, python_comment, toml_string, xml_comment
+from gauss_bench.exchange.text import C_WORDS, c_comment, c_string, make_identifiers, python_comment, toml_string, xml_comment
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.model import Revolute
 from tests.alone import BLOCKED, c_alone, needs_kind, python_alone, rows_of
@@ -213,7 +213,7 @@ ANY_TEXT = st.text(max_size=60) | st.sampled_from(HOSTILE)
 @pytest.mark.long
 @given(st.lists(ANY_TEXT, max_size=8, unique=True))
 def test_identifiers_are_unique_and_valid(names):
-    found = identifiers([*names, "while", "int"], C_WORDS)
+    found = make_identifiers([*names, "while", "int"], C_WORDS)
     assert len(set(found.values())) == len({*names, "while", "int"})
     for x in found.values():
         assert re.fullmatch("[A-Za-z][A-Za-z0-9_]*", x)

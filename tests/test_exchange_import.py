@@ -15,7 +15,7 @@ from gauss_bench.engines.mujoco.compiled import DoesNotCompile, compile_document
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.from_mjcf import from_mjcf
 from gauss_bench.exchange.imports import import_file
-from gauss_bench.exchange.planar import pair, plane_of
+from gauss_bench.exchange.planar import find_plane, pair
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.linkage.load import load_document
 from tests.conftest import DATA
@@ -40,7 +40,7 @@ def acceleration(mechanism):
 
 def flat_motion(text, back, file, rigid):
     """Return places (links, 2), velocities and accelerations (links, 3) of MuJoCo's bodies at the start, in the plane."""
-    plane, model = plane_of(from_mjcf(read_xml(file), file)), mujoco.MjModel.from_xml_string(text)
+    plane, model = find_plane(from_mjcf(read_xml(file), file)), mujoco.MjModel.from_xml_string(text)
     if rigid:
         model.opt.tolerance, model.opt.iterations = 0.0, 5
         model.eq_solimp[:] = [0.9999, 0.9999, 0.001, 0.5, 2.0]

@@ -11,7 +11,7 @@ import pytest
 import gauss_bench
 from gauss_bench.cli import main
 from gauss_bench.exchange.imports import import_file
-from gauss_bench.exchange.own_model import own_linkage
+from gauss_bench.exchange.own_model import read_own_linkage
 from gauss_bench.exchange.unused import list_names
 from tests.conftest import DATA, needs
 
@@ -114,7 +114,7 @@ def test_many_long_names_make_no_long_sentence():
 def test_a_file_that_is_stepped_as_it_stands_keeps_its_settings(tmp_path):
     """A diagnosis or tuning of a user's file steps it with the file's own solver, so it lists no settings as left out."""
     edited(LEG, {}, tmp_path)
-    remarks = own_linkage(tmp_path / "model.xml", "leg").flattened.remarks
+    remarks = read_own_linkage(tmp_path / "model.xml", "leg").flattened.remarks
     assert any("contacts of 4" in x for x in remarks)
     assert not any("<option>" in x or "soft closures" in x for x in remarks)
 

@@ -14,7 +14,7 @@ from gauss_bench.engines.tree import spanning_tree
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.export import export_linkage
 from gauss_bench.exchange.imports import import_file
-from gauss_bench.exchange.own_model import ENGINE, own_linkage, setting_text
+from gauss_bench.exchange.own_model import ENGINE, read_own_linkage, setting_text
 from gauss_bench.linkage.load import built_in, load, load_document
 from gauss_bench.mechanism.forces import AppliedForces
 from gauss_bench.mechanism.model import PointForce, Torque
@@ -136,7 +136,7 @@ def test_ctrl_changes_qacc_as_the_motor_of_the_linkage_does(name, scenario, tmp_
 def test_an_exported_file_as_it_stands_accelerates_as_the_linkage_with_its_motor(tmp_path):
     mechanism, file = load("four_bar", "torque"), tmp_path / "model.xml"
     file.write_text(export_linkage(mechanism, "mujoco", 1e-3).text, encoding="utf-8")
-    own = load_document(own_linkage(file, "own").document)
+    own = load_document(read_own_linkage(file, "own").document)
     found = get(ENGINE).build(own, Choice(setting_text(file, {}), "", "none", 1e-3)).acceleration(0.0, own.q0, own.v0)
     wanted = get("gauss").build(mechanism, Choice()).acceleration(0.0, mechanism.q0, mechanism.v0)
     assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()  # closures are soft

@@ -22,7 +22,7 @@ from gauss_bench.bench.ways import Run, Way, loop_of, request_of, sample
 from gauss_bench.cli import main
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice, Variant
-from gauss_bench.exchange.export import snippet
+from gauss_bench.exchange.export import write_snippet
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.reach import Trial
@@ -233,7 +233,7 @@ def test_a_pasted_program_moves_as_the_engine_was_judged(case, tmp_path):
     mechanism, end, adaptive = load(linkage, scenario), 0.1, integrator in offer(engine).adaptive
     choice = Choice(settings, integrator, stabilization, 0.01 if adaptive else size, size if adaptive else None)
     file = tmp_path / "pasted.py"
-    file.write_text(snippet(mechanism, mechanism.name, engine, choice, end))
+    file.write_text(write_snippet(mechanism, mechanism.name, engine, choice, end, ()))
     _, rows = rows_of(python_alone(file, end, choice.step))
     model = get(engine).build(mechanism, choice)
     model.prepare(rows[:, 0])
@@ -265,7 +265,7 @@ def test_the_program_of_an_engine_with_a_tolerance_starts(name, tmp_path):
     environment = installed(tmp_path, ADAPTIVE, ("ode",))
     for engine, integrator in (("gauss", "dop853"), ("ode", "ode")):
         program = tmp_path / f"run-{engine}.py"
-        program.write_text(snippet(load(name), name, engine, Choice("default", integrator, "none", 0.01, 1e-7), 0.05))
+        program.write_text(write_snippet(load(name), name, engine, Choice("default", integrator, "none", 0.01, 1e-7), 0.05, ()))
         command = [sys.executable, str(program)]
         ended = subprocess.run(command, cwd="/", env=environment, capture_output=True, text=True, timeout=300, check=False)
         assert ended.returncode == 0, ended.stderr

@@ -12,7 +12,7 @@ from gauss_bench.api.in_worker import answer_in_worker
 from gauss_bench.engines.mujoco.own_model import acts_beside_loops, settings_as_they_stand
 from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.exchange.imports import FORMS, import_file
-from gauss_bench.exchange.own_model import own_linkage
+from gauss_bench.exchange.own_model import read_own_linkage
 from gauss_bench.exchange.safe_xml import read_xml
 from gauss_bench.linkage.load import load_document
 from gauss_bench.mechanism.model import Mechanism
@@ -73,7 +73,7 @@ def read_as_plain_data(file: str, close: list[str]) -> dict[str, Any]:
         imported = import_file(path, name, close)
         document, left_out = tomllib.loads(imported.text), imported.left_out
         return {"document": document, "kind": kind, "settings": {}, "key": 0, "left_out": left_out}
-    linkage, settings = own_linkage(path, name), settings_as_they_stand(str(path))
+    linkage, settings = read_own_linkage(path, name), settings_as_they_stand(str(path))
     left_out = tuple(linkage.flattened.remarks)
     return {"document": linkage.document, "kind": kind, "settings": settings, "key": linkage.key, "left_out": left_out}
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from gauss_bench.api.in_worker import answer_plainly, read_answer
 from gauss_bench.engines.base import Choice
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import WRITERS, holds, snippet, with_head
+from gauss_bench.exchange.export import WRITERS, add_head, can_export, write_snippet
 from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
@@ -37,10 +37,10 @@ def write_program(call: Call, linkage: str, mechanism: Mechanism, engine: str, c
     """
     if engine in WRITERS:
         arguments = (mechanism, linkage, engine, choice, mechanism.duration, remarks)
-        return str(read_answer(call(answer_plainly, (snippet, *arguments)), linkage))
+        return str(read_answer(call(answer_plainly, (write_snippet, *arguments)), linkage))
     if writes_programs(engine):
-        return with_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
-    return snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
+        return add_head(mechanism, read_program(engine, call(program_there, (engine, mechanism, choice))), remarks)
+    return write_snippet(mechanism, linkage, engine, choice, mechanism.duration, remarks)
 
 
 class Wanted(NamedTuple):
@@ -73,7 +73,7 @@ def programs(wanted: Sequence[tuple[Any, ...]]) -> Mapping[tuple[Any, ...], str]
     written: dict[tuple[Any, ...], str] = {}
     with Worker() as worker:
         for x in sorted(map(Wanted._make, wanted), key=lambda x: x.engine):  # in this order each engine starts only once
-            if not holds(x.engine, x.integrator, x.stabilization):
+            if not can_export(x.engine, x.integrator, x.stabilization):
                 continue
             call = partial(worker.under(interpreter_of(x.engine)).call, limit=LIMIT)
             remarks = (f"The error of this setting over {x.until:g} s is in the report that shows this program.",)

@@ -21,7 +21,7 @@ from gauss_bench.engines import COMPILED, DERIVED, ELSEWHERE, FOREIGN, OWN, SAFE
 from gauss_bench.engines.authors import candidates_of, read_settings
 from gauss_bench.engines.base import Variant
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.export import holds
+from gauss_bench.exchange.export import can_export
 from gauss_bench.linkage.load import built_in, find, load
 from gauss_bench.reach import BY_AUTHORS, UNITS
 from gauss_bench.runs.offers import ChoiceError, Offer, check_budget, duration, offers
@@ -221,7 +221,7 @@ def variants(engine: Offer, settings: str | None = None) -> list[Variant]:
     else:
         tried = space(engine)
     # no variant is advised for which `export` cannot write a program
-    tried = [x for x in tried if holds(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
+    tried = [x for x in tried if can_export(engine.name, x.integrator, x.stabilization, str(x.options.get("code", "")))]
 
     def rank(x: Variant) -> tuple[int, bool]:
         """Return the key by which variants are sorted: the place in the engine's own order, if there is one.

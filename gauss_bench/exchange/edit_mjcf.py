@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 from gauss_bench.exchange.errors import ExchangeError
 
 TAG = re.compile(rb"""<(?:"[^"]*"|'[^']*'|[^"'>])*+>""")  # a ">" within quotes does not end the tag
-ATTRIBUTE = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # an attribute and its value within a start tag
+ATTRIBUTE = re.compile(rb"""\s([\w.:-]+)\s*=\s*("[^"]*"|'[^']*')""")  # in a start tag: (1) name of an attribute, (2) its value
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ def list_tags(content: bytes, file: str) -> list[Tag]:
     parser = expat.ParserCreate("UTF-8")
 
     def begin(name: str, _: dict[str, str]) -> None:
+        """Record the start tag at which the parser stands, with the path of its element."""
         open_elements.append(name)
         tag = TAG.match(content, parser.CurrentByteIndex)
         assert tag is not None  # the parser stands at the beginning of a start tag
@@ -52,12 +53,13 @@ def set_attributes(content: bytes, tag: Tag, values: Mapping[str, str]) -> bytes
     """Return the text of a start tag with attributes set to values; attributes that the tag lacks are added at its end."""
     text = content[tag.begin : tag.end]
     for name, value in values.items():
-        found = next((x for x in ATTRIBUTE.finditer(text) if x[1] == name.encode()), None)
-        if found:
-            text = text[: found.start(2)] + quoteattr(value).encode() + text[found.end(2) :]
+        places = [x.span(2) for x in ATTRIBUTE.finditer(text) if x[1] == name.encode()]
+        if places:
+            begin, end = places[0]
+            text = text[:begin] + quoteattr(value).encode() + text[end:]
         else:
             end = len(text.removesuffix(b">").removesuffix(b"/").rstrip())  # before "/>" or ">" and white space
-            text = text[:end] + attributes({name: value}) + text[end:]
+            text = text[:end] + write_attributes({name: value}) + text[end:]
     return text
 
 
@@ -83,17 +85,17 @@ def write_settings(
     if option and options:
         texts[options[-1]] = set_attributes(content, options[-1], option)
     elif option:
-        inserted += b"\n  <option" + attributes(option) + b"/>"
+        inserted += b"\n  <option" + write_attributes(option) + b"/>"
     for tag in tags:
         if closures and tag.path in (f"{root.path}/equality/connect", f"{root.path}/equality/weld"):
             texts[tag] = set_attributes(content, tag, closures)
     if closures and by_default:
-        default = b"<equality" + attributes(closures) + b"/>"
-        own = next((tag for tag in tags if tag.path == f"{root.path}/default/equality"), None)
+        default = b"<equality" + write_attributes(closures) + b"/>"
+        equality = [tag for tag in tags if tag.path == f"{root.path}/default/equality"]
         # a <default/> without content cannot hold another element, so it is passed over; a document may have several <default>
         defaults = [x for x in tags if x.path == f"{root.path}/default" and not content[x.begin : x.end].endswith(b"/>")]
-        if own:
-            texts[own] = set_attributes(content, own, closures)
+        if equality:
+            texts[equality[0]] = set_attributes(content, equality[0], closures)
         elif defaults:
             texts[defaults[0]] = content[defaults[0].begin : defaults[0].end] + default
         else:
@@ -105,6 +107,6 @@ def write_settings(
     return content
 
 
-def attributes(values: Mapping[str, str]) -> bytes:
+def write_attributes(values: Mapping[str, str]) -> bytes:
     """Return attributes as they stand in a start tag, each after a space."""
     return "".join(f" {name}={quoteattr(value)}" for name, value in values.items()).encode()

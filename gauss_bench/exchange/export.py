@@ -1,4 +1,4 @@
-"""What all exports share: the kinds of files, the head of every file, and the list of parts that a file leaves out.
+"""The common parts of all exports: the kinds of files, the head of every file, and the list of parts that a file leaves out.
 
 A snippet is a program for users to copy, with a shorter head: it runs a linkage in an engine, by calls of the library or of
 this package.
@@ -28,6 +28,7 @@ class Kind:
         engine: engine of the suite whose model the file holds.
         settings, integrator, stabilization, tolerance: the setting of that engine in the file.
         what: the kind of file in words, such as "a Python script".
+        suffix: ending of the file's name, such as ".py".
     """
 
     writer: str
@@ -108,7 +109,7 @@ def list_left_out(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def write_head(mechanism: Mechanism, remarks: tuple[str, ...], warning: str, left_out: tuple[str, ...]) -> list[str]:
-    """Return the sentences for the head of an exported file."""
+    """Return the sentences for the head of an exported file, with the `warning` first if there is one."""
     return [
         *([warning] if warning else []),
         f"Model of a closed-loop planar linkage, written by gauss-bench {__version__}.",
@@ -146,8 +147,8 @@ def write_model(writer: str, mechanism: Mechanism, choice: Choice, head: list[st
         raise ExchangeError(f"{refusal}: {in_a_sentence(failure)}") from failure
 
 
-def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
-    """Tell whether an exported program can use this integrator and stabilisation; `code` is how CasADi evaluates functions."""
+def can_export(engine: str, integrator: str, stabilization: str, code: str = "") -> bool:
+    """Tell whether an exported program can use this integrator and stabilisation; `code` is the value of CasADi's option."""
     if engine == "pinocchio":  # the suite's own projection is not a part of scripts
         return stabilization != "projection"
     if engine == "casadi":  # a script integrates by CVODES, or in CasADi's virtual machine, and never as compiled C
@@ -155,7 +156,7 @@ def holds(engine: str, integrator: str, stabilization: str, code: str = "") -> b
     return True
 
 
-def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...] = ()) -> str:
+def write_snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, until: float, remarks: tuple[str, ...]) -> str:
     """Return a Python program that runs a linkage: by an engine's library alone if it is one of WRITERS, else by this package.
 
     Args:
@@ -170,14 +171,14 @@ def snippet(mechanism: Mechanism, linkage: str, engine: str, choice: Choice, unt
         variables = {"linkage": linkage, "engine": engine, "until": until}
         return write_program("gauss_bench.py.jinja", mechanism, choice, list(remarks), **variables)
     refusal, reason = f"{mechanism.source}: no program for {engine}", unsteady(mechanism, "such a program")
-    return write_model(f"to_{engine}", mechanism, choice, snippet_head(mechanism, remarks), refusal, reason)
+    return write_model(f"to_{engine}", mechanism, choice, write_snippet_head(mechanism, remarks), refusal, reason)
 
 
-def snippet_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
+def write_snippet_head(mechanism: Mechanism, remarks: tuple[str, ...]) -> list[str]:
     """Return the sentences on the linkage for the comment at the beginning of a program that uses an engine's library."""
     return [f"Linkage {mechanism.name}, scenario {mechanism.scenario}. Units are SI.", *remarks, OWNED]
 
 
-def with_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
-    """Return a Python program that an engine wrote, preceded by the same comment that begins the programs of `snippet`."""
-    return f"{python_comment(snippet_head(mechanism, remarks))}\n{program}"
+def add_head(mechanism: Mechanism, program: str, remarks: tuple[str, ...]) -> str:
+    """Return a Python program that an engine wrote, below the comment with which programs of `write_snippet` begin."""
+    return f"{python_comment(write_snippet_head(mechanism, remarks))}\n{program}"

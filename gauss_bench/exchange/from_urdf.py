@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.exchange.errors import FileReader
 from gauss_bench.exchange.safe_xml import describe
-from gauss_bench.exchange.spatial import WORLD, Acting, Body, Joint, OnJoints, Spatial, Spot, Straight
+from gauss_bench.exchange.spatial import WORLD, Body, Force, Joint, LinearLaw, OnJoints, Spatial, Spot
 from gauss_bench.exchange.unused import list_ignored, list_names
 from gauss_bench.terms import Array
 
@@ -42,8 +42,8 @@ class Robot(FileReader):
         for node in root.iter():
             if ":" in str(node.tag) or "{" in str(node.tag):
                 raise self.refuse(describe(node), "is no URDF; expand xacro first")
-        self.links, self.joints = self._table("link"), self._table("joint")
-        self.ends = {name: (self._end(joint, "parent"), self._end(joint, "child")) for name, joint in self.joints.items()}
+        self.links, self.joints = self._read_table("link"), self._read_table("joint")
+        self.ends = {name: (self._read_end(joint, "parent"), self._read_end(joint, "child")) for name, joint in self.joints.items()}
         self.joint_to: dict[str, str] = {}
         for name, (_, child) in self.ends.items():
             if child in self.joint_to:
@@ -59,7 +59,7 @@ class Robot(FileReader):
             raise self.refuse("<robot>", f"link {min({*self.links} - {*order})!r} hangs on itself")
         self.index = {name: k for k, name in enumerate(order)}
 
-    def _table(self, tag: str) -> dict[str, Element]:
+    def _read_table(self, tag: str) -> dict[str, Element]:
         """Return name -> element of all elements with a tag."""
         elements: dict[str, Element] = {}
         for node in self.root.findall(tag):
@@ -69,7 +69,7 @@ class Robot(FileReader):
             elements[name] = node
         return elements
 
-    def _end(self, joint: Element, which: str) -> str:
+    def _read_end(self, joint: Element, which: str) -> str:
         """Return the name of a joint's link; `which` is "parent" or "child"."""
         node = joint.find(which)
         link = "" if node is None else node.get("link", "")
@@ -77,53 +77,54 @@ class Robot(FileReader):
             raise self.refuse(describe(joint), f"its {which} {link!r} is no link")
         return link
 
-    def numbers(self, node: Element | None, key: str, usual: Sequence[float]) -> Array:
-        """Return the numbers of an attribute, as many as `usual` has, or `usual` if the element or the attribute is missing."""
+    def read_numbers(self, node: Element | None, key: str, default: Sequence[float]) -> Array:
+        """Return the numbers of an attribute, as many as `default` has, or `default` if the element or the attribute is missing."""
         text = None if node is None else node.get(key)
         if node is None or text is None:
-            return np.array(usual, dtype=float)
+            return np.array(default, dtype=float)
         try:
             parsed = np.array([float(x) for x in text.split()])
         except ValueError as error:
             raise self.refuse(describe(node), f"{key}={text!r}: no numbers") from error
-        if len(parsed) != len(usual) or not np.isfinite(parsed).all():
-            wanted = "a finite number is" if len(usual) == 1 else f"{len(usual)} finite numbers are"
+        if len(parsed) != len(default) or not np.isfinite(parsed).all():
+            wanted = "a finite number is" if len(default) == 1 else f"{len(default)} finite numbers are"
             raise self.refuse(describe(node), f"{key}={text!r}: {wanted} wanted")
         return parsed
 
-    def number(self, node: Element | None, key: str) -> float:
+    def read_number(self, node: Element | None, key: str) -> float:
         """Return the value of an attribute with one number, or 0 if the element or the attribute is missing."""
-        return float(self.numbers(node, key, (0,))[0])
+        return float(self.read_numbers(node, key, (0,))[0])
 
-    def origin(self, node: Element | None) -> tuple[Array, Array]:
+    def read_origin(self, node: Element | None) -> tuple[Array, Array]:
         """Return the shift (3,) [m] and rotation (3, 3) of the <origin> in an element; zero and no rotation if it is missing."""
         origin, turn = None if node is None else node.find("origin"), np.eye(3)
         # roll about x, pitch about y and yaw about z, in this order; each turns the other two axes i and j. The rotation matrices
         # are written out because rounding in quaternions would tilt the axis of a rotation about x, y or z.
-        for angle, (i, j) in zip(self.numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
+        for angle, (i, j) in zip(self.read_numbers(origin, "rpy", (0, 0, 0)), ((1, 2), (2, 0), (0, 1)), strict=True):
             rotation = np.eye(3)
             rotation[i, i] = rotation[j, j] = np.cos(angle)
             rotation[i, j], rotation[j, i] = -np.sin(angle), np.sin(angle)
             turn = rotation @ turn
-        return self.numbers(origin, "xyz", (0, 0, 0)), turn
+        return self.read_numbers(origin, "xyz", (0, 0, 0)), turn
 
-    def spatial(self, close: Sequence[str]) -> Spatial:
+    def read(self, close: Sequence[str]) -> Spatial:
         """Return the mechanism in space, whose world is the root link; `close` has closures LINK.FRAME=LINK.FRAME of its loops."""
-        bodies, joints, acting, dropped = list[Body](), list[Joint](), list[Acting](), self._list_ignored()
-        for name, k in self.index.items():  # link -> index of its body; parents precede their children
+        bodies, joints, forces, dropped = list[Body](), list[Joint](), list[Force](), self._list_ignored()
+        for name, k in self.index.items():  # parents precede their children
             if name not in self.joint_to:
-                bodies.append(self._body(name, WORLD, np.zeros(3), np.eye(3)))
+                bodies.append(self._read_body(name, WORLD, np.zeros(3), np.eye(3)))
                 continue
-            node, parent = self.joints[self.joint_to[name]], self.index[self.ends[self.joint_to[name]][0]]
-            shift, rotation = self.origin(node)
+            joint_name = self.joint_to[name]
+            parent_name, _ = self.ends[joint_name]
+            node, parent = self.joints[joint_name], self.index[parent_name]
+            shift, rotation = self.read_origin(node)
             place, turn = bodies[parent].origin + bodies[parent].turn @ shift, bodies[parent].turn @ rotation
-            joint = self._joint(node, k, place, turn)
+            joint = self._read_joint(node, k, place, turn)
             if joint is not None:  # None for a fixed joint
                 joints.append(joint)
-                damping = self.number(node.find("dynamics"), "damping")
-                if damping:
-                    acting.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, Straight(c=damping)))
-            bodies.append(self._body(name, parent, place, turn))
+                if damping := self.read_number(node.find("dynamics"), "damping"):
+                    forces.append(OnJoints(f"damping_{joint.name}", {len(joints) - 1: 1.0}, LinearLaw(c=damping)))
+            bodies.append(self._read_body(name, parent, place, turn))
         if bodies[WORLD].mass:
             dropped.append(f"the mass of {bodies[WORLD].name}, which is the ground")
         return Spatial(
@@ -131,9 +132,9 @@ class Robot(FileReader):
             tuple(bodies),
             tuple(joints),
             np.array(GRAVITY),
-            closures=tuple(self._closure(text, bodies) for text in close),
+            closures=tuple(self._read_closure(text, bodies) for text in close),
             spots=tuple(Spot(name, k, bodies[k].origin) for name, k in self.index.items() if not bodies[k].mass and k != WORLD),
-            acting=tuple(acting),
+            forces=tuple(forces),
             dropped=tuple(dropped),
             how_to_close="" if close else self._describe_closing(bodies),
         )
@@ -152,8 +153,8 @@ class Robot(FileReader):
         """Return how --close closes a loop, with an example if the tree has ends on two different links."""
         parents = {parent for parent, _ in self.ends.values()}
         # the ends of the tree, each as (moving link, frame): the frame is fixed to the link, or is the link itself
-        tips = [(self._chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
-        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]
+        tips = [(self._list_chain(name)[-1], name) for name in self.index if name not in parents and name in self.joint_to]
+        pairs = [(a, b) for a, b in combinations(tips, 2) if a[0] != b[0]]  # ends on two different links
         if not pairs:
             return "--close LINK.FRAME=LINK.FRAME closes a loop, where FRAME is a link fixed to LINK, a joint at it, or LINK itself"
 
@@ -166,7 +167,7 @@ class Robot(FileReader):
         a, b = (f"{link}.{frame}" for link, frame in min(pairs, key=rank))
         return f"--close LINK.FRAME=LINK.FRAME closes a loop, for example --close {a}={b}"
 
-    def _chain(self, frame: str) -> list[str]:
+    def _list_chain(self, frame: str) -> list[str]:
         """Return the link `frame`, the link to which it is fixed, and so on up to a link that moves or is the root."""
         chain, joint = [frame], self.joint_to.get(frame)
         while joint is not None and self.joints[joint].get("type") == "fixed":
@@ -174,20 +175,20 @@ class Robot(FileReader):
             joint = self.joint_to.get(chain[-1])
         return chain
 
-    def _body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
+    def _read_body(self, name: str, parent: int, place: Array, turn: Array) -> Body:
         """Return the body of a link; `place` (3,) [m] and `turn` (3, 3) are position and rotation of the link's frame."""
         node = self.links[name].find("inertial")
-        shift, rotation = self.origin(node)
-        mass = self.number(None if node is None else node.find("mass"), "value")
+        shift, rotation = self.read_origin(node)
+        mass = self.read_number(None if node is None else node.find("mass"), "value")
         if mass < 0:
             raise self.refuse(describe(self.links[name]), "a negative mass")
         inertia_node = None if node is None else node.find("inertia")
-        xx, xy, xz, yy, yz, zz = (self.number(inertia_node, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        xx, xy, xz, yy, yz, zz = (self.read_number(inertia_node, key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])  # in the axes of <inertial>
         axes = turn @ rotation
         return Body(name, parent, place, turn, mass, place + turn @ shift, axes @ inertia @ axes.T)
 
-    def _joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
+    def _read_joint(self, node: Element, k: int, place: Array, turn: Array) -> Joint | None:
         """Return the joint that a <joint> element describes, or None if it is a fixed joint.
 
         It moves body k, whose frame has the position `place` (3,) [m] and the rotation `turn` (3, 3).
@@ -199,15 +200,15 @@ class Robot(FileReader):
             raise self.refuse(describe(node), f"type {kind!r}: only {', '.join(KINDS)} joints move in a plane")
         if not KINDS[kind]:
             return None
-        axis = turn @ self.numbers(node.find("axis"), "xyz", (1, 0, 0))
+        axis = turn @ self.read_numbers(node.find("axis"), "xyz", (1, 0, 0))
         if not np.linalg.norm(axis) > 0:
             raise self.refuse(describe(node), "an axis without direction")
-        if self.number(node.find("dynamics"), "friction"):
+        if self.read_number(node.find("dynamics"), "friction"):
             reason = "joint friction that does not depend on the load; in a linkage it is proportional to the joint's load"
             raise self.refuse(describe(node), reason)
         return Joint(name, KINDS[kind], k, place, axis / np.linalg.norm(axis))
 
-    def _closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:
+    def _read_closure(self, text: str, bodies: list[Body]) -> tuple[str, Spot, Spot]:
         """Return the name and the two points of a closure that a user gives as LINK.FRAME=LINK.FRAME."""
         ends = text.split("=")
         if len(ends) != 2:
@@ -220,7 +221,7 @@ class Robot(FileReader):
         parts = end.split(".")
         for k in range(1, len(parts)):  # names may contain dots, so try every dot as the one between link and frame
             link, frame = ".".join(parts[:k]), ".".join(parts[k:])
-            if link in self.index and link in self._chain(frame):
+            if link in self.index and link in self._list_chain(frame):
                 return Spot(frame, self.index[link], bodies[self.index[frame]].origin)
             if link in self.ends.get(frame, ()):  # a joint is at the origin of its child
                 return Spot(frame, self.index[link], bodies[self.index[self.ends[frame][1]]].origin)

@@ -57,10 +57,10 @@ def import_file(path: Path, name: str, close: Sequence[str] = ()) -> Imported:
         raise ExchangeError(f"{path}: <{root.tag}>: neither MJCF (<mujoco>) nor URDF (<robot>)")
     if close and kind == "MJCF":
         raise ExchangeError(f"{path}: --close is for URDF; MJCF closes its loops by connect and weld")
-    spatial = Robot(root, str(path)).spatial(close) if kind == "URDF" else from_mjcf(root, path)
-    title = root.get({"MJCF": "model", "URDF": "name"}[kind]) or path.stem
+    spatial = Robot(root, str(path)).read(close) if kind == "URDF" else from_mjcf(root, path)
+    title = root.get("model" if kind == "MJCF" else "name") or path.stem
     try:
-        document, left_out = Flattened(spatial).document(name, f"{title}, from {kind}")
+        document, left_out = Flattened(spatial).write_document(name, f"{title}, from {kind}")
         note = describe_open_tree(spatial, document["expect"]["dof"])
         head = [
             f"From the {kind} file {path.name}, by gauss-bench {__version__}. This file is yours, without conditions.",

@@ -14,7 +14,7 @@ from gauss_bench.engines.mujoco.adapter import Mujoco
 from gauss_bench.engines.mujoco.compiled import compile_file
 from gauss_bench.engines.mujoco.own_model import INTEGRATORS, OwnModelRun, Seen
 from gauss_bench.exchange.errors import ExchangeError
-from gauss_bench.exchange.from_mjcf import compiled_reader
+from gauss_bench.exchange.from_mjcf import make_reader
 from gauss_bench.exchange.planar import Flattened
 from gauss_bench.exchange.safe_xml import read_xml, refuse_bulk
 from gauss_bench.mechanism.model import Mechanism
@@ -46,19 +46,19 @@ def splice_includes(root: Element, path: Path, folder: Path, seen: set[Path]) ->
 
 
 def locate_links(flattened: Flattened, mechanism: Mechanism) -> Seen:
-    """Return how the poses of a mechanism's links follow from the state of MuJoCo's model, from which it was made."""
+    """Return how the poses of a mechanism's links follow from the state of the MuJoCo model from which the mechanism was made."""
     spatial, plane = flattened.spatial, flattened.plane
     # angles of the links = angles when all joint coordinates are zero + turns @ joint coordinates; a slide has a column of zeros
     turns = np.zeros((len(flattened.links), len(spatial.joints)))
     places = []  # centres of mass of the links, each (3,) in the frame of the link's first body [m]
     for row, (link, built) in enumerate(zip(flattened.links, mechanism.links, strict=True)):
         body = spatial.bodies[link]
-        offset = flattened.to_plane(link, complex(*built.com)) - plane.flat(body.origin)  # x + i y in the plane
+        offset = flattened.to_plane(link, complex(*built.com)) - plane.project(body.origin)  # x + i y in the plane
         places.append(body.turn.T @ (offset.real * plane.x + offset.imag * plane.y))  # `body.turn` is a rotation matrix
-        for k, sign in flattened.hinges_under(link):
+        for k, sign in flattened.list_hinges(link):
             turns[row, k] += sign
     refs = np.array([joint.ref for joint in spatial.joints])  # joint coordinates in the configuration of the file
-    at_refs = np.array([flattened.frames[link][1] for link in flattened.links])
+    at_refs = np.array([flattened.frames[link][1] for link in flattened.links])  # angles of the links in this configuration
     axes = np.array([plane.x, plane.y, plane.normal])
     return Seen(tuple(flattened.links), locals=np.array(places), plane=axes, angles=at_refs - turns @ refs, turns=turns)
 
@@ -78,7 +78,7 @@ class OwnLinkage:
     key: int
 
 
-def own_linkage(path: Path, name: str) -> OwnLinkage:
+def read_own_linkage(path: Path, name: str) -> OwnLinkage:
     """Read an MJCF file as the linkage `name`.
 
     Raises:
@@ -87,9 +87,9 @@ def own_linkage(path: Path, name: str) -> OwnLinkage:
     """
     root = splice_includes(read_xml(path), path, path.parent, {path.resolve()})
     refuse_bulk(root, path)
-    reader = compiled_reader(lambda: compile_file(path), path)
-    flattened = Flattened(reader.spatial())
-    document, _ = flattened.document(name, f"{root.get('model') or path.stem}, from MJCF")
+    reader = make_reader(lambda: compile_file(path), path)
+    flattened = Flattened(reader.read())
+    document, _ = flattened.write_document(name, f"{root.get('model') or path.stem}, from MJCF")
     return OwnLinkage(document, flattened, reader.key)
 
 
@@ -118,6 +118,6 @@ class OwnModel:
         """Return MuJoCo's model of the file that `choice.settings` names, with the changed options and the step of the choice."""
         settings = json.loads(choice.settings)  # as `setting_text` writes them
         path = Path(settings["model"])
-        linkage = own_linkage(path, "model")
+        linkage = read_own_linkage(path, "model")
         changes = settings["changes"] | {"timestep": choice.step}
         return OwnModelRun(path, locate_links(linkage.flattened, mechanism), linkage.key, changes, choice)

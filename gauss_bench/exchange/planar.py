@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.exchange.spatial import WORLD, Acting, Between, Body, Joint, OnJoints, Push, Spatial, Spot, Straight
-from gauss_bench.exchange.text import unique
+from gauss_bench.exchange.spatial import WORLD, Between, Body, Force, Joint, LinearLaw, OnJoints, Push, Spatial, Spot
+from gauss_bench.exchange.text import make_unique
 from gauss_bench.linkage.build import build_mechanism
 from gauss_bench.linkage.closure import close_joints, null_space
 from gauss_bench.linkage.schema import FORMAT
@@ -43,7 +43,7 @@ class Plane:
     y: Array
     normal: Array
 
-    def flat(self, place: Array) -> complex:
+    def project(self, place: Array) -> complex:
         """Return the projection of a vector (3,) onto the plane, as x + i y."""
         return complex(place @ self.x, place @ self.y)
 
@@ -88,12 +88,12 @@ class Move:
 
 
 def pair(x: complex) -> list[float]:
-    """Return a point or vector as [x, y]."""
+    """Return a point or vector x + i y as [x, y]."""
     return [float(x.real), float(x.imag)]
 
 
 class Flattened:
-    """A mechanism in space, projected into its plane; its methods raise ExchangeError for what a linkage cannot have.
+    """A mechanism in space, projected into its plane; its methods raise ExchangeError for a part that a linkage cannot have.
 
     Bodies and joints are given by their indices in the mechanism, and a link by the index of its first body.
 
@@ -113,9 +113,9 @@ class Flattened:
     """
 
     def __init__(self, spatial: Spatial):
-        """Find the plane and the links, and move the bodies to the start; points, joints and forces are added by `document`."""
+        """Find the plane and the links, and move the bodies to the start; `write_document` adds points, joints and forces."""
         self.spatial, self.remarks, self.refuse = spatial, list(spatial.dropped), spatial.refuse
-        self.plane = plane_of(spatial)
+        self.plane = find_plane(spatial)
         self.extent = max(float(np.linalg.norm(j.anchor - spatial.bodies[j.body].com)) for j in spatial.joints) or 1.0
         self.joints_of: dict[int, list[int]] = {}
         for k, joint in enumerate(spatial.joints):
@@ -128,8 +128,8 @@ class Flattened:
         self.links = [link for link in self.members if link != WORLD]
         self.names = {WORLD: "ground"}
         for link in self.links:
-            self.names[link] = name_part(spatial.bodies[link].name, self.names.values())
-        self.frames = {link: self._frame(link) for link in self.members}
+            self.names[link] = make_name(spatial.bodies[link].name, self.names.values())
+        self.frames = {link: self._find_frame(link) for link in self.members}
         self.points: dict[int, dict[str, complex]] = {link: {} for link in self.members}
         self.joint_names: dict[int, str] = {}
         self.locked: set[int] = set()
@@ -148,8 +148,8 @@ class Flattened:
         moves, bodies = [Move()], self.spatial.bodies
         for k, body in enumerate(bodies[1:], 1):
             move = moves[body.parent]
-            for joint in self._joints_at(k):
-                move = move.follow(joint, self.plane.flat(joint.axis), self.plane.flat(joint.anchor), self.sign(joint))
+            for joint in self._list_joints(k):
+                move = move.follow(joint, self.plane.project(joint.axis), self.plane.project(joint.anchor), self.sign(joint))
             moves.append(move)
         for a, b in self.spatial.welds:
             shift = abs(moves[a].shift - moves[b].shift)
@@ -157,7 +157,7 @@ class Flattened:
                 raise self.refuse(f"weld of {bodies[a].name} and {bodies[b].name}", "does not hold at the start")
         return moves
 
-    def _joints_at(self, body: int) -> list[Joint]:
+    def _list_joints(self, body: int) -> list[Joint]:
         """Return the joints that move a body relative to its parent, in order."""
         return [self.spatial.joints[k] for k in self.joints_of.get(body, [])]
 
@@ -167,42 +167,43 @@ class Flattened:
 
     # links
 
-    def _frame(self, link: int) -> tuple[complex, float]:
+    def _find_frame(self, link: int) -> tuple[complex, float]:
         """Return origin and angle [rad] of a link's frame: the angle of the first axis of its body that lies in the plane, or 0."""
         if link == WORLD:
             return 0j, 0.0
         body = self.spatial.bodies[link]
-        in_plane = [self.plane.flat(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
-        return self.plane.flat(body.origin), phase(in_plane[0]) if in_plane else 0.0
+        in_plane = [self.plane.project(axis) for axis in body.turn.T if abs(axis @ self.plane.normal) < FLAT]
+        return self.plane.project(body.origin), phase(in_plane[0]) if in_plane else 0.0
 
     def to_link(self, link: int, place: Array) -> complex:
         """Return the point `place` (3,) of the world, in the file's configuration, as x + i y in the frame of a link."""
         origin, angle = self.frames[link]
-        return (self.plane.flat(place) - origin) * rect(1.0, -angle)
+        return (self.plane.project(place) - origin) * rect(1.0, -angle)
 
     def to_plane(self, link: int, local: complex) -> complex:
         """Return the position in the plane, at the file's configuration, of a point given in the frame of a link."""
         origin, angle = self.frames[link]
         return origin + rect(1.0, angle) * local
 
-    def point(self, spot: Spot, is_new: bool = False) -> str:
+    def add_point(self, spot: Spot, is_new: bool = False) -> str:
         """Add a point to a link and return its name LINK.POINT.
 
         If the link has a point at the same place, that point's name is returned, unless `is_new` asks for a further point.
         """
         link = self.link_of[spot.body]
         place, points, owner = self.to_link(link, spot.place), self.points[link], self.names[link]
-        for key, x in points.items():
-            if not is_new and abs(x - place) <= SAME * max(1.0, self.extent):
+        for key, existing in points.items():
+            if not is_new and abs(existing - place) <= SAME * max(1.0, self.extent):
                 return f"{owner}.{key}"
         wanted = spot.name
-        for prefix in {f"{self.spatial.bodies[spot.body].name}.", f"{owner}."}:  # the link's name is written before it anyway
-            wanted = wanted.removeprefix(prefix)
-        key = name_part(wanted, points)
+        # the link's name is written before the point's name anyway; `fromkeys` leaves out a repetition
+        for prefix in dict.fromkeys([self.spatial.bodies[spot.body].name, owner]):
+            wanted = wanted.removeprefix(f"{prefix}.")
+        key = make_name(wanted, points)
         points[key] = place
         return f"{owner}.{key}"
 
-    def _link(self, link: int) -> Table:
+    def _write_link(self, link: int) -> Table:
         """Return the table of a link in the linkage file: points, bars, and mass, centre of mass and inertia of all its bodies.
 
         The inertia includes the armatures (rotor inertias of motors) of the hinges that move the link.
@@ -214,11 +215,11 @@ class Flattened:
         centres = [self.to_link(link, b.com) for b in bodies]
         com = centres[0]  # exactly, without the rounding of a mean, if there is one body
         if len(bodies) > 1:
-            com = sum(b.mass * x for b, x in zip(bodies, centres, strict=True)) / mass
+            com = sum(b.mass * centre for b, centre in zip(bodies, centres, strict=True)) / mass
         inertia = 0.0
         for body, centre in zip(bodies, centres, strict=True):  # parallel axis theorem
             inertia += float(normal @ body.inertia @ normal) + body.mass * abs(centre - com) ** 2
-        inertia += sum(self._armature(j) for j in self.spatial.joints if self.link_of[j.body] == link)
+        inertia += sum(self._check_armature(j) for j in self.spatial.joints if self.link_of[j.body] == link)
         if not inertia > 0:
             raise self.refuse(f"body {bodies[0].name}", "has no moment of inertia about the plane's normal")
         table: Table = {"points": {key: pair(x) for key, x in points.items()}}
@@ -229,19 +230,20 @@ class Flattened:
             table["bars"] = [[a, b] for a, b in pairwise(ends)]
         return table | {"mass": mass, "com": pair(com), "inertia": inertia}
 
-    def _armature(self, joint: Joint) -> float:
+    def _check_armature(self, joint: Joint) -> float:
         """Return a joint's armature [kg m^2], which is added to the moment of inertia of the link that the joint moves.
 
         An armature between two moving links resists their relative motion, so it cannot be added to the inertia of one link.
         """
-        grounded = self.link_of[self.spatial.bodies[joint.body].parent] == WORLD
-        if joint.armature and not (joint.kind == "hinge" and grounded and len(self.joints_of[joint.body]) == 1):
+        parent, joints = self.spatial.bodies[joint.body].parent, self.joints_of[joint.body]
+        is_hinge_on_ground = joint.kind == "hinge" and self.link_of[parent] == WORLD and len(joints) == 1
+        if joint.armature and not is_hinge_on_ground:
             raise self.refuse(f"joint {joint.name}", "only the armature of a hinge on the ground can be added to a link")
         return joint.armature
 
     # joints
 
-    def _joints(self) -> dict[str, Table]:
+    def _write_joints(self) -> dict[str, Table]:
         """Return the linkage file's tables of joints and closures, by name; also fill `joint_names` and `locked`."""
         tables: dict[str, Table] = {}
         for k in range(len(self.spatial.bodies)):
@@ -251,7 +253,7 @@ class Flattened:
                 self.remarks.append(f"closure {name}, whose bodies are one link")
                 continue
             self._check_closure(name, a, b)
-            tables[name_part(name, tables)] = {"type": "revolute", "at": [self.point(a), self.point(b)]}
+            tables[make_name(name, tables)] = {"type": "revolute", "at": [self.add_point(a), self.add_point(b)]}
         return tables
 
     def _add_joint(self, k: int, tables: dict[str, Table]) -> None:
@@ -259,7 +261,7 @@ class Flattened:
 
         No joint is needed if a weld makes both bodies one link (the joints are then `locked`), or if body k is free in the plane.
         """
-        body, joints = self.spatial.bodies[k], self._joints_at(k)
+        body, joints = self.spatial.bodies[k], self._list_joints(k)
         if joints and self.link_of[body.parent] == self.link_of[k]:
             self.remarks += [f"joint {joint.name}, which a weld holds" for joint in joints]
             self.locked |= {*self.joints_of[k]}
@@ -270,14 +272,14 @@ class Flattened:
         if len(joints) > 1:
             reason = f"has the joints {' and '.join(kinds)}, which a linkage can have only with a link between them"
             raise self.refuse(f"body {body.name}", reason)
-        for joint in joints:
-            name = name_part(joint.name, tables)
+        for joint in joints:  # one, or none if the body is fixed to its parent
+            name = make_name(joint.name, tables)
             self.joint_names[self.joints_of[k][0]] = name
-            ends = [self.point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on parent and child
+            ends = [self.add_point(Spot(name, end, joint.anchor)) for end in (body.parent, k)]  # the joint's point on both
             if joint.kind == "hinge":
                 tables[name] = {"type": "revolute", "at": ends}
             else:  # the parent is the guide, body k the block: the angle of the slide's axis in the frame of each of their links
-                theta = phase(self.plane.flat(joint.axis))
+                theta = phase(self.plane.project(joint.axis))
                 guide, block = (theta - self.frames[self.link_of[end]][1] for end in (body.parent, k))
                 tables[name] = {"type": "prismatic", "guide": ends[0], "block": ends[1], "angle": guide, "block_angle": block}
 
@@ -286,7 +288,7 @@ class Flattened:
         if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
             raise self.refuse(f"closure {name}", "its points lie in different planes and can never meet")
         move_a, move_b = self.moves[a.body], self.moves[b.body]
-        at_a, at_b = self.plane.flat(a.place), self.plane.flat(b.place)
+        at_a, at_b = self.plane.project(a.place), self.plane.project(b.place)
         gap = abs(move_a.place(at_a) - move_b.place(at_b))
         if gap > OPEN * self.extent:
             self.remarks.append(f"closure {name} was open by {gap:.3g} m at the start; the linkage is assembled with it closed")
@@ -297,52 +299,54 @@ class Flattened:
 
     # forces
 
-    def _forces(self) -> dict[str, Table]:
+    def _write_forces(self) -> dict[str, Table]:
         """Return the linkage file's tables of all forces, by name; one force of the model file may become several tables."""
         tables: dict[str, Table] = {}
-        for acting in self.spatial.acting:
-            for table in self._force(acting):
-                tables[name_part(acting.name, tables)] = table  # a name that no other table has
+        for force in self.spatial.forces:
+            for table in self._write_force(force):
+                tables[make_name(force.name, tables)] = table
         return tables
 
-    def _force(self, acting: Acting) -> list[Table]:
+    def _write_force(self, force: Force) -> list[Table]:
         """Return the tables of the linkage file that describe one force of the model file."""
-        match acting:
+        match force:
             case OnJoints(name, joints, law):
                 slides = [k for k in joints if self.spatial.joints[k].kind == "slide" and k not in self.locked]
                 if not slides:
-                    return self._on_angle(name, joints, law)
+                    return self._write_on_angle(name, joints, law)
                 if [*joints.values()] != [1.0]:  # anything but one slide alone, with the weight 1
                     raise self.refuse(name, "a sum of joints that contains a slide")
                 joint = self.joint_names.get(slides[0])  # None for a slide of a body that is free in the plane
                 if law.c > 0 and not (law.k or law.bias) and joint is not None:
                     return [{"type": "joint_damping", "joint": joint, "c": law.c}]
-                return self._on_slide(slides[0], law)  # a spring, a constant force, or a damper on a body free in the plane
+                # a spring, a constant force, or a damper on a body free in the plane
+                return self._write_on_slide(slides[0], law)
             case Between(name, a, b, law):
                 if law.bias and not law.k:
                     raise self.refuse(name, "a constant tension; a linkage has no such force")
                 if abs((a.place - b.place) @ self.plane.normal) > FLAT * self.extent:
                     raise self.refuse(name, "its ends lie in different planes")
                 rest = law.rest + (law.bias / law.k if law.k else 0.0)  # bias - k (x - rest) = -k (x - rest - bias / k)
-                ends = {"type": "spring_damper", "between": [self.point(a), self.point(b)]}
+                ends = {"type": "spring_damper", "between": [self.add_point(a), self.add_point(b)]}
                 return [ends | {"k": law.k, "c": law.c, "rest": rest}]
             case Push():
-                return self._push(acting)
+                return self._write_push(force)
 
-    def _on_angle(self, name: str, joints: dict[int, float], law: Straight) -> list[Table]:
+    def _write_on_angle(self, name: str, joints: dict[int, float], law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law on a weighted sum of hinge angles; none if welds lock all."""
         if self.locked.issuperset(joints):
             return []
         a, b, sign = self._find_angle(name, {k: weight for k, weight in joints.items() if weight and k not in self.locked})
         tables: list[Table] = []
-        joint = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None
+        joint = self.joint_names.get(next(iter(joints))) if len(joints) == 1 else None  # name of the only hinge; None for a sum
         if law.c > 0 and not law.k and joint is not None:
             tables.append({"type": "joint_damping", "joint": joint, "c": law.c})
         elif law.k or law.c:
-            refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # value of the sum in the file
+            at_refs = sum(weight * self.spatial.joints[k].ref for k, weight in joints.items())  # the sum, as the file has it
             links = [self.names[a], self.names[b]]
             # the angle of frame b relative to frame a, when the sum of hinges has the value law.rest
-            rest = self.frames[b][1] - self.frames[a][1] + sign * (law.rest - refs)
+            (_, angle_a), (_, angle_b) = self.frames[a], self.frames[b]
+            rest = angle_b - angle_a + sign * (law.rest - at_refs)
             tables.append({"type": "rotational_spring_damper", "links": links, "k": law.k, "c": law.c, "rest": rest})
         if law.bias or not tables:  # a motor without torque becomes a torque 0, so that the linkage file has a force of this name
             # the torque acts on b if the sum grows with theta_b, so that the torque's value has the sign of the motor's control
@@ -364,24 +368,24 @@ class Flattened:
             body = self.spatial.joints[next(iter(wanted))].body
             pairs.insert(0, (self.link_of[self.spatial.bodies[body].parent], self.link_of[body]))
         for a, b in pairs:
-            turn = self._turn(a, b)
+            turn = self._relative_angle(a, b)
             if turn in (wanted, opposite):
                 return a, b, 1.0 if turn == wanted else -1.0
         raise self.refuse(name, "a sum of joints that is not the angle between two links")
 
-    def _turn(self, a: int, b: int) -> dict[int, float]:
+    def _relative_angle(self, a: int, b: int) -> dict[int, float]:
         """Return the angle of link b relative to link a as a weighted sum of hinge angles: hinge -> +1 or -1.
 
         A hinge on the path from the world to a and also on that to b turns both links, so its angle cancels in the relative angle.
         """
         weights: dict[int, float] = {}
         for body, sign in ((b, 1.0), (a, -1.0)):
-            for k, turn in self.hinges_under(body):
+            for k, turn in self.list_hinges(body):
                 if k not in self.locked:
                     weights[k] = weights.get(k, 0.0) + sign * turn
         return {k: weight for k, weight in weights.items() if weight}
 
-    def hinges_under(self, body: int) -> Iterator[tuple[int, float]]:
+    def list_hinges(self, body: int) -> Iterator[tuple[int, float]]:
         """Yield the hinges between a body and the world, each with its sign.
 
         The sign is 1 if a growing joint coordinate turns the body from the x axis of the plane towards the y axis, else -1.
@@ -392,37 +396,38 @@ class Flattened:
                     yield k, self.sign(self.spatial.joints[k])
             body = self.spatial.bodies[body].parent
 
-    def _on_slide(self, k: int, law: Straight) -> list[Table]:
+    def _write_on_slide(self, k: int, law: LinearLaw) -> list[Table]:
         """Return the tables of the linkage file for a force law along slide k, between the slide's body and its parent body.
 
         The force acts at the anchor of the body's last joint, which is the hinge of a body that is free in the plane.
         """
         joint = self.spatial.joints[k]
-        parent, joints = self.spatial.bodies[joint.body].parent, self._joints_at(joint.body)
-        along = self.plane.flat(joint.axis)
+        parent, joints = self.spatial.bodies[joint.body].parent, self._list_joints(joint.body)
+        along = self.plane.project(joint.axis)
         for other in joints[:-1]:  # the last joint of a free body is its hinge
-            # the real part is the dot product of the two directions
-            if other is not joint and abs((along.conjugate() * self.plane.flat(other.axis)).real) > FLAT:
+            cosine = (along.conjugate() * self.plane.project(other.axis)).real  # dot product of the two directions
+            if other is not joint and abs(cosine) > FLAT:
                 raise self.refuse(f"joint {joint.name}", "a force along one of two slides that are not at right angles")
-        origin, point = (self.point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
+        origin, point = (self.add_point(Spot(joint.name, body, joints[-1].anchor)) for body in (parent, joint.body))
         # in the file's configuration both points coincide, while the joint coordinate is `ref`
-        return self._along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
+        return self._write_along(point, origin, self.link_of[parent], along, law, law.rest - joint.ref)
 
-    def _push(self, acting: Push) -> list[Table]:
-        """Return the tables of the linkage file for a force that acts at a point along a direction fixed in a body."""
-        if abs(acting.direction @ self.plane.normal) > FLAT:
-            raise self.refuse(acting.name, "a force out of the plane")
-        link, law = self.link_of[acting.frame], acting.law
-        point, origin = self.point(acting.point), None if acting.origin is None else self.point(acting.origin)
-        # whether every hinge that turns the axis also turns the body of the point: `_turn` gives hinge -> sign for both. Otherwise
-        # the body of the axis needs a torque against the moment of a force that depends on the motion.
-        turns_with = self._turn(WORLD, link).items() <= self._turn(WORLD, self.link_of[acting.point.body]).items()
+    def _write_push(self, force: Push) -> list[Table]:
+        """Return the tables of the linkage file for a force at a point, along a direction that is fixed in a body."""
+        if abs(force.direction @ self.plane.normal) > FLAT:
+            raise self.refuse(force.name, "a force out of the plane")
+        link, law = self.link_of[force.frame], force.law
+        point, origin = self.add_point(force.point), None if force.origin is None else self.add_point(force.origin)
+        # hinge -> sign, for the axis and for the body of the point. If a hinge turns the axis, but not this body, the body of the
+        # axis needs a torque against the moment of a force that depends on the motion.
+        axis_hinges, point_hinges = self._relative_angle(WORLD, link), self._relative_angle(WORLD, self.link_of[force.point.body])
+        turns_with = axis_hinges.items() <= point_hinges.items()
         if (law.k or law.c) and (origin is None or not turns_with):
             reason = "a servo along an axis of a moving body: a linkage has no force with its torque on that body"
-            raise self.refuse(acting.name, reason)
-        return self._along(point, origin, link, self.plane.flat(acting.direction), law, law.rest)
+            raise self.refuse(force.name, reason)
+        return self._write_along(point, origin, link, self.plane.project(force.direction), law, law.rest)
 
-    def _along(self, point: str, origin: str | None, link: int, along: complex, law: Straight, rest: float) -> list[Table]:
+    def _write_along(self, point: str, origin: str | None, link: int, along: complex, law: LinearLaw, rest: float) -> list[Table]:
         """Return the tables of the linkage file for a force law along an axis.
 
         A reaction on the ground is left out, because it moves nothing. A law whose numbers are all 0 becomes a constant force 0, so
@@ -448,16 +453,16 @@ class Flattened:
 
     # the document
 
-    def document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
+    def write_document(self, name: str, title: str) -> tuple[Table, tuple[str, ...]]:
         """Return the document of a planar linkage (the tables of its file), and phrases on parts that it leaves out or changes."""
         if not self.links:
             raise self.refuse("the model", "has no body that moves")
         for spot in self.spatial.spots:
-            self.point(spot, is_new=True)
-        joints, forces = self._joints(), self._forces()  # both add points to the links
+            self.add_point(spot, is_new=True)
+        joints, forces = self._write_joints(), self._write_forces()  # both add points to the links
         for link in self.links:
             self.points[link] = self.points[link] or {"O": 0j}  # every link needs a point
-        links = {self.names[link]: self._link(link) for link in self.links}
+        links = {self.names[link]: self._write_link(link) for link in self.links}
         gravity = self.spatial.gravity
         across = float(gravity @ self.plane.normal)
         if abs(across) > FLAT * max(1.0, float(np.linalg.norm(gravity))):
@@ -471,7 +476,7 @@ class Flattened:
             "format": FORMAT,
             "name": name,
             "title": title,
-            "gravity": pair(self.plane.flat(gravity)),
+            "gravity": pair(self.plane.project(gravity)),
             "ground": {"points": {key: pair(x) for key, x in self.points[WORLD].items()}},
             "links": links,
             "joints": joints,
@@ -479,14 +484,14 @@ class Flattened:
             "assembly": {"angles": angles, "sketch": places},
             "scenarios": {SCENARIO: {"duration": DURATION, "forces": list(forces)}},
         }
-        start, crank, dof = self._start(document)
-        document["scenarios"][SCENARIO]["start"] = start
+        document["scenarios"][SCENARIO]["start"], crank, dof = self._find_start(document)
         if crank:
             document["crank"] = crank
         document["expect"] = {"dof": dof}
-        return {key: x for key, x in document.items() if x not in ({}, {"points": {}})}, tuple(self.remarks)
+        document = {key: table for key, table in document.items() if table not in ({}, {"points": {}})}  # without empty tables
+        return document, tuple(self.remarks)
 
-    def _start(self, document: Table) -> tuple[Table, str | None, int]:
+    def _find_start(self, document: Table) -> tuple[Table, str | None, int]:
         """Return the table of the start, the name of the crank or None, and the number of degrees of freedom.
 
         The start prescribes as many coordinates as there are degrees of freedom: those that best determine all others. The crank
@@ -513,8 +518,8 @@ class Flattened:
         return start, crank, free.shape[1]
 
 
-def plane_of(spatial: Spatial) -> Plane:
-    """Return the plane that is normal to the axis of every hinge and parallel to every slide.
+def find_plane(spatial: Spatial) -> Plane:
+    """Return a plane that is normal to the axis of every hinge and parallel to every slide.
 
     Raises:
         ExchangeError: there is no plane in which all joints move.
@@ -547,9 +552,9 @@ def plane_of(spatial: Spatial) -> Plane:
     return Plane(x, y, np.cross(x, y))
 
 
-def name_part(wanted: str, taken: Collection[str]) -> str:
-    """Return `wanted` as a name of letters, digits and underscores; a number is added if `taken` has this name."""
-    return unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
+def make_name(wanted: str, taken: Collection[str]) -> str:
+    """Return `wanted` as a name of letters, digits and underscores, with a number at its end if `taken` contains the name."""
+    return make_unique(re.sub(r"[^A-Za-z0-9_]+", "_", wanted).strip("_") or "x", taken)
 
 
 def turns_on_ground(mechanism: Mechanism, link: str) -> bool:

@@ -11,7 +11,7 @@ from gauss_bench.exchange.errors import ExchangeError
 from gauss_bench.untrusted import read_bytes
 
 MAX_BYTES, ELEMENTS, DEEPEST = 4_194_304, 50_000, 100  # largest file, most elements, deepest nesting
-NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: a picture of 4096 by 4096 has as many
+NUMBERS = 1 << 24  # most numbers that MuJoCo may allocate for short attributes: as many as a picture of 4096 by 4096 has
 COUNTS = (  # attributes of one element; MuJoCo allocates as many numbers as the product of their values
     "nrow ncol",
     "width height",
@@ -49,7 +49,7 @@ def read_xml(path: Path) -> Element:
 
 
 def _inspect(content: bytes, path: Path) -> None:
-    """Raise ExchangeError with the line of what is refused; no tree is built, so that a hostile file costs no memory."""
+    """Raise ExchangeError, with the line number, for content that is refused. No tree is built: a hostile file takes no memory."""
     parser = expat.ParserCreate()
     elements = depth = 0
 
@@ -124,11 +124,11 @@ def _list_arrays(node: Element, elements: float) -> Iterator[tuple[list[str], fl
     """
     for keys in map(str.split, COUNTS):
         if any(key in node.attrib for key in keys):
-            yield keys, prod(_largest(node.get(key, "")) for key in keys)
+            yield keys, prod(_read_largest(node.get(key, "")) for key in keys)
     for key, value in node.items():
         if node.tag == "size" and key.startswith(("nuser", "nkey")):
             # <size nuser_body="3"> allocates three numbers for every body: the count of all elements bounds the count of bodies
-            yield [key], _largest(value) * elements
+            yield [key], _read_largest(value) * elements
 
 
 def _count_elements(root: Element, path: Path) -> float:
@@ -138,7 +138,7 @@ def _count_elements(root: Element, path: Path) -> float:
     while waiting:
         node, copies = waiting.pop()
         elements += copies
-        copies_inside = copies * (_largest(node.get("count", "")) if node.tag == "replicate" else 1.0)
+        copies_inside = copies * (_read_largest(node.get("count", "")) if node.tag == "replicate" else 1.0)
         if max(elements, copies_inside) > ELEMENTS:  # so that the message names the <replicate> and not its first child
             raise ExchangeError(f"{path}: {describe(node)}: more than {ELEMENTS} elements, copies counted, are not read")
         waiting += ((child, copies_inside) for child in reversed(node))  # `pop` then follows the order of the file
@@ -150,13 +150,13 @@ def _count_arena(key: str, value: str) -> float:
     if key == "memory":
         text = value.strip().upper()
         power = UNITS.find(text[-1]) + 1 if text else 0  # 0 if the text ends with no unit
-        return _largest(text[:-1] if power else text) * 1024.0**power / 8  # a number has 8 bytes
+        return _read_largest(text[:-1] if power else text) * 1024.0**power / 8  # a number has 8 bytes
     factor, power = ARENA[key]
-    return float(factor * _largest(value) ** power)
+    return float(factor * _read_largest(value) ** power)
 
 
-def _largest(text: str) -> float:
-    """Return the largest of the numbers in a text, or 1 if none is larger or the text has anything else, which MuJoCo refuses."""
+def _read_largest(text: str) -> float:
+    """Return the largest of the numbers in a text, but at least 1; 1 for a text with anything else, which MuJoCo refuses."""
     try:
         return max((x for x in map(float, text.split()) if x > 1), default=1.0)
     except ValueError:

@@ -20,8 +20,8 @@ PROGRAMS = Environment(
 PROGRAMS.filters |= {"python": python, "comment": python_comment, "c_comment": c_comment, "c_string": c_string}
 
 
-def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **own: Any) -> str:
-    """Return the text of a program, from a file in templates/; `own` are the variables that this template alone uses."""
+def write_program(template: str, mechanism: Mechanism, choice: Choice, head: list[str], **variables: Any) -> str:
+    """Return the text of a program, from a file in templates/; `variables` are those that this template alone uses."""
     common = {"mechanism": mechanism, "choice": choice, "head": head, "samples": SAMPLES, "laws": write_laws(mechanism)}
     common |= {"names": coordinates(mechanism), "rates": rates(mechanism), "title": TITLE, "plan": PLAN, "main": MAIN}
-    return PROGRAMS.get_template(template).render(**common, **own)
+    return PROGRAMS.get_template(template).render(**common, **variables)

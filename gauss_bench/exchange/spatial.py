@@ -66,7 +66,7 @@ class Spot:
 
 
 @dataclass(frozen=True, eq=False)
-class Straight:
+class LinearLaw:
     """The linear force law F = bias - k (x - rest) - c dx/dt along a coordinate x."""
 
     k: float = 0.0
@@ -77,26 +77,26 @@ class Straight:
 
 @dataclass(frozen=True, eq=False)
 class OnJoints:
-    """A force as a function of a weighted sum of joint coordinates; `joints` maps the index of a joint to its weight."""
+    """A force on a weighted sum of joint coordinates, by a law of this sum; `joints` maps the index of a joint to its weight."""
 
     name: str
     joints: dict[int, float]
-    law: Straight
+    law: LinearLaw
 
 
 @dataclass(frozen=True, eq=False)
 class Between:
-    """A force between two points, as a function of their distance."""
+    """A force between two points, by a law of their distance."""
 
     name: str
     a: Spot
     b: Spot
-    law: Straight
+    law: LinearLaw
 
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force at a point along a direction that is fixed in a body.
+    """A force at a point, along a direction that is fixed in a body.
 
     Attributes:
         frame: index of the body in which the direction is fixed.
@@ -109,11 +109,11 @@ class Push:
     point: Spot
     frame: int
     direction: Array
-    law: Straight
+    law: LinearLaw
     origin: Spot | None
 
 
-Acting = OnJoints | Between | Push
+Force = OnJoints | Between | Push
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,8 @@ class Spatial(FileReader):
         closures: for each closure its name and the two points that it keeps together.
         welds: pairs of indices of bodies that are rigidly connected.
         spots: named points of bodies.
-        acting: forces.
-        dropped: phrases that name parts of the file that are left out.
+        forces: springs, dampers, motors and other forces.
+        dropped: phrases that name the parts of the file that an import leaves out.
         how_to_close: part of a message that says how a user can close a loop by --close; empty if loops are closed in another way.
     """
 
@@ -138,6 +138,6 @@ class Spatial(FileReader):
     closures: tuple[tuple[str, Spot, Spot], ...] = ()
     welds: tuple[tuple[int, int], ...] = ()
     spots: tuple[Spot, ...] = ()
-    acting: tuple[Acting, ...] = ()
+    forces: tuple[Force, ...] = ()
     dropped: tuple[str, ...] = ()
     how_to_close: str = ""

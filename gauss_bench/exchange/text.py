@@ -45,11 +45,11 @@ def python_comment(lines: Iterable[str]) -> str:
 
 def toml_string(text: str) -> str:
     """Return the text as a basic string of TOML, in which characters that cannot be printed are escaped by their numbers."""
-    plain = text.encode("utf-8", errors="replace").decode("utf-8")
+    plain = text.encode("utf-8", errors="replace").decode("utf-8")  # lone surrogates, which UTF-8 cannot hold, become "?"
     return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in plain) + '"'
 
 
-def unique(base: str, taken: Collection[str]) -> str:
+def make_unique(base: str, taken: Collection[str]) -> str:
     """Return `base` or, if `base` is in `taken`, `base` with the smallest number from 2 on that makes it new."""
     name, number = base, 1
     while name in taken:
@@ -58,12 +58,12 @@ def unique(base: str, taken: Collection[str]) -> str:
     return name
 
 
-def identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
+def make_identifiers(names: Iterable[str], reserved: str) -> Mapping[str, str]:
     """Return name -> identifier that C and Python accept; no identifier occurs twice or among the words of the text `reserved`."""
     by_name: dict[str, str] = {}
     taken = set(reserved.split())
     for name in names:
         base = re.sub(r"[^A-Za-z0-9_]", "_", name)
-        by_name[name] = unique(base if re.match("[A-Za-z]", base) else f"n{base}", taken)
+        by_name[name] = make_unique(base if re.match("[A-Za-z]", base) else f"n{base}", taken)
         taken.add(by_name[name])
     return by_name

@@ -7,15 +7,15 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.programs import coordinates, rates
 from gauss_bench.exchange.scripts import write_program
-from gauss_bench.exchange.text import C_WORDS, identifiers
+from gauss_bench.exchange.text import C_WORDS, make_identifiers
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.trajectory import RunFailure, Status
 
 if TYPE_CHECKING:
     from gauss_bench.compiler.kernel import Kernel
 
-TRIED = 5.0  # [s] longest part of the motion during which the choice of independent coordinates is tested
-LOOKED_AT = 2000  # least number of steps of that test
+TEST_TIME = 5.0  # [s] longest part of the motion for which a choice of independent coordinates is tested
+TEST_STEPS = 2000  # least number of steps of that test
 CLOSING = {
     "none": "Joints are held by accelerations alone, without stabilisation.",
     "baumgarte": "Joints are kept closed by Baumgarte's terms.",
@@ -42,7 +42,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         choice,
         head,
         # the names of the C enum by which the program addresses the entries of its state y = [q, v]
-        places=list(identifiers([*names, *rates(mechanism)], C_WORDS).values()),
+        places=list(make_identifiers([*names, *rates(mechanism)], C_WORDS).values()),
         kernel=kernel.c_source(choice.integrator),
         closing=CLOSING[choice.stabilization],
         independent=", ".join(names[k] for k in kernel.partitions[0]) or "none, as all motion is driven",
@@ -64,7 +64,7 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
     if end is None:
         return kernel
     for independent in partitions(mechanism):
-        if independent in kernel.partitions[:1]:
+        if independent in kernel.partitions[:1]:  # the choice that is invalid
             continue
         try:
             other = compile_kernel(mechanism, "gauss", choice.stabilization, independent=independent)
@@ -74,8 +74,8 @@ def choose_kernel(mechanism: Mechanism, choice: Choice) -> "Kernel":
             return other
     # `end` is the time at which a pivot of the first choice vanished; it is NaN if none did, so that the step may be too long
     reason = "a file has one choice of independent coordinates, and this motion needs another on its way"
-    at = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
-    raise RunFailure(Status.SKIP, f"{reason}{at}")
+    remark = f", at t = {end:.3g} s for any step" if np.isfinite(end) else ", or a shorter step"
+    raise RunFailure(Status.SKIP, f"{reason}{remark}")
 
 
 def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | None:
@@ -85,10 +85,10 @@ def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | 
     file's step may jump over a zero that a user's smaller step would meet. The time is NaN if no pivot changes its sign but the run
     with the file's step stops early.
     """
-    tested = min(mechanism.duration, TRIED)  # [s]
-    steps = int(np.ceil(tested / choice.step))
-    count = max(steps, LOOKED_AT)  # number of steps of the test
-    every, h = count // LOOKED_AT, tested / count  # steps between the states at which pivots are computed; step size [s]
+    duration = min(mechanism.duration, TEST_TIME)  # [s] of the test
+    steps = int(np.ceil(duration / choice.step))
+    count = max(steps, TEST_STEPS)  # number of steps of the test
+    every, h = count // TEST_STEPS, duration / count  # steps between the states at which pivots are computed; step size [s]
     q, v = kernel.rollout(mechanism.q0, mechanism.v0, h, count, every=every, integrator=choice.integrator)  # (k, n) both
     t = h * np.minimum(every * np.arange(len(q) + 1), count)
     with np.errstate(all="ignore"):  # after the motion is lost all pivots are NaN, which changes no sign
@@ -96,6 +96,6 @@ def find_end(kernel: "Kernel", mechanism: Mechanism, choice: Choice) -> float | 
     changed = (np.sign(pivots) * np.sign(pivots[0]) < 0).any(axis=1)
     if changed.any():
         return float(t[changed.argmax()])
-    # `alone` runs the first program with the step of the file, and tells whether it reaches the end
+    # `alone` runs the program of the first choice with the step of the file, and tells whether it reaches the end
     reaches_end = kernel.alone(mechanism.q0, mechanism.v0, choice.step, steps, integrator=choice.integrator)
     return None if reaches_end else float("nan")

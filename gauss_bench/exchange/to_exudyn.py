@@ -44,7 +44,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
 def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
     """Return the lines of the script that build the model and its settings: the adapter's calls, made with stand-ins for Exudyn."""
-    from gauss_bench.engines.exudyn.adapter import simulation_settings
+    from gauss_bench.engines.exudyn.adapter import make_settings
     from gauss_bench.engines.exudyn.items import System, span
 
     script, laws = Script(STATEMENTS), name_laws(mechanism)
@@ -60,7 +60,7 @@ def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
             script.comment(f"joint {joint.name}")
             super()._add_joint(joint)
 
-        def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+        def _make_equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
             """Define the equation of a driven slide or length and its Jacobian in the script, and return stand-ins for both."""
             # for both ends [is on the ground, x, y]
             a, b = ([x.link == GROUND, *map(float, x.local)] for x in span(driver))
@@ -69,12 +69,12 @@ def _record_model(mechanism: Mechanism, choice: Choice) -> list[str]:
             script.lines.append(f"equation, jacobian = driven({python(a)}, {python(b)}, {python(angle)}, {law})")
             return script.stand_in("equation"), script.stand_in("jacobian")
 
-        def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+        def _make_offset(self, law: MotionLaw, rate: int, start: float) -> Any:
             """Return a stand-in for the offset of a driven angle: derivative number `rate` of its law, less the value `start`."""
             return script.stand_in(f"lambda mbs, t, item, offset: {laws[id(law)]}(t)[{rate}] - {python(start)}")
 
     exu = script.stand_in("exu")
     Transcribed(exu, script.stand_in("items"), mechanism)
     script.comment("settings")
-    simulation_settings(exu, mechanism, choice)
+    make_settings(exu, mechanism, choice)
     return script.lines

@@ -41,10 +41,10 @@ def describe_controls(root: Element, mechanism: Mechanism, controlled: Collectio
     controls = [] if key is None else [float(x) for x in key.get("ctrl", "").split()]
     slides = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "slide"}
     motors: list[str] = []
-    for x, control in zip(actuators, controls, strict=True):
-        if x.tag == "motor":
-            is_force = x.get("site") or x.get("joint") in slides  # other motors are torques
-            motors.append(f"{x.get('name')} = {control:g} {'N' if is_force else 'N m'}")
+    for actuator, control in zip(actuators, controls, strict=True):
+        if actuator.tag == "motor":
+            is_force = actuator.get("site") or actuator.get("joint") in slides  # other motors are torques
+            motors.append(f"{actuator.get('name')} = {control:g} {'N' if is_force else 'N m'}")
     constant = [f.name for f in mechanism.forces if isinstance(f, (Torque, PointForce))]
     fixed = [name for name in constant if name not in controlled]
     # the adapter writes a spring along an axis as a <general> actuator of the spring's name

@@ -43,17 +43,13 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
 
     if choice.stabilization == "projection":
         raise RunFailure(Status.SKIP, "Pinocchio has no projection, and the suite's own projection is not part of a script")
-    lengths = [d.name for d in mechanism.drivers if isinstance(d, LengthDriver)]
-    if lengths:
+    if lengths := [driver.name for driver in mechanism.drivers if isinstance(driver, LengthDriver)]:
         reason = f"the script holds motion laws of angles and slides only, not of the length {', '.join(lengths)}"
         raise RunFailure(Status.SKIP, reason)
     built = PinocchioModel(mechanism, choice)  # raises if the real model differs from the linkage
     options = built.options
-    method, stabilization = METHODS[choice.integrator], "without stabilisation"
-    gains = (0.0, 0.0)
-    if choice.stabilization == "baumgarte":
-        stabilization = "with Baumgarte's terms"
-        gains = float(options["baumgarte_Kp_per_s2"]), float(options["baumgarte_Kd_per_s"])
+    method = METHODS[choice.integrator]
+    stabilization = "with Baumgarte's terms" if choice.stabilization == "baumgarte" else "without stabilisation"
     others = built.forces.others  # forces that are not affine functions of the joint coordinates
     rtol, atol = choice.tolerances(float(options["dop853_rtol"]), float(options["dop853_atol"]))
     return write_program(
@@ -61,7 +57,7 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
         mechanism,
         choice,
         [*head, f"Settings: {choice.settings}, {method}. Loops are opened at joints and closed by constraints, {stabilization}."],
-        model=transcribe(mechanism, built, gains),
+        model=transcribe(mechanism, built),
         others=tabulate(others) if others else None,
         algorithm=options["algorithm"],
         method=method,
@@ -70,11 +66,8 @@ def write(mechanism: Mechanism, choice: Choice, head: list[str]) -> str:
     )
 
 
-def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float, float]) -> list[str]:
-    """Return the lines of a script that build the adapter's model again and define the numbers that the rest of the script uses.
-
-    `gains` are Baumgarte's of position [1/s^2] and velocity [1/s].
-    """
+def transcribe(mechanism: Mechanism, built: "PinocchioModel") -> list[str]:
+    """Return the lines of a script that build the adapter's model again and define the numbers that the rest of the script uses."""
     from gauss_bench.engines.pinocchio.tree import Multibody
     from gauss_bench.engines.tree import Branch
 
@@ -89,7 +82,7 @@ def transcribe(mechanism: Mechanism, built: "PinocchioModel", gains: tuple[float
     script, forces, drive = Script(STATEMENTS), built.forces, built.stabilized.drive
     recorded = Transcribed(script.stand_in("pin"), mechanism, built.tree)
     script.comment("the pins that close the loops")
-    recorded.constraints(gains)
+    recorded.constraints(drive.gains)
     y0, dy0 = built.tree.relative(mechanism.q0, mechanism.v0)
     script.comment("LINKS: for each link the joint that carries it, and its centre of mass in that joint's frame")
     script.comment("the angles of the links are ANGLES + TURNS y")

@@ -12,26 +12,26 @@ GROUPS = ("links", "welds", "cylinders", "joints", "constraints", "forces", "sce
 
 def toml(document: Mapping[str, Any], head: Sequence[str]) -> str:
     """Return the text of a document; the sentences `head` are comments at its beginning."""
-    return python_comment(head) + "\n".join(_lines(document, ())) + "\n"
+    return python_comment(head) + "\n".join(_write_lines(document, ())) + "\n"
 
 
-def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+def _write_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
     """Return the lines of the table at a path of keys: its heading, its values, then the tables in it that have headings."""
     # tables of the whole document and of GROUPS get headings; tables deeper in the document, and `expect`, are written on one line
     gives_headings = not path or (len(path) == 1 and path[0] in GROUPS)
     values: list[str] = []
     headed: list[str] = []
-    for k, x in table.items():
-        if gives_headings and isinstance(x, dict) and k != "expect":
-            headed += _lines(x, (*path, k))
+    for name, entry in table.items():
+        if gives_headings and isinstance(entry, dict) and name != "expect":
+            headed += _write_lines(entry, (*path, name))
         else:
-            values.append(f"{key(k)} = {write_value(x)}")
+            values.append(f"{write_key(name)} = {write_value(entry)}")
     if path and (values or not headed):  # an empty table still gets its heading, so that it is in the file
-        values = ["", f"[{'.'.join(map(key, path))}]", *values]
+        values = ["", f"[{'.'.join(map(write_key, path))}]", *values]
     return values + headed
 
 
-def key(name: str) -> str:
+def write_key(name: str) -> str:
     """Return a key of TOML, in quotes if it needs them."""
     return name if re.fullmatch("[A-Za-z0-9_-]+", name) else toml_string(name)
 
@@ -48,7 +48,7 @@ def write_value(x: Any) -> str:
         case date() | time():
             return x.isoformat()
         case dict():
-            return "{ " + ", ".join(f"{key(k)} = {write_value(v)}" for k, v in x.items()) + " }"
+            return "{ " + ", ".join(f"{write_key(k)} = {write_value(v)}" for k, v in x.items()) + " }"
         case list():
             return "[" + ", ".join(map(write_value, x)) + "]"
     raise TypeError(f"a linkage file has no {type(x).__name__}")

@@ -28,15 +28,14 @@ def list_elements(tag: str, names: Sequence[str], reason: str) -> str:
 
 def list_unused(root: Element) -> Iterator[str]:
     """Yield sentences on MuJoCo's settings in an MJCF document, and on elements that do not affect a linkage's motion."""
-    for tag, known in FIELDS["unused"]["settings"].items():
-        unused = {key: x for node in root.iter(tag) for key, x in node.items() if key not in known["used"]}
+    for tag, entry in FIELDS["unused"]["settings"].items():
+        unused = {key: x for node in root.iter(tag) for key, x in node.items() if key not in entry["used"]}
         if unused:
             values = ", ".join(f"{key} {list_names([x])}" for key, x in unused.items())
-            yield f"<{tag}> {values}: {known['reason']}"
+            yield f"<{tag}> {values}: {entry['reason']}"
     for tag in ("visual", "statistic", "size"):
         if root.find(tag) is not None:
             yield f"<{tag}>"
-
     for section, tags in FIELDS["unused"]["sections"].items():
         for tag, reason in tags.items():
             names = [node.get("name", "") for part in root.findall(section) for node in part.iter(tag)]

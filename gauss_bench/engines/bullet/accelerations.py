@@ -9,8 +9,8 @@ the accelerations without closures. In the limit of short steps, velocities chan
 The first term is the change of v in one step at y, divided by the length h of the step, which may have any value. The second term
 is found by fourth-order finite differences of the function P(y + e v) v of e. Each of its values is the result of a step so short
 that forces have no effect and only the projection remains. So the accelerations have no error of a time step, and no error of
-closing gaps (erp = 0). The options CONVERGED let Bullet's solver iterate until it has converged; runs use Bullet's usual limits of
-iterations, with which it stops before.
+closing gaps (erp = 0). With the options CONVERGED, Bullet's solver iterates until it has converged; in runs it stops earlier, at
+Bullet's usual limit of iterations.
 
 The function `tree_model.acceleration_by_steps` is unsuitable for Bullet, because it divides the error of the iterative solver by
 the length of a very short time step. Here it is divided by the distance e between the points of the differences, a much larger
@@ -48,19 +48,19 @@ class Accelerations:
         """Return P(y) a_free + d/de P(y + e v) v at e = 0 (n,), at time t [s] and the state y, v = dy (n,)."""
         tau = self.forces(t, y, dy)
         # speeds of the driven joints at the beginning of the step, and at its end by law''(t)
-        before = {joint: float(dy[joint]) for joint in self.laws}
-        after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
+        speeds_before = {joint: float(dy[joint]) for joint in self.laws}
+        speeds_after = {joint: float(dy[joint] + STEP * law(t)[2]) for joint, law in self.laws.items()}
         # first term, P(y) a_free: the change of velocities in one step with forces, divided by the step
-        direct: Array = (self._velocities_after(STEP, y, dy, tau, after) - dy) / STEP
+        force_term: Array = (self._step_velocities(STEP, y, dy, tau, speeds_after) - dy) / STEP
         speed = float(np.abs(dy).max(initial=0.0))
         if speed == 0.0:  # the second term is quadratic in the speeds, so it is zero
-            return direct
+            return force_term
         e = DIFFERENCE / speed
-        # second term, the fourth-order difference of P(y + k e v) v at four points k; in so short a step, tau changes no speed
-        at = {k: self._velocities_after(INSTANT, y + k * e * dy, dy, tau, before) for k in (-2, -1, 1, 2)}
-        return direct + (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * e)
+        # second term, the fourth-order difference of P(y + k e v) v at k = -2, -1, 1, 2; in so short a step, tau changes no speed
+        moved = {k: self._step_velocities(INSTANT, y + k * e * dy, dy, tau, speeds_before) for k in (-2, -1, 1, 2)}
+        return force_term + (8 * (moved[1] - moved[-1]) - (moved[2] - moved[-2])) / (12 * e)
 
-    def _velocities_after(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
+    def _step_velocities(self, step: float, y: Array, dy: Array, tau: Array, driven: Mapping[int, float]) -> Array:
         """Return the velocities (n,) after one step of length `step` [s] from y, dy (n,) under the forces tau (n,).
 
         `driven` maps the index of a driven joint to the speed that its motor reaches in the step.

@@ -62,7 +62,7 @@ class Bullet(LibraryEngine, beside=__file__):
         if options["coordinates"] == "bodies":
             if mechanism.slides:
                 return f"Bullet has no slide between free bodies ({mechanism.slides[0].name})"
-            return "Bullet has motors in the joints of a tree, and none between free bodies" if mechanism.drivers else None
+            return "Bullet has motors in the joints of a tree, but none between free bodies" if mechanism.drivers else None
         return undriven(mechanism, joint_tree(mechanism, options), "Bullet")
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
@@ -90,10 +90,12 @@ def step_through(
         plan: stretches of equal steps: begin [s], number of steps, their length [s], `last` [s], and the index of the sample at the
             end of the stretch, or None. No force is evaluated later than `last`, just before a jump of a force.
     """
-    # forces that never change need no call of Python between the steps; free bodies are read after every step, to count their turns
+    x_samples, dx_samples = samples
+    # Constant forces on a tree need no evaluation between steps. The state of free bodies is read at every step in any case,
+    # because `BodyWorld.state` counts turns and must not miss one.
     constant = forces.constant.tolist() if isinstance(forces, GivenForces) and forces.are_constant and not laws else None
     length = 0.0
-    for begin, count, h, last, row in plan:
+    for begin, count, h, last, sample in plan:
         if h != length:
             world.set_step(h)
             length = h
@@ -106,8 +108,8 @@ def step_through(
                 # at this rate the joint reaches the law's position at the end of the step
                 world.drive(joint, (float(law(t + h)[0]) - float(x[joint])) / h)
             world.step(forces(min(t, last), x, dx).tolist())
-        if row is not None:
-            samples[0][row], samples[1][row] = world.state()
+        if sample is not None:
+            x_samples[sample], dx_samples[sample] = world.state()
 
 
 class JointModel(TreeModel):
@@ -115,7 +117,7 @@ class JointModel(TreeModel):
 
     Attributes:
         laws: index of a driven joint -> its motion law.
-        accelerations: they have a world of their own, whose solver iterates until it has converged.
+        accelerations: function (t, y, dy) -> accelerations (n,), with a world of its own, whose solver iterates to convergence.
     """
 
     library = "Bullet"
@@ -127,21 +129,21 @@ class JointModel(TreeModel):
         super().__init__(mechanism, choice, Bullet.file.options(choice.settings))
         self.pybullet: Any = pybullet
         self.forces, self.evaluator = joint_forces(mechanism, self.tree), Evaluator(mechanism)
-        self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
-        open_tree = self._world(UNDAMPED, closed=False)
-        open_tree.set_step(1.0)  # velocities of the open tree change in proportion to the step: its length causes no error
+        self.laws = {joint: driver.law for joint, driver in drivers_by_coordinate(mechanism, self.tree).items()}
+        open_tree = self._make_world(UNDAMPED, closed=False)
+        open_tree.set_step(1.0)  # the open tree's velocities change in proportion to the step: its length causes no error
 
         def describe(y: Array, dy: Array) -> OpenModel:
-            """Return the gaps of the loops and Bullet's accelerations at t = 0 and a tree state y, dy (n,)."""
+            """Return the gaps of the loops, and Bullet's accelerations of the open tree, at t = 0 and a tree state y, dy (n,)."""
             open_tree.put(y, dy)
             gaps = open_tree.gaps()  # before the step, which moves the links
             open_tree.step(self.forces(0.0, y, dy).tolist())
             return OpenModel(gaps, accelerations=open_tree.state()[1] - dy)  # the step is 1 s
 
         verify(mechanism, self.tree, describe, AGREEMENT)
-        self.accelerations = Accelerations(self._world(CONVERGED), self.forces, self.laws)
+        self.accelerations = Accelerations(self._make_world(CONVERGED), self.forces, self.laws)
 
-    def _world(self, changes: Mapping[str, Any], closed: bool = True) -> TreeWorld:
+    def _make_world(self, changes: Mapping[str, Any], closed: bool = True) -> TreeWorld:
         """Return a new world that holds the linkage, with changed options; if `closed` is false, the loops stay open."""
         world = TreeWorld(self.pybullet, self.mechanism, self.tree, {**self.options, **changes}, closed)
         world.damp(self.forces.joint_damping)
@@ -156,12 +158,13 @@ class JointModel(TreeModel):
         At a state with open loops, redundant closures would contradict each other, and Bullet's solver would not converge.
         """
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))
-        return super().accelerate(t, *self.tree.relative(*self.evaluator.project(t, q, v)))
+        q, v = self.evaluator.project(t, q, v)
+        return super().accelerate(t, *self.tree.relative(q, v))
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset to the start; `native` has no effect, because Python calls Bullet for every step."""
         super().prepare(times, native)
-        self.world = self._world({})  # a new world, so that no run depends on the one before
+        self.world = self._make_world({})  # a new world, so that no run depends on the one before
         self.world.put(self.y0, self.dy0)
 
     def run(self) -> None:
@@ -184,8 +187,9 @@ class FreeBodies(BodyModel):
         world.put(q, v)
         world.step(self.forces(0.0, q, v).tolist())
         # Bullet's force is mass times change of velocity over the step
-        loads, own = self.evaluator.mass * (world.state()[1] - v) / SHORT, self.evaluator.applied.generalised(q, v, 0.0)
-        require_agreement({"forces on free bodies": (loads, own, size(own))}, AGREEMENT)
+        exerted = self.evaluator.mass * (world.state()[1] - v) / SHORT
+        expected = self.evaluator.applied.generalised(q, v, 0.0)
+        require_agreement({"forces on free bodies": (exerted, expected, size(expected))}, AGREEMENT)
         # accelerations need a solver that converges, whatever the settings
         self.accelerations = Accelerations(BodyWorld(pybullet, mechanism, {**self.options, **CONVERGED}), self.forces, {})
 

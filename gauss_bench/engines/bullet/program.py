@@ -39,7 +39,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     """Return the text of a program that runs a mechanism: the recorded calls of TreeWorld, and a loop that takes the steps.
 
     Raises:
-        RunFailure: the links are free bodies, or `force_numbers` raises it.
+        RunFailure: the links are free bodies, or a force acts at points or varies (see `force_numbers`).
     """
     tree = joint_tree(mechanism, options)
     forces = joint_forces(mechanism, tree)
@@ -52,6 +52,6 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     world.put(*tree.relative(mechanism.q0, mechanism.v0))
     step: Any = script.stand_in("step")  # the program's variable for the length of a step
     world.set_step(step)
-    # CARRIERS: for each link of the linkage, the index of the link in Bullet that carries it
-    numbers["CARRIERS"] = [world.carrier(i) for i in range(len(mechanism.links))]
+    # CARRIERS: for each link of the linkage, its index in Bullet
+    numbers["CARRIERS"] = [world.carriers[i] for i in range(len(mechanism.links))]
     return write_tree_program(mechanism, tree, choice, imports=["import pybullet"], numbers=numbers, model=script.lines, run=RUN)

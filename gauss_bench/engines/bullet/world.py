@@ -71,15 +71,15 @@ class World:
         self._call(self.pybullet.changeDynamics, body, -1, linearDamping=damping, angularDamping=damping)
         self._call(self.pybullet.changeDynamics, body, -1, maxJointVelocity=FASTEST)
 
-    def _close(self, a: tuple[int, int], b: tuple[int, int], near: Sequence[float], far: Sequence[float]) -> None:
-        """Make a point of one link coincide with a point of another.
+    def _close(self, a: tuple[int, int], b: tuple[int, int], point_a: Sequence[float], point_b: Sequence[float]) -> None:
+        """Make a point of the link `a` coincide with a point of the link `b`.
 
         Args:
             a, b: Bullet's index of the body, and index of the link in this body, for each of the two links.
-            near, far: (3,) the points relative to the links' centres of mass, in Bullet's frames [m].
+            point_a, point_b: (3,) the points relative to the links' centres of mass, in Bullet's frames [m].
         """
         kind = self.pybullet.JOINT_POINT2POINT
-        self.constraints.append(self._call(self.pybullet.createConstraint, *a, *b, kind, ORIGIN, near, far))
+        self.constraints.append(self._call(self.pybullet.createConstraint, *a, *b, kind, ORIGIN, point_a, point_b))
 
     def set_step(self, step: float) -> None:
         """Set the step size [s], and the limit of forces so that the largest impulse of closures and motors stays the same."""
@@ -116,12 +116,12 @@ class Joint(NamedTuple):
 def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
     """List Bullet's joints in the order of the tree coordinates.
 
-    Bullet's frames of all links are parallel at y = 0, so the frame of a link such as the block of a slide may be turned against
-    the link's own frame. The coordinates of points include this angle, so that no quaternion rounds it. A free link is carried by
-    three joints in a row, two slides without mass and a hinge.
+    At y = 0, Bullet's frames of all links are parallel, so a link such as the block of a slide has a constant angle against its
+    frame in Bullet. Points are turned by this angle here, because a quaternion in Bullet would round it. Three joints in a row
+    carry a free link: two slides without mass and a hinge.
     """
-    angles = turning(tree).constants  # (links + 1,) [rad] of these constant angles; the ground's is the last, at index -1
-    carriers = {GROUND: 0}  # link -> number of the joint that carries the link
+    angles = turning(tree).constants  # (links + 1,) [rad], these constant angles; the ground's is the last, at index -1
+    carriers = {GROUND: 0}  # link -> number, counted from 1, of the joint that carries the link; 0 is the base
     origins: dict[int, Array] = {GROUND: np.zeros(2)}  # link -> its joint relative to its centre of mass, in Bullet's frame
     joints: list[Joint] = []
     for b in tree.branches:
@@ -142,23 +142,29 @@ def list_joints(mechanism: Mechanism, tree: Tree) -> list[Joint]:
 
 
 class TreeWorld(World):
-    """A world of Bullet in which a tree of joints carries the links of a linkage; if `closed` is false, the loops stay open."""
+    """A world of Bullet in which a tree of joints carries the links of a linkage; if `closed` is false, the loops stay open.
+
+    Attributes:
+        carriers: link -> Bullet's index of the link, which is that of the joint that carries it; -1 for the ground.
+    """
 
     def __init__(self, pybullet: Any, mechanism: Mechanism, tree: Tree, options: Mapping[str, Any], closed: bool = True):
         super().__init__(pybullet, mechanism, options)
-        self.tree, self.pins = tree, closing_pins(tree)
+        self.pins = closing_pins(tree)
         self.angles = turning(tree).constants
         joints = list_joints(mechanism, tree)
-        self.all = list(range(len(joints)))
+        self.joint_indices = list(range(len(joints)))
+        # the last coordinate of a branch is that of the joint that carries its link: a free link hangs on three joints in a row
+        self.carriers = {GROUND: -1} | {b.link: b.at + len(b.coordinates) - 1 for b in tree.branches}
         self.body = self._add_body(joints)
         self._set_damping_and_limits(self.body)
-        for k in self.all:  # switches off the motor that brakes each joint
+        for k in self.joint_indices:  # switches off the motor that brakes each joint
             self._call(pybullet.setJointMotorControl2, self.body, k, pybullet.VELOCITY_CONTROL, force=0)
         for a, b in self.pins if closed else ():
-            near, far = (self.body, self.carrier(a.link)), (self.body, self.carrier(b.link))
-            self._close(near, far, self._pivot(a), self._pivot(b))
+            link_a, link_b = (self.body, self.carriers[a.link]), (self.body, self.carriers[b.link])
+            self._close(link_a, link_b, self._pivot(a), self._pivot(b))
         # a run calls these two at every step, so their arguments are bound once
-        bound = {"bodyUniqueId": self.body, "jointIndices": self.all, "physicsClientId": self.client}
+        bound = {"bodyUniqueId": self.body, "jointIndices": self.joint_indices, "physicsClientId": self.client}
         self._push = partial(pybullet.setJointMotorControlArray, controlMode=pybullet.TORQUE_CONTROL, **bound)
         self._read = partial(pybullet.getJointStates, **bound)
 
@@ -191,18 +197,13 @@ class TreeWorld(World):
         for k, c in enumerate(coefficients):
             self._call(self.pybullet.changeDynamics, self.body, k, jointDamping=float(c))
 
-    def carrier(self, link: int) -> int:
-        """Return Bullet's index of a link; -1 for the ground."""
-        # a free link hangs on three joints in a row, of which the third carries the link
-        return -1 if link == GROUND else next(b.at + (2 if b.kind == "free" else 0) for b in self.tree.branches if b.link == link)
-
     def _pivot(self, point: Point) -> list[float]:
         """Return a point (3,) [m] relative to the centre of mass of its link, in Bullet's frame."""
         return spatial(rotate(point.local, self.angles[point.link]))
 
     def put(self, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,)."""
-        for k in self.all:
+        for k in self.joint_indices:
             self._call(self.pybullet.resetJointState, self.body, k, float(y[k]), float(dy[k]))
 
     def state(self) -> tuple[Array, Array]:
@@ -225,12 +226,12 @@ class TreeWorld(World):
 
         def place(point: Point) -> Array:
             """Return the place (2,) [m] of a point in the world."""
-            link, pivot = self.carrier(point.link), np.array(self._pivot(point)[:2])
-            if link < 0:
+            link, pivot = self.carriers[point.link], np.array(self._pivot(point)[:2])
+            if link < 0:  # the ground
                 return pivot
-            centre, turn, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
-            # PyBullet's multiplyTransforms would be exact to 1e-8 only
-            return np.array(centre[:2]) + rotate(pivot, 2 * np.arctan2(turn[2], turn[3]))
+            centre, quaternion, *_ = self._call(self.pybullet.getLinkState, self.body, link, computeForwardKinematics=True)
+            # computed here, because PyBullet's multiplyTransforms is exact to 1e-8 only
+            return np.array(centre[:2]) + rotate(pivot, 2 * np.arctan2(quaternion[2], quaternion[3]))
 
         return measure_gaps(self.pins, place)
 
@@ -241,12 +242,10 @@ class BodyWorld(World):
     def __init__(self, pybullet: Any, mechanism: Mechanism, options: Mapping[str, Any], closed: bool = True):
         super().__init__(pybullet, mechanism, options)
         self.bodies = [self._add_body(link.mass, link.inertia) for link in mechanism.links]
-        ground = self._add_body(0.0, 0.0)
+        bodies = [*self.bodies, self._add_body(0.0, 0.0)]  # the ground is the last, at the index GROUND = -1
         self._advance()  # Bullet sets the inertias of rigid bodies at the end of the first step, and ignores torques in this step
-        self.angles = angles(mechanism.q0).copy()  # angles when they were last set or read: `state` counts turns from them
         for pin in mechanism.pins if closed else ():
-            # Bullet's numbers of a body and of its link; -1 is the body itself
-            a, b = ((ground if point.link == GROUND else self.bodies[point.link], -1) for point in (pin.a, pin.b))
+            a, b = ((bodies[point.link], -1) for point in (pin.a, pin.b))  # -1: the body itself, not a link of a tree
             self._close(a, b, spatial(pin.a.local), spatial(pin.b.local))
 
     def _add_body(self, mass: float, inertia: float) -> Any:
@@ -259,8 +258,8 @@ class BodyWorld(World):
         return body
 
     def put(self, q: Array, v: Array) -> None:
-        """Set the absolute state q, v (3 links,)."""
-        self.angles = angles(q).copy()
+        """Set the absolute state q, v (3 links,); the first call of `state` must come after this."""
+        self.angles = angles(q).copy()  # angles when they were last set or read: `state` counts turns from them
         for body, place, angle, speed, omega in zip(self.bodies, places(q), angles(q), places(v), angles(v), strict=True):
             quaternion = (0.0, 0.0, float(np.sin(angle / 2)), float(np.cos(angle / 2)))
             self._call(self.pybullet.resetBasePositionAndOrientation, body, spatial(place), quaternion)
@@ -270,11 +269,11 @@ class BodyWorld(World):
         """Return the absolute state q, v (3 links,); between two calls, no link may turn by half a turn."""
         q, v = np.empty(3 * len(self.bodies)), np.empty(3 * len(self.bodies))
         for k, body in enumerate(self.bodies):
-            place, turn = self._call(self.pybullet.getBasePositionAndOrientation, body)
-            speed, spin = self._call(self.pybullet.getBaseVelocity, body)
+            place, quaternion = self._call(self.pybullet.getBasePositionAndOrientation, body)
+            speed, omega = self._call(self.pybullet.getBaseVelocity, body)
             places(q)[k], places(v)[k] = place[:2], speed[:2]
-            angles(q)[k], angles(v)[k] = 2 * np.arctan2(turn[2], turn[3]), spin[2]
-        angles(q)[:] = wind(angles(q), self.angles)
+            angles(q)[k], angles(v)[k] = 2 * np.arctan2(quaternion[2], quaternion[3]), omega[2]
+        angles(q)[:] = wind(angles(q), self.angles)  # a quaternion gives an angle only up to whole turns
         self.angles = angles(q).copy()
         return q, v
 

@@ -20,8 +20,8 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
 AGREEMENT = 1e-9  # relative: rounding causes about 1e-13, a wrong sign or factor about 1
-INSTANT = 1e-300  # [s] step so short that implicit springs and dampers change nothing
-WATCHED = 100  # largest number of steps between two checks of DART's messages
+INSTANT = 1e-300  # [s] step so short that implicit springs and dampers give the same forces as explicit ones
+CHECK_EVERY = 100  # number of steps between two checks of DART's messages
 SHORT = (4e-5, 2e-5, 1e-5)  # [s] steps from which accelerations are found: rounding leaves 1e-11
 
 
@@ -46,8 +46,8 @@ class Dart(LibraryEngine, beside=__file__):
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         options = self.file.options(choice.settings)
         forces = forces_of(mechanism, joint_tree(mechanism, options), options["joint_forces"])
-        changing = {"motion laws": bool(mechanism.drivers), "forces that are none of DART's own": not forces.are_constant}
-        names = [name for name, is_there in changing.items() if is_there]
+        names = ["motion laws"] if mechanism.drivers else []
+        names += [] if forces.are_constant else ["forces that are none of DART's own"]
         return f"{' and '.join(names)}, once a step" if names else ""
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DartModel":
@@ -75,17 +75,17 @@ class DartModel(TreeModel):
         super().__init__(mechanism, choice, Dart.file.options(choice.settings))
         self.dartpy: Any = dartpy
         self.forces = forces_of(mechanism, self.tree, self.options["joint_forces"])
-        self.laws = {at: driver.law for at, driver in drivers_by_coordinate(mechanism, self.tree).items()}
+        self.laws = {index: driver.law for index, driver in drivers_by_coordinate(mechanism, self.tree).items()}
         with Messages() as messages:
-            # its loops are open, because only `World.restart` adds closures; in a step of INSTANT, DART's implicit springs and
-            # dampers give the accelerations of this state
+            # the loops are open, because only `World.restart` adds closures; with the step INSTANT, implicit springs and dampers
+            # do not change DART's accelerations
             open_tree = World(dartpy, mechanism, self.forces, self.options, motors=False)
             open_tree.world.setTimeStep(INSTANT)
 
             def describe(y: Array, dy: Array) -> OpenModel:
                 """Return gaps and accelerations of the open tree at a tree state y, dy (n,), as DART computes them."""
                 open_tree.put(y, dy)
-                self._push(open_tree, t=0.0)
+                self._apply_forces(open_tree, t=0.0)
                 open_tree.skeleton.computeForwardDynamics()
                 return OpenModel(open_tree.gaps(), accelerations=open_tree.skeleton.getAccelerations()[open_tree.order])
 
@@ -93,23 +93,23 @@ class DartModel(TreeModel):
             self.moving, self.still = (World(dartpy, mechanism, self.forces, self.options) for _ in range(2))
             messages.check()
 
-    def _push(self, built: World, t: float) -> None:
-        """Apply to a world the forces that belong to time t [s] and to its present state."""
-        y, dy = built.y, built.dy
+    def _apply_forces(self, built: World, t: float) -> None:
+        """Set the forces of a world for the next step to those at time t [s] and at its present state."""
+        y, dy = built.state()
         built.command(self.forces.on_joints(y, dy))
         if (on_links := self.forces.on_links(t, y, dy)) is not None:
             built.push(on_links)
 
     def _command(self, built: World, t: float, end: float) -> None:
         """Set the forces for a step from time t [s] to `end` [s], and the speeds of driven coordinates at `end`."""
-        self._push(built, t)
-        for at, law in self.laws.items():
-            built.skeleton.setCommand(int(built.order[at]), float(law(end)[1]))
+        self._apply_forces(built, t)
+        for index, law in self.laws.items():
+            built.skeleton.setCommand(int(built.order[index]), float(law(end)[1]))
 
-    def _rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
+    def _step_rates(self, t: float, y: Array, dy: Array, h: float) -> tuple[Array, Array]:
         """Return the rates (n,) after one and after two steps of h [s] from a tree state y, dy (n,).
 
-        With erp = 0 the steps keep the gaps of the loops, so that no rate serves to close a gap.
+        With erp = 0 the steps keep the gaps of the loops, so the rates contain no motion that closes a gap.
         """
         built = self.still
         built.restart()
@@ -120,13 +120,14 @@ class DartModel(TreeModel):
         for begin in (t, t + h):
             self._command(built, begin, begin + h)
             built.world.step(False)
-            rates.append(built.dy)
+            _, rate = built.state()
+            rates.append(rate)
         return rates[0], rates[1]
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
         """Return the accelerations (n,) of the closed loops at a tree state y, dy (n,), from short steps."""
         with Messages() as messages:
-            measured = acceleration_by_steps(self._rates, t, y, dy, SHORT)
+            measured = acceleration_by_steps(self._step_rates, t, y, dy, SHORT)
             messages.check()
         return measured
 
@@ -138,18 +139,18 @@ class DartModel(TreeModel):
 
     def run(self) -> None:
         # no force may be evaluated after `last` [s], because a force may jump at the end of a stretch
-        built, changing = self.moving, not self.forces.are_constant or bool(self.laws)
+        built, has_changing_forces = self.moving, not self.forces.are_constant or bool(self.laws)
         built.set_options(self.options["erp"])
         step = built.world.step
         with Messages() as messages:
-            for begin, count, size, last, row in self.plan:
+            for begin, count, size, last, sample in self.plan:
                 built.world.setTimeStep(size)
                 for k in range(count):
-                    if changing:
+                    if has_changing_forces:
                         self._command(built, min(begin + k * size, last), min(begin + (k + 1) * size, last))
                     step(False)  # False: the forces stay for the next step
-                    if k % WATCHED == WATCHED - 1:
+                    if k % CHECK_EVERY == CHECK_EVERY - 1:
                         messages.check()
                 messages.check()
-                if row is not None:
-                    self.y[row], self.dy[row] = built.y, built.dy
+                if sample is not None:
+                    self.y[sample], self.dy[sample] = built.state()

@@ -45,7 +45,7 @@ def write(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> s
     """Return the text of a program that runs a mechanism: the recorded calls of World, and a loop that takes the steps.
 
     Raises:
-        RunFailure: see `force_numbers`.
+        RunFailure: a force acts at points or varies (see `force_numbers`).
     """
     tree = joint_tree(mechanism, options)
     forces = forces_of(mechanism, tree, options["joint_forces"])

@@ -33,7 +33,7 @@ class World:
         world, skeleton: DART's objects.
         forces: the applied loads; DART itself models the springs and dampers in `forces.own`.
         bodies: DART's bodies, in the order of the links.
-        coordinates: index of a tree coordinate -> DART's joint, and the index within it.
+        coordinates: index of a tree coordinate, in ascending order -> DART's joint, and the index within the joint.
         order: (n,) DART's index of every tree coordinate.
         pins: for each closing pin, its two ends: DART's body (None for the ground) and the point (3,) in its frame [m].
         start: tree state y, dy (n,) at the start.
@@ -46,9 +46,9 @@ class World:
         self.skeleton = dartpy.dynamics.Skeleton("linkage")
         self.world = dartpy.simulation.World()
         self.world.setGravity(spatial(mechanism.gravity))
-        asleep = self.world.getDeactivationOptions()  # by default DART stops bodies that move slowly
-        asleep.mEnabled = False
-        self.world.setDeactivationOptions(asleep)
+        deactivation = self.world.getDeactivationOptions()  # by default DART stops bodies that move slowly
+        deactivation.mEnabled = False
+        self.world.setDeactivationOptions(deactivation)
         self.skeleton.disableSelfCollisionCheck()
         bodies: dict[int, Any] = {}  # link -> DART's body
         self.coordinates: dict[int, tuple[Any, int]] = {}
@@ -56,15 +56,16 @@ class World:
             bodies[branch.link] = self._add_link(branch, bodies.get(branch.parent))
         self._add_springs()
         if motors:
-            for at in drivers_by_coordinate(mechanism, self.tree):
-                self.coordinates[at][0].setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
+            for index in drivers_by_coordinate(mechanism, self.tree):
+                joint, _ = self.coordinates[index]
+                joint.setActuatorType(dartpy.dynamics.ActuatorType.VELOCITY)
         self.world.addSkeleton(self.skeleton)
-        self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in (self.coordinates[i] for i in range(self.tree.n))])
-        ends = [[(bodies.get(x.link), np.array(spatial(x.local))) for x in pin] for pin in closing_pins(self.tree)]
+        self.order = np.array([joint.getIndexInSkeleton(k) for joint, k in self.coordinates.values()])
+        # `get` returns None for the ground, which is not in `bodies`
+        ends = [[(bodies.get(point.link), np.array(spatial(point.local))) for point in pin] for pin in closing_pins(self.tree)]
         self.pins = [(a, b) for a, b in ends]
         self.bodies = [bodies[i] for i in range(len(mechanism.links))]
         self.start = self.tree.relative(mechanism.q0, mechanism.v0)
-        self.closures: list[Any] = []
         if options["lcp"] == "PGS":
             self._select_pgs(options["pgs_iterations"])
 
@@ -76,7 +77,7 @@ class World:
         self.skeleton.setVelocities(speeds)
 
     def command(self, values: Array) -> None:
-        """Set the forces (n,) on the tree coordinates for the next steps; a driven coordinate is given its speed instead."""
+        """Set the `values` (n,) for the next steps: the forces on tree coordinates, and the speeds of driven ones."""
         ordered = np.empty_like(values)
         ordered[self.order] = values
         self.skeleton.setCommands(ordered)
@@ -87,15 +88,9 @@ class World:
             body.setExtForce(spatial(force))  # replaces the earlier force and torque, so that torques do not add up over steps
             body.addExtTorque([0.0, 0.0, torque], False)  # False: about the axis of the world
 
-    @property
-    def y(self) -> Array:
-        """The tree coordinates (n,)."""
-        return np.asarray(self.skeleton.getPositions()[self.order])
-
-    @property
-    def dy(self) -> Array:
-        """The rates of the tree coordinates (n,)."""
-        return np.asarray(self.skeleton.getVelocities()[self.order])
+    def state(self) -> tuple[Array, Array]:
+        """Return the tree state y, dy (n,)."""
+        return self.skeleton.getPositions()[self.order], self.skeleton.getVelocities()[self.order]
 
     def restart(self) -> None:
         """Reset the world to the start, and replace the closures: new ones have no stored impulse of an earlier run."""
@@ -106,16 +101,16 @@ class World:
 
     def close(self) -> None:
         """Close the loops. Trap: a closure connects the points that coincide when it is made."""
-        self.closures = []
-        for pin in self.pins:
-            bodies = [body for body, _ in pin if body is not None]  # a body that is left out stands for the ground
-            self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*pin[0])))
+        self.closures: list[Any] = []
+        for a, b in self.pins:
+            bodies = [body for body, _ in (a, b) if body is not None]  # DART takes a single body as pinned to the world
+            self.closures.append(self.dartpy.constraint.BallJointConstraint(*bodies, place(*a)))
             self.world.getConstraintSolver().addConstraint(self.closures[-1])
 
     def set_options(self, erp: float) -> None:
         """Set the options of closures; `erp` is the share of a gap that a step closes.
 
-        Trap: these are static variables in DART, so that all closures in a process have the values that were set last.
+        Trap: these are static variables in DART, so all closures in a process have the values that were set last.
         """
         closures = self.dartpy.constraint.BallJointConstraint
         closures.setErrorReductionParameter(erp)
@@ -129,29 +124,25 @@ class World:
 
     def _add_link(self, b: Branch, parent: Any) -> Any:
         """Add the joint and the rigid body of one branch of the tree, and return the body; `parent` is None for the ground."""
-        create = {
-            "revolute": self.skeleton.createRevoluteJointAndBodyNodePair,
-            "prismatic": self.skeleton.createPrismaticJointAndBodyNodePair,
-            "free": self.skeleton.createPlanarJointAndBodyNodePair,
-        }
-        pair = create[b.kind](parent)
-        joint, body = pair[0], pair[1]
+        kind = {"revolute": "Revolute", "prismatic": "Prismatic", "free": "Planar"}[b.kind]  # DART's word
+        pair = getattr(self.skeleton, f"create{kind}JointAndBodyNodePair")(parent)
+        joint, body = pair[0], pair[1]  # by index, because the stand-in that records a script has no length
         joint.setName(f"joint{b.at}")
         body.setName(f"link{b.link}")
         if b.kind == "free":
             joint.setXYPlane()
         else:
             joint.setAxis(OUT_OF_PLANE if b.kind == "revolute" else spatial(b.axis))
-        joint.setTransformFromParentBodyNode(self._frame(b.parent_anchor + b.base))
-        joint.setTransformFromChildBodyNode(self._frame(b.anchor, -b.turn))
+        joint.setTransformFromParentBodyNode(self._make_frame(b.parent_anchor + b.base))
+        joint.setTransformFromChildBodyNode(self._make_frame(b.anchor, -b.turn))
         link = self.mechanism.links[b.link]
         body.setInertia(self.dartpy.dynamics.Inertia(link.mass, np.zeros(3), link.inertia * np.eye(3)))
-        for k in range(3 if b.kind == "free" else 1):
+        for k in range(len(b.coordinates)):
             self.coordinates[b.at + k] = joint, k
         return body
 
-    def _frame(self, origin: Array, angle: float = 0.0) -> Any:
-        """Return DART's transform of a frame in the plane, given by its origin (2,) [m] and angle [rad]."""
+    def _make_frame(self, origin: Array, angle: float = 0.0) -> Any:
+        """Return a frame in the plane, given by its origin (2,) [m] and angle [rad], as a transform of DART."""
         cosine, sine = np.cos(angle), np.sin(angle)
         frame = self.dartpy.math.Isometry3()
         frame.set_translation(np.array(spatial(origin)))
@@ -163,15 +154,16 @@ class World:
 
         In DART a coordinate has only one spring; its rest position is the mean of those of all springs, weighted by stiffness.
         """
+        # preload: the sum of stiffness times rest position
         stiffness, preload, damping = np.zeros(self.tree.n), np.zeros(self.tree.n), self.forces.joint_damping
         for load in self.forces.own:
             stiffness += load.k * np.abs(load.row)  # the row has at most one entry, 1 or -1
             preload += load.k * (load.rest - load.constant) * load.row
-        for at, (joint, k) in self.coordinates.items():
-            joint.setDampingCoefficient(k, damping[at])
-            if stiffness[at]:
-                joint.setSpringStiffness(k, stiffness[at])
-                joint.setRestPosition(k, preload[at] / stiffness[at])
+        for index, (joint, k) in self.coordinates.items():
+            joint.setDampingCoefficient(k, damping[index])
+            if stiffness[index]:
+                joint.setSpringStiffness(k, stiffness[index])
+                joint.setRestPosition(k, preload[index] / stiffness[index])
 
     def _select_pgs(self, iterations: int) -> None:
         """Make projected Gauss-Seidel (PGS), with exactly `iterations` iterations, the solver of impulses, not Dantzig's method.

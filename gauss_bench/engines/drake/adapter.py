@@ -17,8 +17,8 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.drake.program import write
-from gauss_bench.engines.drake.stepping import HALVINGS, ContinuousRunner, Runner, Stepper, settled_acceleration
-from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, load_library, refusal
+from gauss_bench.engines.drake.stepping import HALVINGS, Runner, Stepper, settled_acceleration
+from gauss_bench.engines.drake.translate import BALL, OPEN, Built, Closure, explain_refusal, load_library
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree import Tree
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
@@ -56,22 +56,27 @@ class Drake(LibraryEngine, beside=__file__):
         tree = joint_tree(mechanism, options)
         if tree.closures and options["closure"] == BALL and choice.integrator in SCHEMES:
             return f"Drake supports constraints in discrete plants only: use the integrator {SAP}, or bushings as closures"
-        return refusal(mechanism, tree)
+        return explain_refusal(mechanism, tree)
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "DrakeModel":
         return DrakeModel(mechanism, choice)
 
     def program(self, mechanism: Mechanism, choice: Choice) -> str:
         options = self.file.options(choice.settings)
-        tree = joint_tree(mechanism, options)
-        accuracy = choice.tolerances(options["accuracy"], 0.0)[0] if choice.integrator in Drake.adaptive else None
-        return write(mechanism, tree, choice, choose_closure(tree, options), SCHEMES.get(choice.integrator, ""), accuracy)
+        tree, scheme = joint_tree(mechanism, options), SCHEMES.get(choice.integrator, "")
+        return write(mechanism, tree, choice, choose_closure(tree, options), scheme, choose_accuracy(choice, options))
 
 
 def choose_closure(tree: Tree, options: Mapping[str, Any]) -> Closure:
-    """Return how the pins that are no joints of the tree are closed, according to the options of the engine."""
+    """Return the closure of the pins that are no joints of the tree, as the options say; OPEN if there are no such pins."""
     kind = options["closure"] if tree.closures else OPEN
     return Closure(kind, options["bushing_period_s"], options["bushing_damping_ratio"])
+
+
+def choose_accuracy(choice: Choice, options: Mapping[str, Any]) -> float | None:
+    """Return the accuracy of an integrator that chooses its steps, or None for steps of equal size."""
+    accuracy, _ = choice.tolerances(options["accuracy"], 0.0)
+    return accuracy if choice.integrator in Drake.adaptive else None
 
 
 class DrakeModel(TreeModel):
@@ -79,9 +84,9 @@ class DrakeModel(TreeModel):
 
     Attributes:
         closure: how loops are closed; its kind is OPEN if there are no loops.
-        runners: step size [s] -> simulation of a discrete plant; a discrete plant has only one step size.
+        is_continuous: whether the plant that is simulated is continuous; it is discrete if the integrator is SAP.
+        runners: step size [s], or 0 for a continuous plant -> simulation; a discrete plant has only one step size.
         steppers: step size [s], or 0 for a continuous plant -> plant that is evaluated at given states.
-        continuous: simulation of a continuous plant; None if the integrator is SAP.
     """
 
     library = "Drake"
@@ -101,10 +106,8 @@ class DrakeModel(TreeModel):
         self.closure = choose_closure(self.tree, self.options)
         self.runners: dict[float, Runner] = {}
         self.steppers: dict[float, Stepper] = {}
-        self.continuous: ContinuousRunner | None = None
-        if (choice.integrator or SAP) != SAP:  # an empty name stands for SAP
-            self.continuous = ContinuousRunner(self.drake, self._build(0.0, self.closure))
-        self._runner(choice.step)  # builds the discrete plant now, so that a linkage that Drake refuses fails here
+        self.is_continuous = choice.integrator not in ("", SAP)  # an empty name stands for SAP
+        self._get_runner(choice.step)  # builds the plant now, so that a linkage that Drake refuses fails here
 
     def _build(self, step: float, closure: Closure) -> Built:
         """Return a discrete plant with the given step size [s], or a continuous plant if `step` is 0.
@@ -117,17 +120,17 @@ class DrakeModel(TreeModel):
         except (RuntimeError, ValueError) as error:
             raise RunFailure(Status.ERROR, f"Drake cannot build the plant: {in_a_sentence(error)}") from error
 
-    def _runner(self, size: float) -> Runner:
+    def _get_runner(self, size: float) -> Runner:
         """Return the simulation that takes steps of `size` [s]; a discrete plant is built at the first call for each step size."""
-        if self.continuous:
-            return self.continuous  # a continuous plant serves for all step sizes
+        if self.is_continuous:
+            size = 0.0  # one plant for all step sizes
         key = round(size, 15)  # two sizes that differ only by rounding share one plant
         if key not in self.runners:
-            self.runners[key] = Runner(self.drake, self._build(size, self.closure))
+            self.runners[key] = Runner(self._build(size, self.closure))
         return self.runners[key]
 
-    def _stepper(self, size: float) -> Stepper:
-        """Return the plant with steps of `size` [s], or the continuous one if it is 0, that is evaluated at given states."""
+    def _get_stepper(self, size: float) -> Stepper:
+        """Return the plant for evaluations at given states, with steps of `size` [s], or continuous if `size` is 0."""
         if size not in self.steppers:
             self.steppers[size] = Stepper(self._build(size, self.closure))
         return self.steppers[size]
@@ -140,9 +143,9 @@ class DrakeModel(TreeModel):
         """
         try:
             if self.closure.kind == BALL:
-                shorter = [2**k for k in range(HALVINGS + 1)]
-                return settled_acceleration(lambda longest: [self._stepper(longest / x) for x in shorter], y, dy)
-            return self._stepper(0.0).reported_acceleration(y, dy)
+                divisors = [2**k for k in range(HALVINGS + 1)]
+                return settled_acceleration(lambda longest: [self._get_stepper(longest / x) for x in divisors], y, dy)
+            return self._get_stepper(0.0).reported_acceleration(y, dy)
         except RunFailure:  # is a RuntimeError too
             raise
         except RuntimeError as error:
@@ -152,18 +155,16 @@ class DrakeModel(TreeModel):
         """Reset to the start; `native` has no effect, because Drake takes the steps."""
         super().prepare(times, native)
         for stretch in self.plan:
-            self._runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
-        if self.continuous:
-            name = self.choice.integrator
-            accuracy, _ = self.choice.tolerances(self.options["accuracy"], 0.0)
-            self.continuous.set_integrator(self.drake, SCHEMES[name], accuracy if name in Drake.adaptive else None)
+            self._get_runner(stretch.size)  # builds the plant for this step size and keeps it, so that no timed run builds one
+        if self.is_continuous:
+            self._get_runner(0.0).set_integrator(SCHEMES[self.choice.integrator], choose_accuracy(self.choice, self.options))
 
     def run(self) -> None:
-        # a runner has one step size; another runner starts from the present state when the step size changes
+        # a discrete plant has one step size: when the step size changes, another simulation starts from the present state
         y, dy = self.y0, self.dy0
         running: Runner | None = None
         for stretch in self.plan:
-            runner = self._runner(stretch.size)
+            runner = self._get_runner(stretch.size)
             try:
                 if runner is not running:
                     runner.start(y, dy)
@@ -176,7 +177,7 @@ class DrakeModel(TreeModel):
                 self.y[stretch.row], self.dy[stretch.row] = y, dy
 
     def count_steps(self) -> int:
-        return int(self.continuous.integrator.get_num_steps_taken()) if self.continuous else super().count_steps()
+        return int(self._get_runner(0.0).integrator.get_num_steps_taken()) if self.is_continuous else super().count_steps()
 
     def read(self) -> Trajectory:
         """Return the samples with their accelerations.
@@ -189,8 +190,8 @@ class DrakeModel(TreeModel):
         if self.closure.kind != BALL:  # no closures, or bushings
             return super().read()
         q, v, _ = self.tree.absolute(self.y, self.dy, np.zeros_like(self.y))
-        # index of a sample -> the simulation that took the steps to this sample; and simulation -> evaluator of its plant
-        runners = {stretch.row: self._runner(stretch.size) for stretch in self.plan}
+        # index of a sample -> the simulation that took the steps to this sample; and simulation -> its plant, for evaluation
+        runners = {stretch.row: self._get_runner(stretch.size) for stretch in self.plan}
         steppers = {runner: Stepper(runner.built) for runner in {*runners.values()}}
 
         def acceleration_of_sample(k: int) -> Array:

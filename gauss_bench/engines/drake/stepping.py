@@ -15,7 +15,7 @@ LONGEST_STEP = 0.1  # [s] limit for integrators that choose their steps, as in D
 LENGTHS = (1e-4, 4e-4)  # [s] longest step of an extrapolation; the second is tried if the first fails
 HALVINGS = 3  # number of shorter steps of an extrapolation, each half of the one before
 SETTLING = 9  # number of steps of each length
-SETTLED = 1e-3  # an extrapolation counts if it changes relatively by less when the shortest steps are left out
+SETTLED = 1e-3  # an extrapolation is accepted if it changes relatively by less when its shortest step is left out
 
 
 class Stepper:
@@ -44,19 +44,33 @@ class Stepper:
         rates = [dy]  # dy at the beginning, and after each step
         for _ in range(steps):
             self.context.SetDiscreteState(self.built.plant.EvalUniquePeriodicDiscreteUpdate(self.context))
-            rates.append(self.built.state(self.context)[1])
+            _, rate = self.built.state(self.context)
+            rates.append(rate)
         return (rates[-2] - rates[-3]) / self.length, (rates[-1] - rates[-2]) / self.length
 
 
 class Runner:
-    """A simulation of a discrete plant, with equal time steps."""
+    """A simulation of a plant: of a discrete plant with its own step size, or of a continuous plant by an integrator.
 
-    def __init__(self, drake: Any, built: Built):
+    Attributes:
+        integrator: Drake's object for the integrator; None for a discrete plant, which needs none.
+        taken: number of steps since the start.
+    """
+
+    def __init__(self, built: Built):
         self.built = built
-        self.simulator: Any = drake.analysis.Simulator(built.system)
+        self.simulator: Any = built.drake.analysis.Simulator(built.system)
         self.root = self.simulator.get_mutable_context()
         self.context = built.connect(self.root)
-        self.taken = 0
+        self.integrator: Any = None
+
+    def set_integrator(self, scheme: str, accuracy: float | None) -> None:
+        """Set the integrator of a continuous plant to one of Drake's schemes; if `accuracy` is given, it chooses its own steps."""
+        self.integrator = self.built.drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
+        self.takes_equal_steps = accuracy is None
+        self.integrator.set_fixed_step_mode(self.takes_equal_steps)
+        if accuracy is not None:
+            self.integrator.set_target_accuracy(accuracy)
 
     def start(self, y: Array, dy: Array) -> None:
         """Begin at a tree state y, dy (n,), and at time 0, because no force depends on time."""
@@ -64,35 +78,19 @@ class Runner:
         self.built.set_state(self.context, y, dy)
         self.simulator.Initialize()
         self.taken = 0
+        if self.integrator is not None:
+            self.integrator.ResetStatistics()
 
     def advance(self, steps: int, size: float) -> tuple[Array, Array]:
-        """Take steps of the plant's own step size, which is `size` [s] up to rounding, and return the tree state y, dy (n,)."""
+        """Simulate `steps` times `size` [s], in steps of this size unless an integrator chooses them; return y, dy (n,)."""
         self.taken += steps
-        # Drake computes the time of a step by the same product; a sum of sizes could differ from it by rounding
-        self.simulator.AdvanceTo(self.taken * self.built.plant.time_step())
-        return self.built.state(self.context)
-
-
-class ContinuousRunner(Runner):
-    """A simulation of a continuous plant by one of Drake's integrators."""
-
-    def set_integrator(self, drake: Any, scheme: str, accuracy: float | None) -> None:
-        """Set the integrator to one of Drake's schemes; if `accuracy` is given, the integrator chooses its own steps."""
-        self.integrator: Any = drake.analysis.ResetIntegratorFromFlags(self.simulator, scheme, LONGEST_STEP)
-        self.takes_equal_steps = accuracy is None
-        self.integrator.set_fixed_step_mode(self.takes_equal_steps)
-        if accuracy is not None:
-            self.integrator.set_target_accuracy(accuracy)
-
-    def start(self, y: Array, dy: Array) -> None:
-        super().start(y, dy)
-        self.integrator.ResetStatistics()
-
-    def advance(self, steps: int, size: float) -> tuple[Array, Array]:
-        """Integrate over `steps` times `size` [s], in steps of this size unless Drake chooses them; return y, dy (n,)."""
-        if self.takes_equal_steps:
-            self.integrator.set_maximum_step_size(size)
-        self.simulator.AdvanceTo(self.root.get_time() + steps * size)
+        # Drake computes the time of a step of a discrete plant by the same product; a sum of sizes could differ by rounding
+        end = self.taken * self.built.plant.time_step()
+        if self.integrator is not None:
+            end = self.root.get_time() + steps * size
+            if self.takes_equal_steps:
+                self.integrator.set_maximum_step_size(size)
+        self.simulator.AdvanceTo(end)
         return self.built.state(self.context)
 
 
@@ -122,9 +120,9 @@ def settled_acceleration(steppers: Callable[[float], Sequence[Stepper]], y: Arra
         pairs = [stepper.last_changes(y, dy, SETTLING) for stepper in chosen]
         changes = [2 * last - before for before, last in pairs]  # D(h), because the distance from it halves in every step
         lengths = [stepper.length for stepper in chosen]
-        found = extrapolate(lengths, changes)
+        acceleration = extrapolate(lengths, changes)
         # the uncertainty: the largest change of a component if the shortest step is left out
-        change = float(np.abs(found - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
-        if change <= SETTLED * size(found):
-            return found
+        change = float(np.abs(acceleration - extrapolate(lengths[:-1], changes[:-1])).max(initial=0.0))
+        if change <= SETTLED * size(acceleration):
+            return acceleration
     raise RunFailure(Status.NOT_CONVERGED, f"Drake's changes of speed in short steps do not settle: they differ by {change:.1e}")

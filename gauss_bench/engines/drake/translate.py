@@ -38,17 +38,17 @@ BALL, BUSHING, OPEN = "ball", "bushing", "open"  # kinds of closures; OPEN close
 PointLoad = tuple[int, Array, Array]  # link, point (2,) in its frame [m], and force (2,) [N]
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+def explain_refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why Drake's elements cannot express a driver or a force, or None if they can."""
     if mechanism.drivers:
         name = mechanism.drivers[0].name
         return f"Drake has no joint that follows a law ({name}): its actuators are springs, and a locked joint stands still"
     turns = turning(tree)
-    refusals = (load_refusal(load, tree, turns) for load in sort_loads(mechanism, tree))
-    return next(filter(None, refusals), None)
+    refusals = (explain_load_refusal(load, tree, turns) for load in sort_loads(mechanism, tree))
+    return next(filter(None, refusals), None)  # the reason for the first load that Drake cannot express
 
 
-def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
+def explain_load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
     """Return the reason why no element of Drake expresses a load, or None if one does."""
     if reason := refuse_load(load, turns, "Drake"):
         return reason
@@ -68,7 +68,7 @@ def load_refusal(load: TreeLoad, tree: Tree, turns: Turning) -> str | None:
 
 def branch_of(tree: Tree, at: int) -> Branch:
     """Return the branch that has the tree coordinate with the index `at`."""
-    return max((b for b in tree.branches if b.at <= at), key=lambda b: b.at)
+    return max((b for b in tree.branches if b.at <= at), key=lambda b: b.at)  # the last one that begins there or before
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,7 @@ class Built:
         joints, dampings: index of a branch's first tree coordinate -> its joint, and the damping of each of its coordinates.
         order: (n,) index of each tree coordinate in Drake's coordinates.
         pins: for each closing pin, its two ends: the frame of Drake's body and the point (3,) in it.
+        frames: number of the frames that `_add_frame` has added, from which they take their names.
         motors: (n,) constant generalised forces on the tree coordinates.
         winds, thrusts: forces at points whose directions are fixed in the world, and in their links.
         ports: pairs of an input port for forces at points and its values: winds, then thrusts of the propellers [N].
@@ -145,10 +146,10 @@ class Built:
         self.bodies: dict[int, Any] = {GROUND: self.plant.world_body()}
         self.frames = 0
         for i, link in enumerate(mechanism.links):
-            # only the last moment of inertia acts; Drake refuses moments that no body can have, and takes three equal ones
+            # only the last moment of inertia acts; Drake refuses moments that no body can have, and accepts three equal ones
             self.bodies[i] = self._add_body(f"link{i}", link.mass, link.inertia / link.mass)
         self.joints = {b.at: self._add_joint(b) for b in tree.branches}
-        self.dampings = {b.at: np.zeros(3 if b.kind == "free" else 1) for b in tree.branches}
+        self.dampings = {b.at: np.zeros(len(b.coordinates)) for b in tree.branches}
         self.winds: list[PointLoad] = []
         self.thrusts: list[PointLoad] = []
         self.motors = np.zeros(tree.n)
@@ -159,22 +160,20 @@ class Built:
             if damping.any():
                 self.joints[at].set_default_damping_vector(damping)
         # frames of the closing pins; like bodies, they must be added before Finalize
-        ends = [[(self.bodies[x.link].body_frame(), in_space(x.local)) for x in pin] for pin in closing_pins(tree)]
+        ends = [[(self.bodies[point.link].body_frame(), in_space(point.local)) for point in pin] for pin in closing_pins(tree)]
         self.pins = [(a, b) for a, b in ends]
         if closure.kind == BALL:
             self._add_balls()
         if closure.kind == BUSHING:
             self._add_bushings(closure)
         self.plant.Finalize()
-        # a joint has one damping for each of its coordinates
-        order = [self.joints[at].position_start() + k for at in sorted(self.joints) for k in range(len(self.dampings[at]))]
-        self.order = np.array(order)
+        self.order = np.array([self.joints[b.at].position_start() + k for b in tree.branches for k in range(len(b.coordinates))])
         self.system, self.ports = self._add_point_forces()
 
     def connect(self, root: Any) -> Any:
         """Set the constant forces in the context `root` of the system, and return the plant's context in it."""
         context = self.plant.GetMyMutableContextFromRoot(root)
-        self.plant.get_applied_generalized_force_input_port().FixValue(context, self._ordered(self.motors))
+        self.plant.get_applied_generalized_force_input_port().FixValue(context, self._order(self.motors))
         self.set_forces_at_points(root)
         return context
 
@@ -184,7 +183,7 @@ class Built:
             if len(values):
                 port.FixValue(port.get_system().GetMyMutableContextFromRoot(root), values)
 
-    def _ordered(self, x: Array) -> Array:
+    def _order(self, x: Array) -> Array:
         """Return values (n,) of the tree coordinates in Drake's order."""
         ordered = np.empty_like(x)
         ordered[self.order] = x
@@ -192,8 +191,8 @@ class Built:
 
     def set_state(self, context: Any, y: Array, dy: Array) -> None:
         """Set the tree state y, dy (n,) in a context of the plant."""
-        self.plant.SetPositions(context, self._ordered(y))
-        self.plant.SetVelocities(context, self._ordered(dy))
+        self.plant.SetPositions(context, self._order(y))
+        self.plant.SetVelocities(context, self._order(dy))
 
     def state(self, context: Any) -> tuple[Array, Array]:
         """Return the tree state y, dy (n,) of a context of the plant."""
@@ -206,11 +205,11 @@ class Built:
 
     def _add_point_forces(self) -> tuple[Any, list[tuple[Any, Any]]]:
         """Return the attributes `system` and `ports`: the plant, in a diagram with propellers if there are thrusts."""
-        tools, math, winds, propellers = self.drake.plant, self.drake.math, [], []
-        for link, at, force in self.winds:
-            wind = tools.ExternallyAppliedSpatialForce()
+        parts, math, winds, propellers = self.drake.plant, self.drake.math, [], []
+        for link, point, force in self.winds:
+            wind = parts.ExternallyAppliedSpatialForce()
             wind.body_index = self.bodies[link].index()
-            wind.p_BoBq_B = in_space(at)
+            wind.p_BoBq_B = in_space(point)
             wind.F_Bq_W = self.drake.vectors.SpatialForce(np.zeros(3), in_space(force))
             winds.append(wind)
         port = self.plant.get_applied_spatial_force_input_port()
@@ -218,20 +217,20 @@ class Built:
             return self.plant, [(port, winds)]
         builder = self.drake.framework.DiagramBuilder()
         builder.AddSystem(self.plant)
-        for link, at, force in self.thrusts:
-            # a propeller pushes along axis 2 of its pose
-            pose = math.RigidTransform(math.RotationMatrix.MakeFromOneVector(in_space(force), 2), in_space(at))
-            propellers.append(tools.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0))
-        thrusters = builder.AddSystem(tools.Propeller(propellers))
+        for link, point, force in self.thrusts:
+            # the thrust is along the z axis (index 2) of the propeller's pose; 1 N for an input of 1, and no moment
+            pose = math.RigidTransform(math.RotationMatrix.MakeFromOneVector(in_space(force), 2), in_space(point))
+            propellers.append(parts.PropellerInfo(self.bodies[link].index(), pose, 1.0, 0.0))
+        thrusters = builder.AddSystem(parts.Propeller(propellers))
         builder.Connect(self.plant.get_body_poses_output_port(), thrusters.get_body_poses_input_port())
         sizes = np.array([float(np.linalg.norm(force)) for _, _, force in self.thrusts])
         ports: list[tuple[Any, Any]] = [(thrusters.get_command_input_port(), sizes)]
         pushes = thrusters.get_spatial_forces_output_port()
-        if winds:  # a multiplexer joins both kinds of force; Drake refuses one with an input that has no values
-            both = builder.AddSystem(tools.ExternallyAppliedSpatialForceMultiplexer(2))
-            builder.Connect(pushes, both.get_input_port(0))
-            ports.insert(0, (both.get_input_port(1), winds))
-            pushes = both.get_output_port()
+        if winds:  # a multiplexer joins both kinds of force; without winds it would have an input without values, an error
+            multiplexer = builder.AddSystem(parts.ExternallyAppliedSpatialForceMultiplexer(2))
+            builder.Connect(pushes, multiplexer.get_input_port(0))
+            ports.insert(0, (multiplexer.get_input_port(1), winds))
+            pushes = multiplexer.get_output_port()
         builder.Connect(pushes, port)
         return builder.Build(), ports
 
@@ -241,17 +240,17 @@ class Built:
         inertia = tree.SpatialInertia(mass, np.zeros(3), tree.UnitInertia.TriaxiallySymmetric(unit_inertia))
         return self.plant.AddRigidBody(name, inertia)
 
-    def _offset(self, link: int, at: Array, turn: float = 0.0) -> Any:
-        """Add a frame fixed in a link at a point (2,) [m], turned by an angle [rad], and return it."""
+    def _add_frame(self, link: int, origin: Array, turn: float = 0.0) -> Any:
+        """Add a frame fixed in a link, at the point `origin` (2,) [m] and turned by an angle [rad], and return it."""
         math = self.drake.math
-        pose = math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), in_space(at))
+        pose = math.RigidTransform(math.RotationMatrix.MakeZRotation(turn), in_space(origin))
         self.frames += 1
         return self.plant.AddFrame(self.drake.tree.FixedOffsetFrame(f"frame{self.frames}", self.bodies[link].body_frame(), pose))
 
     def _add_joint(self, b: Branch) -> Any:
         """Add the joint of a branch, and return it."""
         tree, name = self.drake.tree, f"joint{b.at}"
-        near, far = self._offset(b.parent, b.parent_anchor + b.base), self._offset(b.link, b.anchor, -b.turn)
+        near, far = self._add_frame(b.parent, b.parent_anchor + b.base), self._add_frame(b.link, b.anchor, -b.turn)
         if b.kind == "prismatic":
             return self.plant.AddJoint(tree.PrismaticJoint(name, near, far, in_space(b.axis)))
         if b.kind == "revolute":
@@ -259,7 +258,7 @@ class Built:
         return self.plant.AddJoint(tree.PlanarJoint(name, near, far))
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
-        """Add the elements of a load that `load_refusal` accepts to the plant; store a load that enters through an input port."""
+        """Add the elements of a load without a refusal (`explain_load_refusal`) to the plant; store a load for an input port."""
         tree = self.drake.tree
         match load:
             case Steady():
@@ -274,21 +273,22 @@ class Built:
                         self.plant.AddForceElement(spring(self.joints[branch.at], rest, load.k))
             case OtherLoad(_, PointForce(point=point) as force):
                 in_world, value = turn_force(force, turns)
+                forces = self.winds if in_world else self.thrusts
                 if value.any():
-                    (self.winds if in_world else self.thrusts).append((point.link, point.local, value))
+                    forces.append((point.link, point.local, value))
             case OtherLoad(_, Law(coordinate=Distance(a, b)) as law):
                 ends = self.bodies[a.link], in_space(a.local), self.bodies[b.link], in_space(b.local)
                 self.plant.AddForceElement(tree.LinearSpringDamper(*ends, law.rest, law.k, law.c))
 
     def _add_balls(self) -> None:
         """Close the pins that are not in the tree by ball constraints; a body that is welded to the world stands for the ground."""
-        holders, pairs = dict(self.bodies), closing_pins(self.tree)
-        if any(GROUND in (a.link, b.link) for a, b in pairs):
+        bodies, pins = dict(self.bodies), closing_pins(self.tree)
+        if any(GROUND in (a.link, b.link) for a, b in pins):
             # mass and inertia have no effect, because the body does not move
-            holders[GROUND] = self._add_body("ground", 1.0, 1.0)
-            self.plant.WeldFrames(self.plant.world_frame(), holders[GROUND].body_frame())
-        for a, b in pairs:
-            self.plant.AddBallConstraint(holders[a.link], in_space(a.local), holders[b.link], in_space(b.local))
+            bodies[GROUND] = self._add_body("ground", 1.0, 1.0)
+            self.plant.WeldFrames(self.plant.world_frame(), bodies[GROUND].body_frame())
+        for a, b in pins:
+            self.plant.AddBallConstraint(bodies[a.link], in_space(a.local), bodies[b.link], in_space(b.local))
 
     def _add_bushings(self, closure: Closure) -> None:
         """Close the pins outside the tree by bushings with equal constants in all directions, and without torques.
@@ -302,9 +302,9 @@ class Built:
         q = np.tile(own.q, (tree.n, 1))  # the same positions with each unit speed of a tree coordinate
         for a, b in closing_pins(tree):
             # relative velocity (n, 2) of the pin's ends at the unit speeds: the transposed Jacobian of the gap
-            rows = velocity(q, speeds, b) - velocity(q, speeds, a)
-            stiffness, damping = (np.full(3, x) for x in closure.constants(least_mass(rows.T, own.mass)))
-            ends = self._offset(a.link, a.local), self._offset(b.link, b.local)
+            transposed = velocity(q, speeds, b) - velocity(q, speeds, a)
+            stiffness, damping = (np.full(3, x) for x in closure.constants(least_mass(transposed.T, own.mass)))
+            ends = self._add_frame(a.link, a.local), self._add_frame(b.link, b.local)
             self.plant.AddForceElement(self.drake.tree.LinearBushingRollPitchYaw(*ends, twist, twist, stiffness, damping))
 
 

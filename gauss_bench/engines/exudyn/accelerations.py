@@ -2,7 +2,7 @@
 
 Exudyn itself (`BuiltIn`) differentiates C_q v by one-sided differences, which limits the accuracy of accelerations to about 1e-7,
 and ignores the second derivatives of motion laws. `Readout` reads the mass matrix, the forces and the Jacobian C_q of the
-constraints, and `kkt_acceleration` solves the equations.
+constraints, and `solve_kkt` solves the equations.
 """
 
 from typing import Any
@@ -37,11 +37,11 @@ class BuiltIn:
         data.SetODE2Coordinates(q - self.system.mechanism.q0, self.initial)  # Exudyn's coordinates are displacements from q0
         data.SetODE2Coordinates_t(v, self.initial)
         alpha = self.settings.timeIntegration.generalizedAlpha
-        # Exudyn computes accelerations only at the start of a run, and only with this option; runs keep their own value of it
-        for_runs = alpha.computeInitialAccelerations
+        # Exudyn computes accelerations only at the start of a run, and only with this option; the value for runs is set again
+        value_for_runs = alpha.computeInitialAccelerations
         alpha.computeInitialAccelerations = True
         self.solver.InitializeSolverInitialConditions(self.system.mbs, self.settings)
-        alpha.computeInitialAccelerations = for_runs
+        alpha.computeInitialAccelerations = value_for_runs
         return np.array(data.GetODE2Coordinates_tt())
 
 
@@ -72,8 +72,8 @@ class Readout:
         if speed == 0 or self.m == 0:
             return np.zeros(self.m)
         h = DIFFERENCE / speed
-        near, far = (self.jacobian(q + k * h * v) - self.jacobian(q - k * h * v) for k in (1, 2))
-        return np.asarray(-((8 * near - far) / (12 * h) @ v))
+        narrow, wide = (self.jacobian(q + k * h * v) - self.jacobian(q - k * h * v) for k in (1, 2))
+        return np.asarray(-((8 * narrow - wide) / (12 * h) @ v))
 
     def __call__(self, q: Array, v: Array, t: float) -> Terms:
         mbs, solver = self.system.mbs, self.solver
@@ -90,7 +90,7 @@ class Readout:
         return Terms(M, J, Q, bias, phi, J @ v)  # J v lacks the rates of motion laws: the adapter does not use it
 
 
-def kkt_acceleration(terms: Terms, redundant: bool) -> Array:
+def solve_kkt(terms: Terms, redundant: bool) -> Array:
     """Return the accelerations a (n,) that solve M a + J^T lambda = Q, J a = gamma, without the suite's own formulations.
 
     If constraint rows are redundant, the multipliers lambda are not unique, but a is the same in all solutions; one of least
@@ -114,9 +114,9 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
     dof, redundant = int(counts["degreeOfFreedom"]), int(counts["redundantConstraints"])
     expected_dof = mechanism.dof - len(mechanism.drivers)
     if (dof, redundant) != (expected_dof, mechanism.redundant):
-        message = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows, "
-        raise RunFailure(Status.ERROR, f"{message}the linkage has {expected_dof} and {mechanism.redundant}")
-    for q, v in states_near_the_start(evaluator):
+        counted = f"Exudyn counts {dof} degrees of freedom and {redundant} redundant rows"
+        raise RunFailure(Status.ERROR, f"{counted}, the linkage has {expected_dof} and {mechanism.redundant}")
+    for q, v in draw_states_near_start(evaluator):
         own, expected = readout(q, v, 0.0), evaluator.terms(0.0, q, v)
         # (m,) largest difference of each row, with its own sign and with the opposite one
         same, opposite = (np.abs(own.J - x).max(axis=1, initial=0.0) for x in (expected.J, -expected.J))
@@ -128,12 +128,12 @@ def verify(system: System, readout: Readout, evaluator: Evaluator) -> None:
             "constraint residual": (np.abs(own.phi), np.abs(expected.phi), size(expected.phi)),
         }
         for t in mechanism.kinks:  # times at which forces jump
-            own_then, then = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
-            pairs[f"applied forces at t = {t:.6g} s"] = own_then, then, size(then)
+            own_forces, expected_forces = readout(q, v, t).Q, evaluator.terms(t, q, v).Q
+            pairs[f"applied forces at t = {t:.6g} s"] = own_forces, expected_forces, size(expected_forces)
         require_agreement(pairs, AGREEMENT)
 
 
-def states_near_the_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
+def draw_states_near_start(evaluator: Evaluator) -> list[tuple[Array, Array]]:
     """Return the start, and at most two random states q, v (n,) near it that satisfy the constraints, with speeds of order one."""
     mechanism = evaluator.mechanism
     states: list[tuple[Array, Array]] = [(mechanism.q0, mechanism.v0)]

@@ -23,8 +23,8 @@ import numpy as np
 
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.exudyn import across_releases
-from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, kkt_acceleration, verify
-from gauss_bench.engines.exudyn.items import System, reason_to_refuse
+from gauss_bench.engines.exudyn.accelerations import BuiltIn, Readout, solve_kkt, verify
+from gauss_bench.engines.exudyn.items import System, explain_refusal
 from gauss_bench.engines.shared import LibraryEngine, common_refusal, finite, finite_acceleration
 from gauss_bench.integrate.fixed_step import Stretch, step_counts, stretches
 from gauss_bench.mechanism.evaluate import evaluator_of
@@ -37,7 +37,7 @@ SOLVERS = {"generalized_alpha": "GeneralizedAlpha", "trapezoidal_index2": "Trape
 FAR = 0.1  # a run has diverged if the gap of a joint exceeds this share of the linkage's size, or this angle [rad]
 
 
-def library() -> tuple[Any, Any]:
+def load_library() -> tuple[Any, Any]:
     """Return the modules `exudyn` and `exudyn.itemInterface`, and keep Exudyn from printing on the console."""
     if not hasattr(sys, "exudynFast"):  # must be set before the first import: it selects the fast module without range checks
         setattr(sys, "exudynFast", Exudyn.settings["default"]["module"] == "fast")  # noqa: B010 - sys has no such attribute
@@ -59,7 +59,7 @@ class Exudyn(LibraryEngine, beside=__file__):
     python_loop = False
 
     def version(self) -> str:
-        exu, _ = library()
+        exu, _ = load_library()
         module = next(name for name in vars(exu) if name.startswith("exudynCPP"))
         return f"Exudyn {across_releases.version(exu)} ({module})"
 
@@ -68,8 +68,8 @@ class Exudyn(LibraryEngine, beside=__file__):
             return reason
         if mechanism.knife_edges:
             return "Exudyn has no planar knife edge"
-        reasons = (reason_to_refuse(mechanism, force) for force in mechanism.forces)
-        return next((reason for reason in reasons if reason), None)
+        reasons = (explain_refusal(mechanism, force) for force in mechanism.forces)
+        return next(filter(None, reasons), None)  # the reason for the first force that Exudyn cannot express
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return "motion laws and varying forces, in every iteration" if mechanism.drivers or mechanism.varying else ""
@@ -78,12 +78,12 @@ class Exudyn(LibraryEngine, beside=__file__):
         return ExudynModel(mechanism, choice)
 
 
-def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
+def make_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     """Return Exudyn's simulation settings for a choice; each run sets the start, the end and the number of steps."""
     options = Exudyn.file.options(choice.settings)
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
-    solver = linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
+    solver = choose_linear_solver(options["linear_solver"], mechanism.n + mechanism.m)
     if mechanism.redundant:
         solver = options["linear_solver_where_redundant"]
     across_releases.set_linear_solver(exu, settings, solver, bool(mechanism.redundant))
@@ -99,13 +99,13 @@ def simulation_settings(exu: Any, mechanism: Mechanism, choice: Choice) -> Any:
     return settings
 
 
-def linear_solver(rule: str, unknowns: int) -> str:
+def choose_linear_solver(rule: str, unknowns: int) -> str:
     """Return the linear solver that a rule chooses for a number of unknowns.
 
     The rule "NAME to MOST, NAME to MOST, NAME" means the first solver whose MOST is at least the number of unknowns.
     """
-    for part in rule.split(", "):
-        name, _, most = part.partition(" to ")
+    for entry in rule.split(", "):
+        name, _, most = entry.partition(" to ")
         if not most or unknowns <= int(most):
             return name
     raise ValueError(f"{rule}: no solver for {unknowns} unknowns")
@@ -124,7 +124,7 @@ class Log:
         handle, name = mkstemp(suffix=".log")
         self.file = os.fdopen(handle, errors="replace")
         across_releases.write_log(self.exu, name)  # flushes every line, because SetWriteToFile does not flush when it closes
-        os.unlink(name)  # the open file lives on, and is gone when the process ends, even if it is killed
+        os.unlink(name)  # the file can be read until it is closed, and the system deletes it even if the process is killed
 
     def close(self) -> str | None:
         """Close the log file and return the first line in it that contains a warning; None if there is no such line."""
@@ -141,23 +141,25 @@ class ExudynModel:
 
     Attributes:
         q, v, a: (k, n) samples; q holds Exudyn's displacements u, to which `read` adds q0.
+        readout: function that reads the terms of Exudyn's equations of motion at a given state.
+        built_in: function that returns Exudyn's initial accelerations of a run from a given state.
         solver_runs: the calls of SolveDynamic; each takes a stretch, an interval of time with steps of equal size.
         last_steps: (k,) number of steps from the start to each sample.
         failure: the reason why the run ended early; None if it did not end early.
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
-        self.exu, items = library()
+        self.exu, items = load_library()
         self.mechanism, self.choice = mechanism, choice
         self.evaluator = evaluator_of(mechanism)
         try:
             self.system = System(self.exu, items, mechanism)
             self.readout = Readout(self.system)
             verify(self.system, self.readout, self.evaluator)
-            self.simulation = simulation_settings(self.exu, mechanism, choice)
+            self.simulation = make_settings(self.exu, mechanism, choice)
             self.built_in = BuiltIn(self.system, self.simulation)
         except across_releases.errors(self.exu) as error:
-            raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {sentence(error)}") from error
+            raise RunFailure(Status.ERROR, f"Exudyn refuses the model: {in_one_line(error)}") from error
         self.log = Log(self.exu)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -169,12 +171,12 @@ class ExudynModel:
             kkt = varies or Exudyn.file.options(self.choice.settings)["acceleration"] == KKT
             a = self._solve_kkt(t, q, v) if kkt else self.built_in(q, v)
         except across_releases.solver_errors(self.exu, np.linalg.LinAlgError) as error:
-            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({sentence(error)})") from error
+            raise RunFailure(Status.RANK_LOST, f"t = {t:.6g} s: no unique acceleration ({in_one_line(error)})") from error
         return finite_acceleration(t, a, "Exudyn")
 
     def _solve_kkt(self, t: float, q: Array, v: Array) -> Array:
         """Return the accelerations (n,) of the KKT system at time t [s] and a state q, v (n,)."""
-        return kkt_acceleration(self.readout(q, v, t), self.mechanism.redundant > 0)
+        return solve_kkt(self.readout(q, v, t), self.mechanism.redundant > 0)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         """Reset the model to the start and divide the run into calls of SolveDynamic; Exudyn always takes the steps."""
@@ -213,71 +215,75 @@ class ExudynModel:
                 self.a[0] = self._solve_kkt(float(self.times[0]), self.mechanism.q0, self.mechanism.v0)
                 data.SetODE2Coordinates_tt(self.a[0], initial)
         except across_releases.errors(self.exu, np.linalg.LinAlgError) as error:
-            self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({sentence(error)})")
+            self.failure = RunFailure(Status.RANK_LOST, f"Exudyn finds no initial accelerations ({in_one_line(error)})")
 
     def _register_samples(self) -> None:
         """If one call of the solver covers several samples, make Exudyn call a function after each step, which stores them."""
-        if len(self.solver_runs) != 1 or len(self.times) == 2:  # two samples are the start and the end: no calls that take time
+        # a function that is called takes time, so none is called if the only samples are those at the ends of calls of the solver
+        if len(self.solver_runs) != 1 or len(self.times) == 2:
             across_releases.call_after_steps(self.system.mbs, 0)
             return
         # number of steps from the start -> index of the sample that is due after these steps
-        rows = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
+        due = {int(step): k for k, step in enumerate(self.last_steps) if 0 < k < len(self.times) - 1}
         step = -1  # Exudyn also calls the function before the first step
 
         def after_step(mbs: Any, t: float) -> bool:
+            """Store the sample that is due after this step, if there is one; True lets Exudyn continue."""
             nonlocal step
             step += 1
-            if step in rows:
-                self._store_sample(rows[step])
+            if step in due:
+                self._store_sample(due[step])
             return True
 
         across_releases.call_after_steps(self.system.mbs, after_step)
 
     def _store_sample(self, k: int) -> None:
+        """Store Exudyn's present state as sample k."""
         data = self.system.mbs.systemData
         self.q[k], self.v[k], self.a[k] = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
 
     def run(self) -> None:
+        if self.failure:  # there are no initial accelerations
+            return
         try:
-            for part in self.solver_runs:
-                if not self.failure:
-                    self._run_part(part)
-        except RunFailure as failure:
-            self.failure = failure.with_traceback(None)  # whose frames would keep the model alive
+            for stretch in self.solver_runs:
+                self._run_stretch(stretch)
+        except RunFailure as failure:  # `read` raises it, together with the samples
+            self.failure = failure.with_traceback(None)  # the frames of the traceback would keep the model in memory
 
-    def _run_part(self, part: Stretch) -> None:
+    def _run_stretch(self, stretch: Stretch) -> None:
         """Run Exudyn's solver for one stretch, an interval with equal steps, and store the sample at its end."""
         settings, mbs = self.simulation, self.system.mbs
         time = settings.timeIntegration
-        time.startTime, time.endTime, time.numberOfSteps = part.begin, self._end(part), part.steps
-        self.system.last = part.last  # no force is evaluated later than this time; infinite if no force jumps at the end
+        time.startTime, time.endTime, time.numberOfSteps = stretch.begin, self._end_time(stretch), stretch.steps
+        self.system.last = stretch.last  # no force is evaluated later than this time; infinite if no force jumps at the end
         try:
             # with several calls, each must start from the end of the call before it
-            done = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
+            succeeded = across_releases.solve(self.exu, mbs, settings, update=len(self.solver_runs) > 1)
         except across_releases.errors(self.exu) as error:
-            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({sentence(error)}); try a smaller step"
+            message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn gave up ({in_one_line(error)}); try a smaller step"
             raise RunFailure(Status.NOT_CONVERGED, message) from error
-        if not done:
+        if not succeeded:
             message = f"t = {mbs.systemData.GetTime():.6g} s: Exudyn reports failure without a reason; try a smaller step"
             raise RunFailure(Status.NOT_CONVERGED, message)
         steps = mbs.sys["dynamicSolver"].it.currentStepIndex - 1  # Exudyn's index is that of the next step, counted from 1
-        if steps != part.steps:
-            raise RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {part.steps} were asked for")
-        if part.row is not None:
-            self._store_sample(part.row)
+        if steps != stretch.steps:
+            raise RunFailure(Status.ERROR, f"Exudyn took {steps} steps where {stretch.steps} were asked for")
+        if stretch.row is not None:
+            self._store_sample(stretch.row)
         time.generalizedAlpha.computeInitialAccelerations = False  # the next call continues with the accelerations of this one
-        if part.last != np.inf:
+        if stretch.last != np.inf:
             # a force jumps at the end: the next call, and a sample there, have the accelerations after the jump
             data = mbs.systemData
             q, v = self.mechanism.q0 + np.array(data.GetODE2Coordinates()), np.array(data.GetODE2Coordinates_t())
-            a = self.acceleration(self._end(part), q, v)
+            a = self.acceleration(self._end_time(stretch), q, v)
             data.SetODE2Coordinates_tt(a, self.exu.ConfigurationType.Initial)
-            if part.row is not None:
-                self.a[part.row] = a
+            if stretch.row is not None:
+                self.a[stretch.row] = a
 
-    def _end(self, part: Stretch) -> float:
+    def _end_time(self, stretch: Stretch) -> float:
         """Return the time [s] at the end of a stretch; if a sample is taken there, it is exactly the sample's time."""
-        return part.begin + part.steps * part.size if part.row is None else float(self.times[part.row])
+        return stretch.begin + stretch.steps * stretch.size if stretch.row is None else float(self.times[stretch.row])
 
     def read(self) -> Trajectory:
         warning = self.log.close()
@@ -298,8 +304,8 @@ class ExudynModel:
     def _check_closed(self, trajectory: Trajectory) -> None:
         """Check that the joints are closed, because SolveDynamic reports success for runs that have diverged too."""
         units = [coordinate.unit for joint in self.mechanism.joints for coordinate, _ in joint.held]
-        of_joints = [self.mechanism.size if unit == "m" else 1.0 for unit in units]
-        scale = np.array(of_joints + [1.0] * len(self.mechanism.drivers))  # (m,)
+        joint_scales = [self.mechanism.size if unit == "m" else 1.0 for unit in units]
+        scale = np.array(joint_scales + [1.0] * len(self.mechanism.drivers))  # (m,)
         phi = self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v).phi  # (k, m)
         gap = (np.abs(phi) / scale).max(axis=-1, initial=0.0)
         if (gap > FAR).any():
@@ -308,6 +314,6 @@ class ExudynModel:
             raise RunFailure(Status.DIVERGED, text, trajectory)
 
 
-def sentence(error: Exception) -> str:
+def in_one_line(error: Exception) -> str:
     """Return the message of an exception in one line, without the name of a file and the line number that Exudyn appends."""
     return " ".join(str(error).partition("[Python file")[0].split())

@@ -50,9 +50,9 @@ from gauss_bench.trajectory import RunFailure, Status
 COINCIDENT = 1e-12  # [m] points at a smaller distance coincide
 
 
-def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
+def explain_refusal(mechanism: Mechanism, force: Force) -> str | None:
     """Return the reason why a force has no exact counterpart among Exudyn's items, or None if it has one."""
-    if factor := factor_of(force):  # share: fraction of a varying force that acts on a point that moves against the force
+    if factor := factor_of(force):  # its `share` is the fraction of the force that acts if the point moves against the force
         if isinstance(force, PointForce) and factor.share != 1.0:
             return f"force {force.name} varies with the direction of its point's motion, and Exudyn's loads are not given the speed"
         if isinstance(force, PointForce) and force.frame not in (GROUND, force.point.link):
@@ -60,22 +60,22 @@ def reason_to_refuse(mechanism: Mechanism, force: Force) -> str | None:
         return None
     for load in loads([force]):
         match load:
-            case Law(Along(origin, point, angle)) if origin.link != GROUND:
-                if not slides_along(mechanism, origin.link, point.link, angle):
-                    return (
-                        f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
-                        "Exudyn's connectors leave out its torque on that link"
-                    )
+            case Law(Along() as axis) if axis.origin.link != GROUND and not slides_along(mechanism, axis):
+                return (
+                    f"force {force.name} acts along an axis of a moving link, and no slide keeps its point on that axis; "
+                    "Exudyn's connectors leave out its torque on that link"
+                )
             case Law(Distance()) if load.c != 0 and value(load.coordinate, mechanism.q0) < COINCIDENT:
                 return f"damper {force.name} joins points that coincide at the start, where its direction is undefined"
     return None
 
 
-def slides_along(mechanism: Mechanism, origin: int, other: int, theta: float) -> bool:
-    """Tell whether a slide between two links is parallel to the axis at the angle `theta` [rad] in the link `origin`."""
-    between = [slide for slide in mechanism.slides if {*ends(slide)} == {origin, other}]
-    lines = [slide.angle if slide.guide.link == origin else slide.angle - slide.turn for slide in between]
-    return any(abs(np.sin(line - theta)) < PARALLEL for line in lines)
+def slides_along(mechanism: Mechanism, axis: Along) -> bool:
+    """Tell whether a slide between the link of an axis and the link of the point on it is parallel to the axis."""
+    link = axis.origin.link
+    between = [slide for slide in mechanism.slides if {*ends(slide)} == {link, axis.point.link}]
+    lines = [slide.angle if slide.guide.link == link else slide.angle - slide.turn for slide in between]
+    return any(abs(np.sin(line - axis.angle)) < PARALLEL for line in lines)
 
 
 class System:
@@ -85,7 +85,7 @@ class System:
         container: owner of the system, which must live as long as the system.
         mbs: Exudyn's system.
         bodies, nodes: link -> Exudyn's number of its body and of its node.
-        last: time [s] from which on varying forces keep their value, so that a jump at the end of a run does not act in the run.
+        last: time [s] after which varying forces keep their value, so that a jump at the end of a stretch does not act in it.
     """
 
     def __init__(self, exu: Any, items: Any, mechanism: Mechanism):
@@ -106,7 +106,7 @@ class System:
                     self._add_point_force(load)
                 else:
                     self._add_law(force.name, load)
-        self.last = np.inf  # [s] latest time at which forces are evaluated; every part of a run sets it
+        self.last = np.inf  # [s] latest time at which forces are evaluated; the adapter sets it for every stretch of a run
         for force in mechanism.varying:
             self._add_varying_force(force)
         self.mbs.Assemble()
@@ -159,12 +159,12 @@ class System:
             self._add(
                 "ObjectConnectorCoordinate",
                 markerNumbers=[self._mark_angle(GROUND), self._mark_angle(driver.link)],
-                offsetUserFunction=self._offset(driver.law, 0, start),
-                offsetUserFunction_t=self._offset(driver.law, 1, 0.0),
+                offsetUserFunction=self._make_offset(driver.law, 0, start),
+                offsetUserFunction_t=self._make_offset(driver.law, 1, 0.0),
             )
             return
         nodes = [self._add("MarkerNodeCoordinates", nodeNumber=self.nodes[point.link]) for point in span(driver)]
-        equation, jacobian = self._equation(driver)
+        equation, jacobian = self._make_equation(driver)
         self._add(
             "ObjectConnectorCoordinateVector",
             markerNumbers=nodes,
@@ -173,7 +173,7 @@ class System:
             jacobianUserFunction=jacobian,
         )
 
-    def _equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
+    def _make_equation(self, driver: SlideDriver | LengthDriver) -> tuple[Any, Any]:
         """Return the user functions of the constraint x(q) - law(t) = 0 and of its Jacobian.
 
         Exudyn calls each user function with one list of the coordinates of both links that the driver joins; the ground has none.
@@ -182,44 +182,44 @@ class System:
         links = [point.link for point in span(driver) if point.link != GROUND]
         columns = [3 * link + axis for link in links for axis in range(3)]  # their entries in q
 
-        def full(of_both_links: Any) -> Array:
+        def whole(entries: Any) -> Array:
             """Return an array (n,) with the given entries of the two links (one link for a driver on the ground), and zeros."""
             state = np.zeros(self.mechanism.n)
-            state[columns] = np.array(of_both_links)
+            state[columns] = np.array(entries)
             return state
 
         def equation(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> list[float]:
             """Return the residual x(q) - law(t), or its rate if Exudyn asks for the velocity level."""
             if velocity:
-                return [float(rate(coordinate, full(q), full(v))) - float(law(t)[1])]
-            return [float(value(coordinate, full(q))) - float(law(t)[0])]
+                return [float(rate(coordinate, whole(q), whole(v))) - float(law(t)[1])]
+            return [float(value(coordinate, whole(q))) - float(law(t)[0])]
 
         def jacobian(mbs: Any, t: float, item: int, q: Any, v: Any, velocity: bool) -> Array:
             """Return the derivatives (1, columns) of x with respect to the coordinates of the driver's links."""
-            return np.array(gradient(coordinate, full(q))[None, columns])
+            return np.array(gradient(coordinate, whole(q))[None, columns])
 
         return equation, jacobian
 
-    def _offset(self, law: MotionLaw, rate: int, start: float) -> Any:
+    def _make_offset(self, law: MotionLaw, rate: int, start: float) -> Any:
         """Return a user function of time: the law's value (`rate` 0) or its first derivative (`rate` 1), minus `start`."""
         return lambda mbs, t, item, offset: float(law(t)[rate]) - start
 
     def _add_varying_force(self, force: Force) -> None:
         """Add a force or torque that varies, with a user function of the time, which is limited to `last`.
 
-        So the force has its value before a jump in a step that ends at the jump.
+        Therefore a step that ends at a jump of the force uses the value before the jump.
         """
         factor = factor_of(force)
         assert factor is not None
         match force:
             case Torque(_, link, reaction, value):
 
-                def torque(mbs: Any, t: float, item: int, turned: float, turning: float, *numbers: float) -> float:
-                    """Return the torque [N m], positive if it reduces the angle between the markers, whose rate is `turning`.
+                def torque(mbs: Any, t: float, item: int, angle: float, angle_rate: float, *numbers: float) -> float:
+                    """Return the torque [N m], positive if it reduces the angle between the markers.
 
-                    The factor depends on the rate [rad/s] counted positive in the direction of the torque.
+                    The factor depends on the rate of the angle [rad/s], counted positive in the direction of the torque.
                     """
-                    return -value * float(factor(min(t, self.last), np.sign(value) * turning))
+                    return -value * float(factor(min(t, self.last), np.sign(value) * angle_rate))
 
                 markers = [self._mark_angle(reaction), self._mark_angle(link)]
                 self._add("ObjectConnectorCoordinateSpringDamper", markerNumbers=markers, springForceUserFunction=torque)
@@ -234,7 +234,7 @@ class System:
                 self._add("LoadForceVector", markerNumber=marker, **fields, loadVectorUserFunction=scale)
 
     def _add_law(self, name: str, law: Law) -> None:
-        """Add a load of the force `name`."""
+        """Add the items for a force law, a load of the force `name`."""
         match law.coordinate:
             case Angle(a, b):
                 for link, torque in ((b, law.bias), (a, -law.bias)):

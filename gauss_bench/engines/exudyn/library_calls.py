@@ -1,4 +1,4 @@
-"""Steps of generalized-alpha with Exudyn's sparse solver, which take the place of evaluations of the right-hand side.
+"""Steps of generalized-alpha with Exudyn's sparse solver, which are timed in place of evaluations of the right-hand side.
 
 Exudyn offers no call that only evaluates the right-hand side; a step solves the equations of motion at least once. The call is
 checked by the initial accelerations of a run, which Exudyn computes by finite differences.

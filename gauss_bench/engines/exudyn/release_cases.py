@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.engines.bars import FOUR_BAR, GRAVITY, PAIR
 from gauss_bench.engines.exudyn import across_releases
-from gauss_bench.engines.exudyn.adapter import library
+from gauss_bench.engines.exudyn.adapter import load_library
 from gauss_bench.terms import Array
 
 SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
@@ -20,8 +20,8 @@ SOLVERS = ("EXUdense", "EigenDense", "EigenSparse")
 SPATIAL = {"ObjectJointGeneric": [1, 1, 0, 0, 0, 0], "ObjectJointSpherical": [1, 1, 0]}
 PLANAR = "ObjectConnectorDistance"
 FOUR, LENGTH = "wide_four_bar", "rod_of_one_length"
-LISTED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
-DRAWN = ("visualization", "name")  # arguments of an item on which no motion depends
+COMPARED = ("ObjectJoint", "ObjectConnector", "ObjectRigidBody", "Load")  # beginnings of names: items whose defaults are compared
+WITHOUT_EFFECT = ("visualization", "name")  # arguments of an item on which no motion depends
 DEPTH = 4  # levels of the settings that are read
 
 
@@ -37,26 +37,26 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     `name` is one of `list_probes`, "CLOSURE, SOLVER": Exudyn's names of the item that closes the loop and of the linear solver.
     """
     closure, _, linear_solver = name.rpartition(", ")
-    exu, items = library()
+    exu, items = load_library()
     settings = exu.SimulationSettings()
     across_releases.write_nothing(settings)
     across_releases.set_linear_solver(exu, settings, linear_solver, ignore_singular=False)
     across_releases.set_method(exu, settings, "GeneralizedAlpha")
-    answers = []
+    accelerations = []
     for state in zip(q, v, strict=True):
         container = exu.SystemContainer()
         mbs = container.AddSystem()
         build = build_pair if closure == PLANAR else build_in_space
-        kept = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
+        coordinates = build(mbs, items, *state, closure)  # indices of x, y and the angle of every bar
         mbs.Assemble()
         solver = exu.MainSolverImplicitSecondOrder()
         solver.InitializeSolver(mbs, settings)
         # with this flag, the next call computes the accelerations
         settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = True
         solver.InitializeSolverInitialConditions(mbs, settings)
-        answers.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(kept)])
+        accelerations.append(np.array(mbs.systemData.GetODE2Coordinates_tt())[list(coordinates)])
         del solver, mbs, container  # in this order: the solver and the system may refer to the container
-    return np.array(answers)
+    return np.array(accelerations)
 
 
 def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequence[int]:
@@ -64,8 +64,8 @@ def build_pair(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Sequen
     ground = mbs.AddObject(items.ObjectGround())
     ends = []
     for k, bar in enumerate(PAIR):
-        place, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
-        node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=place, initialVelocities=speed))
+        pose, speed = list(q[3 * k : 3 * k + 3]), list(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBody2D(referenceCoordinates=pose, initialVelocities=speed))
         body = mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody2D, bar.mass, bar.inertia, node))
         weigh(mbs, items, body)
         pins = [mark(mbs, items.MarkerBodyPosition, *end) for end in ((ground, bar.at), (body, -bar.centre))]
@@ -83,17 +83,17 @@ def build_in_space(mbs: Any, items: Any, q: Array, v: Array, closure: str) -> Se
     ground = mbs.AddObject(items.ObjectGround())
     bodies: list[Any] = []
     for k, bar in enumerate(FOUR_BAR):
-        place, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
-        node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=place, initialVelocities=speed))
+        pose, speed = in_space(q[3 * k : 3 * k + 3]), in_space(v[3 * k : 3 * k + 3])
+        node = mbs.AddNode(items.NodeRigidBodyRxyz(referenceCoordinates=pose, initialVelocities=speed))
         moments = [bar.inertia] * 3 + [0.0] * 3  # equal about all axes
         bodies.append(mbs.AddObject(across_releases.rigid_body(items.ObjectRigidBody, bar.mass, moments, node)))
         weigh(mbs, items, bodies[k])
-        parent, at = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
-        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, at), (bodies[k], -bar.centre))]
+        parent, place = (ground, bar.at) if bar.parent < 0 else (bodies[bar.parent], bar.at - FOUR_BAR[bar.parent].centre)
+        pins = [mark(mbs, items.MarkerBodyRigid, *end) for end in ((parent, place), (bodies[k], -bar.centre))]
         mbs.AddObject(items.ObjectJointGeneric(markerNumbers=pins, constrainedAxes=[1, 1, 1, 1, 1, 0]))
     ends = [mark(mbs, items.MarkerBodyRigid, bodies[k], FOUR_BAR[k].length - FOUR_BAR[k].centre) for k in (1, 2)]  # rod, rocker
     mbs.AddObject(getattr(items, closure)(markerNumbers=ends, constrainedAxes=SPATIAL[closure]))
-    return [6 * k + at for k in range(len(FOUR_BAR)) for at in (0, 1, 5)]
+    return [6 * k + axis for k in range(len(FOUR_BAR)) for axis in (0, 1, 5)]
 
 
 def in_space(x: Array) -> list[float]:
@@ -117,15 +117,15 @@ def defaults() -> dict[str, str]:
 
     Linear solvers and integrators have no default value; each one that the release has is listed with the value "there".
     """
-    exu, items = library()
-    found = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
+    exu, items = load_library()
+    values = dict(read_settings(exu.SimulationSettings(), "", DEPTH))
     for name, kind in vars(items).items():
-        if inspect.isclass(kind) and name.startswith(LISTED):
+        if inspect.isclass(kind) and name.startswith(COMPARED):
             for argument in inspect.signature(kind.__init__).parameters.values():
-                if argument.default is not argument.empty and argument.name not in DRAWN:
-                    found[f"{name} {argument.name}"] = str(argument.default)
-    found |= {f"linear solver {name}": "there" for name in dir(exu.LinearSolverType) if name.startswith(("EXU", "Eigen"))}
-    return found | {f"method {name}": "there" for name in dir(exu.DynamicSolverType) if name[0].isupper()}
+                if argument.default is not argument.empty and argument.name not in WITHOUT_EFFECT:
+                    values[f"{name} {argument.name}"] = str(argument.default)
+    values |= {f"linear solver {name}": "there" for name in dir(exu.LinearSolverType) if name.startswith(("EXU", "Eigen"))}
+    return values | {f"method {name}": "there" for name in dir(exu.DynamicSolverType) if name[0].isupper()}
 
 
 def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, str]]:
@@ -143,7 +143,7 @@ def read_settings(settings: Any, place: str, depth: int) -> Iterator[tuple[str, 
             continue
         if isinstance(value, (bool, int, float)):
             yield f"{place}{name}", f"{value:.12g}" if isinstance(value, float) else str(value)
-        elif type(value).__module__.startswith("exudyn") and depth and not hasattr(value, "value"):
+        elif type(value).__module__.startswith("exudyn") and depth and not hasattr(value, "value"):  # nested settings, no word
             yield from read_settings(value, f"{place}{name}.", depth - 1)
         elif hasattr(value, "name"):
             yield f"{place}{name}", str(value.name)

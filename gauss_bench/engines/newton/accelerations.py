@@ -41,20 +41,20 @@ class Accelerations:
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism):
-        self.weight = AppliedForces(mechanism).gravity  # (n,)
+        self.gravity = AppliedForces(mechanism).gravity  # (n,) generalised forces of the links' weights
         self.world = World(libraries, mechanism, CONVERGED, copies=2 + len(WEIGHTS))
 
     def __call__(self, q: Array, v: Array, forces: Array) -> Array:
         e = DIFFERENCE / max(float(np.abs(v).max()), DIFFERENCE)
         # the first copy starts from q with forces, all others without: from q and from displaced positions
         places = [q, q, *(q + k * e * v for k in WEIGHTS)]
-        without_forces = [-self.weight] * len(places)  # cancels gravity, which Newton adds to all copies
+        without_forces = [-self.gravity] * len(places)  # cancels gravity, which Newton adds to all copies
         speeds = np.tile(v, len(places))
-        for given in ([forces, *without_forces[1:]], without_forces):  # the second step only projects
+        for forces_of_copies in ([forces, *without_forces[1:]], without_forces):  # the second step only projects
             self.world.put(np.concatenate(places), speeds)
-            self.world.step(np.concatenate(given), STEP)
-            speeds = self.world.state()[1]
+            self.world.step(np.concatenate(forces_of_copies), STEP)
+            _, speeds = self.world.state()
         # velocities of the copies: pushed by forces, without forces, and without forces at displaced positions
         pushed, free, *moved = speeds.reshape(len(places), -1)
-        velocity_term = sum(weight * x for weight, x in zip(WEIGHTS.values(), moved, strict=True)) / (12 * e)  # d/de P(q + e v) v
+        velocity_term = sum(weight * v1 for weight, v1 in zip(WEIGHTS.values(), moved, strict=True)) / (12 * e)  # d/de P(q + e v) v
         return np.asarray((pushed - free) / STEP + velocity_term)  # P a_free + d/de P(q + e v) v

@@ -62,8 +62,7 @@ class Newton(LibraryEngine, beside=__file__):
 
 def compile_kernels(options: Mapping[str, Any]) -> None:
     """Compile the kernels that settings with these options need: take a step, because Warp compiles kernels when they first run."""
-    world = World(load_libraries(), sample_linkage(), options)
-    world.step(np.zeros(9), 1e-3)
+    World(load_libraries(), sample_linkage(), options).step(forces=np.zeros(9), h=1e-3)
 
 
 class NewtonModel(BodyModel):
@@ -91,12 +90,12 @@ class NewtonModel(BodyModel):
 
     def run(self) -> None:
         q, v = self.mechanism.q0, self.mechanism.v0
-        for begin, count, h, last, row in self.plan:  # forces are evaluated no later than `last`, just before a jump
+        for begin, count, h, last, sample in self.plan:  # forces are evaluated no later than `last`, just before a jump
             for k in range(count):
                 self.unconverged += not self.world.step(self.forces(q, v, min(begin + k * h, last)), h)
                 q, v = self.world.state()
-            if row is not None:
-                self.q[row], self.v[row] = q, v
+            if sample is not None:
+                self.q[sample], self.v[sample] = q, v
 
     def note(self) -> str:
         if not self.unconverged:

@@ -1,4 +1,4 @@
-"""The machine code of Newton's kernels: Warp compiles a kernel when it first runs, which takes minutes, and the code is kept."""
+"""The machine code of Newton's kernels: Warp compiles each kernel at its first run, which takes minutes, and stores the code."""
 
 import tempfile
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from typing import Any
 from gauss_bench.compiler.user_cache import trusted_folder
 
 FOLDER = "warp"  # folder of machine code, in the user's cache
-MADE = "kamino-{}.made"  # file in FOLDER that marks that all kernels of these versions are compiled
+MADE = "kamino-{}.made"  # file in FOLDER whose presence says that all kernels of these versions are compiled
 PACKAGES = ("newton", "warp-lang")
 
 
@@ -57,7 +57,7 @@ def find_mark() -> Path | None:
 
 
 def are_compiled() -> bool:
-    """Tell whether `build_once` has nothing to do: all kernels are stored, or none can be stored, so that each process compiles."""
+    """Tell whether `build_once` has nothing to do: all kernels are stored, or every process compiles, for lack of a safe folder."""
     mark = find_mark()
     return mark is None or mark.exists()
 

@@ -12,7 +12,7 @@ A step of h [s] from q, v uses the forces Q and the constraint Jacobian J at q, 
 One step launches some hundred kernels (compiled functions). This takes 0.1 s if Python launches them, so Warp records the launches
 once for each h, and replays them in C++.
 
-Traps: Newton computes in single precision only. For models without shapes, Kamino makes room for 1000 contacts; the option
+Traps: Newton computes in single precision only. For models without shapes, Kamino reserves memory for 1000 contacts; the option
 `contacts` is a smaller number.
 """
 
@@ -50,12 +50,13 @@ class World:
     """A linkage, or several equal copies of it that do not touch each other, in the library Newton.
 
     States q, v and forces (3 * links * copies,) hold the entries of the first copy, then those of the second copy, and so on.
+    `current` is Newton's object for the present state.
     """
 
     def __init__(self, libraries: Libraries, mechanism: Mechanism, options: Mapping[str, Any], copies: int = 1):
         """Build the copies at the start of the linkage.
 
-        Of `options`, "alpha" is the share of a gap that a step closes, and "contacts" the room for contacts in each copy.
+        Of `options`, "alpha" is the share of a gap that a step closes, and "contacts" the largest number of contacts in each copy.
         """
         self.warp, self.newton = libraries.warp, libraries.newton
         common = {"up_axis": self.newton.Axis.Y, "gravity": tuple(spatial(mechanism.gravity))}
@@ -66,13 +67,13 @@ class World:
             pose = self._frame(places(mechanism.q0)[k], angles(mechanism.q0)[k])
             self.bodies[k] = self.builder.add_link(xform=pose, mass=link.mass, inertia=inertia, lock_inertia=True)
         tree = spanning_tree(mechanism)
-        inside = []  # the library's indices of the articulation's joints, each from parent to child
+        tree_joints = []  # the library's indices of the articulation's joints, each from parent to child
         for branch in tree.branches:
             if branch.joint is None:
-                inside.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
+                tree_joints.append(self.builder.add_joint_free(child=self.bodies[branch.link]))
             else:
-                inside.append(self._add_joint(branch.joint, backwards=branch.joint.ends[0].link == branch.link))
-        self.builder.add_articulation(inside)
+                tree_joints.append(self._add_joint(branch.joint, backwards=branch.joint.ends[0].link == branch.link))
+        self.builder.add_articulation(tree_joints)
         for joint in tree.closures:
             # Newton refuses joints whose child is the ground
             self._add_joint(joint, backwards=joint.ends[1].link == GROUND)
@@ -82,7 +83,7 @@ class World:
         settings = self.newton.solvers.SolverKamino.Config(dynamics_solver=options["dynamics_solver"])
         settings.constraints.alpha = options["alpha"]
         self.solver = self.newton.solvers.SolverKamino(model, config=settings)
-        self.control, self.now = model.control(), model.state()
+        self.control, self.current = model.control(), model.state()
         self.graphs: dict[float, Any] = {}  # step size, in single precision [s] -> recorded step
         self.put(np.tile(mechanism.q0, copies), np.tile(mechanism.v0, copies))
 
@@ -108,12 +109,12 @@ class World:
         poses, speeds = np.zeros((len(self.angles), 7)), np.zeros((len(self.angles), 6))
         poses[:, PLANE], speeds[:, PLANE], speeds[:, TURN] = places(q), places(v), angles(v)
         poses[:, 5], poses[:, 6] = np.sin(self.angles / 2), np.cos(self.angles / 2)
-        self.now.body_q.assign(poses.astype(np.float32))
-        self.now.body_qd.assign(speeds.astype(np.float32))
+        self.current.body_q.assign(poses.astype(np.float32))
+        self.current.body_qd.assign(speeds.astype(np.float32))
 
     def state(self) -> tuple[Array, Array]:
         """Return the absolute state q, v (3 * links * copies,); between two calls, no link may turn by half a turn or more."""
-        poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.now.body_q, self.now.body_qd))
+        poses, speeds = (np.asarray(x.numpy(), dtype=float) for x in (self.current.body_q, self.current.body_qd))
         q, v = np.empty(3 * len(poses)), np.empty(3 * len(poses))
         places(q)[:], places(v)[:] = poses[:, PLANE], speeds[:, PLANE]
         angles(q)[:], angles(v)[:] = wind(2 * np.arctan2(poses[:, 5], poses[:, 6]), self.angles), speeds[:, TURN]
@@ -125,7 +126,7 @@ class World:
         size = float(np.float32(h))  # sizes that differ only by double-precision rounding share a recording
         if size not in self.graphs:
             with self.warp.ScopedCapture(device="cpu") as capture:
-                self.solver.step(self.now, self.now, self.control, None, size)
+                self.solver.step(self.current, self.current, self.control, None, size)
             self.graphs[size] = capture.graph
         return self.graphs[size]
 
@@ -133,6 +134,6 @@ class World:
         """Take a step of h [s] under forces (3 * links * copies,) besides gravity, and tell whether the solver converged."""
         wrenches = np.zeros((len(self.angles), 6), dtype=np.float32)
         wrenches[:, PLANE], wrenches[:, TURN] = places(forces), angles(forces)
-        self.now.body_f.assign(wrenches)
+        self.current.body_f.assign(wrenches)
         self.warp.capture_launch(self.record(h))
         return bool(self.solver.status.numpy()["converged"].all())

@@ -13,7 +13,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.opensim.forces import JointForces
 from gauss_bench.engines.opensim.program import write
-from gauss_bench.engines.opensim.translate import ADAPTIVE, METHODS, Built, make_manager, refusal
+from gauss_bench.engines.opensim.translate import ADAPTIVE, METHODS, Built, explain_refusal, make_manager
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, joint_tree, unsteady
 from gauss_bench.engines.tree_model import OpenModel, TreeModel, verify
 from gauss_bench.mechanism.model import Mechanism
@@ -27,7 +27,7 @@ class OpenSim(LibraryEngine, beside=__file__):
     """OpenSim with Simbody's explicit integrators, which take equal steps or choose their steps.
 
     Simbody's integrator CPodes is not offered: on the eight-bar after 1 s, its error is 5e-7 rad at the tolerance 1e-9, and that of
-    Merson's method is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and goes on.
+    Merson's method is 7e-9 rad at 1e-8. If a run takes too many steps, CPodes only prints a message about mxstep, and continues.
     """
 
     name = "opensim"
@@ -44,7 +44,7 @@ class OpenSim(LibraryEngine, beside=__file__):
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
         reason = beyond_a_tree(mechanism, "OpenSim") or unsteady(mechanism, "OpenSim")
-        return reason or refusal(mechanism, joint_tree(mechanism, self.file.options(choice.settings)))
+        return reason or explain_refusal(mechanism, joint_tree(mechanism, self.file.options(choice.settings)))
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "OpenSimModel":
         return OpenSimModel(mechanism, choice)
@@ -68,14 +68,14 @@ class OpenSimModel(TreeModel):
 
         def describe(y: Array, dy: Array) -> OpenModel:
             """Return the gaps of the loops and the accelerations of the open tree at y, dy (n,), as OpenSim computes them."""
-            state = self._state(open_tree, 0.0, y, dy)
-            accelerations = self._accelerations(open_tree, state)
+            state = self._make_state(open_tree, 0.0, y, dy)
+            accelerations = self._find_accelerations(open_tree, state)  # computes positions too, which `gaps` needs
             return OpenModel(open_tree.gaps(state), accelerations=accelerations)
 
         verify(mechanism, self.tree, describe, AGREEMENT)
         self.built = Built(opensim, mechanism, self.tree)
 
-    def _state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
+    def _make_state(self, built: Built, t: float, y: Array, dy: Array) -> Any:
         """Return OpenSim's state at time t [s] and a tree state y, dy (n,)."""
         state = self.opensim.State(built.start)
         state.setTime(float(t))
@@ -84,7 +84,7 @@ class OpenSimModel(TreeModel):
             coordinate.setSpeedValue(state, float(rate))
         return state
 
-    def _accelerations(self, built: Built, state: Any) -> Array:
+    def _find_accelerations(self, built: Built, state: Any) -> Array:
         """Return the accelerations (n,) of the tree coordinates; RunFailure is raised if Simbody finds none."""
         try:
             built.model.realizeAcceleration(state)
@@ -93,25 +93,25 @@ class OpenSimModel(TreeModel):
         return np.array([x.getAccelerationValue(state) for x in built.coordinates])
 
     def tree_acceleration(self, t: float, y: Array, dy: Array) -> Array:
-        return self._accelerations(self.built, self._state(self.built, t, y, dy))
+        return self._find_accelerations(self.built, self._make_state(self.built, t, y, dy))
 
     @cached_property
     def _joint_forces(self) -> JointForces:
         return JointForces(self.mechanism, self.tree, self.built)
 
     def joint_forces(self, t: float, q: Array, v: Array) -> Mapping[str, Array]:
-        state = self._state(self.built, t, *self.tree.relative(q, v))
-        self._accelerations(self.built, state)  # OpenSim has forces only after accelerations
+        state = self._make_state(self.built, t, *self.tree.relative(q, v))
+        self._find_accelerations(self.built, state)  # OpenSim has forces only after accelerations
         return self._joint_forces.read(state, q, v)
 
     def prepare(self, times: Array, native: bool = True) -> None:
         super().prepare(times, native)
-        self.manager = self._manager(recorded=False)
+        self.manager = self._make_manager(recorded=False)
 
-    def _manager(self, recorded: bool) -> Any:
+    def _make_manager(self, recorded: bool) -> Any:
         """Return OpenSim's manager, which integrates from the start; if `recorded`, it stores the state after every step."""
         manager = make_manager(self.opensim, self.built.model, self.choice, self.options, self.choice.step, recorded)
-        manager.initialize(self._state(self.built, self.times[0], self.y0, self.dy0))
+        manager.initialize(self._make_state(self.built, self.times[0], self.y0, self.dy0))
         return manager
 
     def run(self) -> None:
@@ -139,7 +139,7 @@ class OpenSimModel(TreeModel):
         if self.choice.integrator not in OpenSim.adaptive:
             return super().count_steps()
         # the repeated run overwrites the copies y, dy, which must then still equal the samples of the run
-        manager, y, dy = self._manager(recorded=True), self.y.copy(), self.dy.copy()
+        manager, y, dy = self._make_manager(recorded=True), self.y.copy(), self.dy.copy()
         self._step_through(manager, y, dy)
         if not (np.array_equal(y, self.y) and np.array_equal(dy, self.dy)):
             raise RunFailure(Status.WARNING, "Simbody's run differs when it is repeated to count its steps")

@@ -35,7 +35,7 @@ class JointForces:
         pins: pairs of a pin that closes a loop and OpenSim's object for its constraint.
         on_bodies: loads that OpenSim applies to bodies; all other loads are forces on coordinates.
         driven: index of a driven tree coordinate -> its driver.
-        beyond: link -> the link itself and all its descendants in the tree.
+        subtrees: link -> the link itself and all its descendants in the tree.
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree, built: Built):
@@ -46,10 +46,10 @@ class JointForces:
         self.pins = [(pin, constraints.get(k)) for k, pin in enumerate(tree.closures) if pin.name in determined]
         self.on_bodies = [x.load for x in sort_loads(mechanism, tree) if isinstance(x, OtherLoad)]
         self.driven = drivers_by_coordinate(mechanism, tree)
-        self.beyond = beyond = {b.link: [b.link] for b in tree.branches}
-        for b in reversed(tree.branches):  # a child's list is complete before its parent takes it
+        self.subtrees = {b.link: [b.link] for b in tree.branches}
+        for b in reversed(tree.branches):  # a child's list is complete before it is added to its parent's
             if b.parent != GROUND:
-                beyond[b.parent] += beyond[b.link]
+                self.subtrees[b.parent] += self.subtrees[b.link]
 
     def read(self, state: Any, q: Array, v: Array) -> Mapping[str, Array]:
         """Return name of a joint -> (3,) fx, fy [N] on its second link and moment [N m] about the joint's point.
@@ -58,17 +58,17 @@ class JointForces:
         """
         # (n,) generalised forces of the loads that OpenSim applies to coordinates: all loads minus those on bodies
         on_coordinates = generalised(loads(self.mechanism.forces), q, v) - generalised(self.on_bodies, q, v)
-        found = {b.joint.name: self._read_joint(b, joint, state, q, on_coordinates) for b, joint in self.joints if b.joint}
+        forces = {b.joint.name: self._read_joint(b, joint, state, q, on_coordinates) for b, joint in self.joints if b.joint}
         for pin, constraint in self.pins:
             # OpenSim's entry for the first body is minus the force on this body, as forces of constraints stand on the left side of
             # the equations of motion, so it is the force on the second body. Trap: its components are given in the frame of the
             # nearest common ancestor of both bodies in the tree, which may be turned.
             values, (a, b) = constraint.getRecordValues(state), pin.ends
-            common = [link for link, hanging in self.beyond.items() if a.link in hanging and b.link in hanging]
-            nearest = min(common, key=lambda link: len(self.beyond[link]), default=GROUND)
+            common = [link for link, subtree in self.subtrees.items() if a.link in subtree and b.link in subtree]
+            nearest = min(common, key=lambda link: len(self.subtrees[link]), default=GROUND)
             force = turn_with(nearest, np.array([values.get(0), values.get(1)]), q)
-            found[pin.name] = np.array([*force, 0.0])
-        return found
+            forces[pin.name] = np.array([*force, 0.0])  # a pin exerts no moment about its point
+        return forces
 
     def _read_joint(self, b: Branch, joint: Any, state: Any, q: Array, on_coordinates: Array) -> Array:
         """Return (3,) fx, fy [N] on the second link of a branch's joint, and the moment [N m] about the joint's point on this link.
@@ -77,16 +77,16 @@ class JointForces:
         """
         assert b.joint
         second = b.joint.ends[1]
-        about = position(q, second)
+        about = position(q, second)  # (2,) [m] the joint's point
         reaction = joint.calcReactionOnChildExpressedInGround(state)  # about the origin of the child's frame
         force, moment = np.array([reaction.get(1).get(i) for i in range(2)]), reaction.get(0).get(2)
         moment += moment_of(position(q, Point(b.link, b.anchor, "")) - about, force)
         # OpenSim's reaction carries the loads on coordinates of the link and of its descendants. In the linkage they act on the
         # links themselves, and not through the joint, so they are subtracted.
-        for i in self.beyond[b.link]:
-            push = place_at(on_coordinates, i)
+        for link in self.subtrees[b.link]:
+            push = place_at(on_coordinates, link)  # (2,) [N] at the link's centre of mass
             force = force - push
-            moment -= angle_at(on_coordinates, i) + moment_of(place_at(q, i) - about, push)
+            moment -= angle_at(on_coordinates, link) + moment_of(place_at(q, link) - about, push)
         if b.at in self.driven and b.kind == "revolute":  # the whole moment is the driver's torque: a pin itself exerts none
             moment = 0.0
         elif b.at in self.driven:  # the force of a slide's driver acts on the block's point, so it has no moment about this point

@@ -29,13 +29,13 @@ METHODS |= {f"rk_merson{ADAPTIVE}": "RungeKuttaMerson", f"rk3{ADAPTIVE}": "Runge
 FAR = 1e9  # [rad, m] ends of a coordinate's range; by default the range ends after some turns
 
 
-def refusal(mechanism: Mechanism, tree: Tree) -> str | None:
+def explain_refusal(mechanism: Mechanism, tree: Tree) -> str | None:
     """Return the reason why OpenSim's elements cannot express a driver or a force, or None if they can."""
     if reason := undriven(mechanism, tree, "OpenSim", any_law=False):
         return reason
     turns = turning(tree)
     refusals = (refuse_load(load, turns, "OpenSim") for load in sort_loads(mechanism, tree))
-    return next(filter(None, refusals), None)
+    return next(filter(None, refusals), None)  # the reason for the first load that OpenSim cannot express
 
 
 def make_manager(opensim: Any, model: Any, choice: Choice, options: Mapping[str, Any], step: Any, recorded: bool = False) -> Any:
@@ -64,7 +64,7 @@ class Built:
     Attributes:
         bodies: link, or GROUND -> OpenSim's body.
         coordinates: OpenSim's coordinates, in the order of the tree coordinates.
-        added: the same coordinates, as their joints hold them.
+        joint_coordinates: index of a tree coordinate -> the same coordinate, as its joint holds it before the model is complete.
         start: a state of the model, from which other states are copied.
         pins: for each closing pin, its two ends: OpenSim's body and the point in its frame.
         elements: references to the Python objects of joints and forces, so that Python does not delete these objects.
@@ -76,9 +76,9 @@ class Built:
         self.opensim = opensim
         self.model = opensim.Model()
         self.model.setUseVisualizer(False)
-        self.model.setGravity(self._vector(mechanism.gravity))
+        self.model.setGravity(self._make_vector(mechanism.gravity))
         self.bodies: dict[int, Any] = {GROUND: self.model.getGround()}
-        self.added: dict[int, Any] = {}
+        self.joint_coordinates: dict[int, Any] = {}
         self.elements: list[Any] = []
         self.motors: list[tuple[Any, float]] = []
         for i, link in enumerate(mechanism.links):
@@ -87,17 +87,17 @@ class Built:
             self.model.addBody(self.bodies[i])
         for branch in tree.branches:
             self._add_joint(branch)
-        self.pins = [(self._place(a), self._place(b)) for a, b in closing_pins(tree)]
+        self.pins = [(self._locate(a), self._locate(b)) for a, b in closing_pins(tree)]
         turns = turning(tree)
         for load in sort_loads(mechanism, tree):
             self._add_load(load, turns)
         if constrained:
             for a, b in self.pins:
                 self.model.addConstraint(opensim.PointConstraint(*a, *b))
-            for at, driver in drivers_by_coordinate(mechanism, tree).items():
+            for index, driver in drivers_by_coordinate(mechanism, tree).items():
                 speed, start = (float(driver.law.numbers[x]) for x in ("speed", "start"))
-                self.added[at].setPrescribedFunction(opensim.LinearFunction(speed, start))
-                self.added[at].setDefaultIsPrescribed(True)
+                self.joint_coordinates[index].setPrescribedFunction(opensim.LinearFunction(speed, start))
+                self.joint_coordinates[index].setDefaultIsPrescribed(True)
         self.model.finalizeConnections()
         self.start = self.model.initSystem()
         for motor, force in self.motors:
@@ -111,18 +111,18 @@ class Built:
         def place(end: tuple[Any, Any]) -> Array:
             """Return the place (2,) [m] in the world of a point of a body."""
             body, point = end
-            found = body.findStationLocationInGround(state, point)
-            return np.array([found.get(0), found.get(1)])
+            location = body.findStationLocationInGround(state, point)
+            return np.array([location.get(0), location.get(1)])
 
         return measure_gaps(self.pins, place)
 
-    def _vector(self, x: Any) -> Any:
+    def _make_vector(self, x: Any) -> Any:
         """Return a vector (2,) of the plane as OpenSim's vector of space."""
         return self.opensim.Vec3(*spatial(x))
 
-    def _place(self, point: Point) -> tuple[Any, Any]:
+    def _locate(self, point: Point) -> tuple[Any, Any]:
         """Return the OpenSim body to which a point belongs, and the point in the body's frame."""
-        return self.bodies[point.link], self._vector(point.local)
+        return self.bodies[point.link], self._make_vector(point.local)
 
     def _add_joint(self, b: Branch) -> None:
         """Add the joint of a branch of the tree (a link with its joint to the parent), and name the joint's coordinates."""
@@ -130,8 +130,8 @@ class Built:
         # angle [rad] of the x axis of both joint frames in the parent's frame: OpenSim slides along x of both
         direction = float(np.arctan2(b.axis[1], b.axis[0])) if b.kind == "prismatic" else 0.0
         # a slide's line is at the offset `base` from the parent's point, and the link is turned by the constant angle `turn`
-        near = self.bodies[b.parent], self._vector(b.parent_anchor + b.base), opensim.Vec3(0, 0, direction)
-        far = self.bodies[b.link], self._vector(b.anchor), opensim.Vec3(0, 0, direction - b.turn)
+        near = self.bodies[b.parent], self._make_vector(b.parent_anchor + b.base), opensim.Vec3(0, 0, direction)
+        far = self.bodies[b.link], self._make_vector(b.anchor), opensim.Vec3(0, 0, direction - b.turn)
         kinds = {"prismatic": opensim.SliderJoint, "revolute": opensim.PinJoint, "free": opensim.PlanarJoint}
         joint = kinds[b.kind](f"joint{b.at}", *near, *far)
         if b.kind == "free":
@@ -146,23 +146,23 @@ class Built:
             coordinate.set_clamped(False)
             coordinate.set_range(0, -FAR)
             coordinate.set_range(1, FAR)
-            self.added[k] = coordinate
+            self.joint_coordinates[k] = coordinate
 
     def _add_load(self, load: TreeLoad, turns: Turning) -> None:
         """Add OpenSim's elements for a load; `__init__` sets the forces of actuators later."""
         opensim = self.opensim
         match load:
             case Steady():
-                for at in np.flatnonzero(load.force):
-                    motor = self._add_force(opensim.CoordinateActuator(f"y{at}"))
+                for index in np.flatnonzero(load.force):
+                    motor = self._add_force(opensim.CoordinateActuator(f"y{index}"))
                     motor.setOptimalForce(1.0)
-                    self.motors.append((motor, load.value * float(load.force[at])))
+                    self.motors.append((motor, load.value * float(load.force[index])))
             case OnJoints():  # on L = row . y + constant, where the row has at most one entry, 1 or -1
-                for at in np.flatnonzero(load.row):
-                    spring = self._add_force(opensim.SpringGeneralizedForce(f"y{at}"))
+                for index in np.flatnonzero(load.row):
+                    spring = self._add_force(opensim.SpringGeneralizedForce(f"y{index}"))
                     spring.setStiffness(float(load.k))
                     spring.setViscosity(float(load.c))
-                    spring.setRestLength(float((load.rest - load.constant) * load.row[at]))
+                    spring.setRestLength(float((load.rest - load.constant) * load.row[index]))
             case OtherLoad(_, PointForce() as force):
                 in_world, value = turn_force(force, turns)
                 element = self._add_force(opensim.PrescribedForce("", self.bodies[force.point.link]))
@@ -173,7 +173,7 @@ class Built:
             case OtherLoad(_, Law() as law):
                 k, c, rest, bias, distance = law.k, law.c, law.rest, law.bias, law.coordinate
                 assert isinstance(distance, Distance)  # `skip` refuses laws along other coordinates
-                (body_a, point_a), (body_b, point_b) = self._place(distance.a), self._place(distance.b)
+                (body_a, point_a), (body_b, point_b) = self._locate(distance.a), self._locate(distance.b)
                 if c or bias:
                     # in OpenSim a positive force pulls the points together, in a law it pushes them apart; ddot is the rate of d
                     text = f"{float(k)!r}*(d-({float(rest)!r}))+{float(c)!r}*ddot-({float(bias)!r})"

@@ -54,7 +54,7 @@ class Pinocchio(LibraryEngine, beside=__file__):
             return "projection between steps needs a fixed-step integrator"
         if is_compiled(choice.settings):
             options = self.file.options(choice.settings)
-            return unsupported_by_compiled_loop(mechanism, choice, options) or building.missing()
+            return unsupported_by_compiled_loop(mechanism, choice, options) or building.explain_missing()
         return None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "PinocchioModel":
@@ -62,7 +62,7 @@ class Pinocchio(LibraryEngine, beside=__file__):
 
     def unbuilt(self, settings: str) -> str:
         """Return the name of the compiled loop if these settings need it and it is not built yet; otherwise an empty text."""
-        must_build = is_compiled(settings) and not building.missing() and building.absent()
+        must_build = is_compiled(settings) and not building.explain_missing() and building.explain_absence()
         return "Pinocchio's compiled loop (about 2 minutes, once)" if must_build else ""
 
     def build_once(self) -> None:
@@ -96,14 +96,14 @@ class PinocchioModel(OwnSteps, TreeModel):
         gains = NO_GAINS  # Baumgarte's Kp [1/s^2] and Kd [1/s]
         if choice.stabilization == "baumgarte":
             gains = float(self.options["baumgarte_Kp_per_s2"]), float(self.options["baumgarte_Kd_per_s"])
-        self.stabilized = self._dynamics(gains)
+        self.stabilized = self._make_dynamics(gains)
 
     @cached_property
     def plain(self) -> ConstrainedDynamics:
         """The dynamics that are reported, without Baumgarte's terms."""
-        return self._dynamics(NO_GAINS)
+        return self._make_dynamics(NO_GAINS)
 
-    def _dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
+    def _make_dynamics(self, gains: tuple[float, float]) -> ConstrainedDynamics:
         """Return Pinocchio's dynamics with Baumgarte's gains Kp [1/s^2], Kd [1/s]."""
         kind = CompiledDynamics if is_compiled(self.choice.settings) else ConstrainedDynamics
         return kind(self.body, self.forces, self.options, gains)
@@ -141,28 +141,28 @@ class PinocchioModel(OwnSteps, TreeModel):
         try:
             return self.tree.relative(*self.evaluator.project(t, q, v))
         except np.linalg.LinAlgError as error:
-            raise RunFailure(Status.NAN, f"t = {t:.6g} s: nothing finite left to project; a smaller step may help") from error
+            raise RunFailure(Status.NAN, f"t = {t:.6g} s: the state is not finite; a smaller step may help") from error
 
     def read(self) -> Trajectory:
-        """Return the samples, with the forces that Python evaluates in every step in the note.
+        """Return the samples, with a note that names the forces that Python evaluates in every step.
 
         Raises:
             RunFailure: the accelerations of a sample do not satisfy the constraints.
         """
-        slow = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
-        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {slow}" if slow else ""
+        in_python = "" if is_compiled(self.choice.settings) else ", ".join(f.name for f in self.forces.others)
+        note = f"forces evaluated in Python at every step, which takes longer than Pinocchio does: {in_python}" if in_python else ""
         trajectory = self.trajectory(self.x, self.dx, self.steps, self.stabilized.evaluations, note)
         if finite(trajectory.q, trajectory.v, trajectory.a) == len(self.times):  # `finite` counts the finite samples from the start
             self._check_constraints(trajectory)
         return trajectory
 
-    def _check_constraints(self, x: Trajectory) -> None:
+    def _check_constraints(self, trajectory: Trajectory) -> None:
         """Check that the accelerations of the samples satisfy the suite's own constraint rows, J a = gamma."""
-        rows = self.evaluator.constraints(x.t, x.q, x.v)
+        rows = self.evaluator.constraints(trajectory.t, trajectory.q, trajectory.v)
         # (k,) largest residual of each sample, relative to its accelerations
-        residual = np.abs(np.einsum("kij,kj->ki", rows.J, x.a) - rows.gamma).max(axis=1, initial=0.0)
-        residual /= np.maximum(1.0, np.abs(x.a).max(axis=1))
+        residual = np.abs(np.einsum("kij,kj->ki", rows.J, trajectory.a) - rows.gamma).max(axis=1, initial=0.0)
+        residual /= np.maximum(1.0, np.abs(trajectory.a).max(axis=1))
         if (residual > SOLVED).any():
             k = int(np.argmax(residual > SOLVED))
             text = f"t = {self.times[k]:.6g} s: the accelerations miss the constraints by {residual[k]:.1e} of their size"
-            raise RunFailure(Status.NOT_CONVERGED, text, x[:k])
+            raise RunFailure(Status.NOT_CONVERGED, text, trajectory[:k])

@@ -1,8 +1,8 @@
 """Build `loop.cpp`, the compiled loop over time steps, against the headers and the library of Pinocchio's wheel, once per user.
 
-The compilation takes about 75 s of processor time and 2.2 GB of memory, so a timed run never starts it, but only a search for
-settings, or a user who names settings that need the compiled loop. The compiled library is stored in the user's cache, under a name
-that depends on its sources, flags, compiler and libraries.
+The compilation takes about 75 s of processor time and 2.2 GB of memory. It is started by a search for settings, or by a user who
+names settings that need the compiled loop, but never by a timed run. The compiled library is stored in the user's cache, under a
+name that depends on its sources, flags, compiler and libraries.
 """
 
 import fcntl
@@ -30,7 +30,7 @@ COMPILERS = ("c++", "g++", "clang++")
 LIBRARIES = ("pin", "libpinocchio", "cmeel-eigen", "cmeel-boost")
 MEMORY = 3 << 30  # [bytes] limit of the compiler
 LONGEST = 1800.0  # [s] limit of the build, long enough for a busy machine
-NEEDED = {  # file that must be there -> the reason to tell if it is not
+NEEDED = {  # file that the compilation needs -> the message if it is missing
     "include/pinocchio/multibody.hpp": "the headers of Pinocchio's wheel are missing",
     "include/eigen3/Eigen/Core": "Eigen's headers are missing; pip install 'gauss-bench[pinocchio-compiled]'",
 }
@@ -38,22 +38,22 @@ NOT_INSTALLED = "Pinocchio's compiled loop is not installed"
 HOW = "gauss-bench simulate four_bar --engine pinocchio --settings 'compiled/rk4/least depth'"
 
 
-def prefix() -> Path | None:
+def find_prefix() -> Path | None:
     """Return the folder with `include` and `lib` of the Pinocchio that Python imports; None if there is none."""
-    found = find_spec("pinocchio")
-    if found is None or not found.origin:
+    module = find_spec("pinocchio")
+    if module is None or not module.origin:
         return None
-    return next((x for x in Path(found.origin).parents if (x / "include").is_dir()), None)
+    return next((folder for folder in Path(module.origin).parents if (folder / "include").is_dir()), None)
 
 
-def compiler() -> str | None:
+def find_compiler() -> str | None:
     """Return the path of the first of COMPILERS that is installed; None if none is."""
     return next(filter(None, map(shutil.which, COMPILERS)), None)
 
 
 def find_tools() -> tuple[str, Path]:
     """Return the path of a C++ compiler, and the folder with Pinocchio's `include` and `lib`; RunFailure if one is missing."""
-    root, program = prefix(), compiler()
+    root, program = find_prefix(), find_compiler()
     if root is None:
         reason = "Pinocchio or its headers are missing; pip install 'gauss-bench[pinocchio]'"
         raise RunFailure(Status.SKIP, f"{NOT_INSTALLED}: {reason}")
@@ -65,7 +65,7 @@ def find_tools() -> tuple[str, Path]:
     return program, root
 
 
-def missing() -> str | None:
+def explain_missing() -> str | None:
     """Return the reason why `loop.cpp` cannot be built on this machine, or None if it can be."""
     try:
         find_tools()
@@ -74,21 +74,21 @@ def missing() -> str | None:
     return None
 
 
-def absent() -> str | None:
+def explain_absence() -> str | None:
     """Return a sentence which says that the compiled loop is not built yet and how to build it, or None if it is built."""
     if (user_cache.folder() / _cache_name()).is_file():
         return None
     return f"{NOT_INSTALLED}: it was not built yet, which takes about 2 minutes: {HOW}"
 
 
-def command(program: str, root: Path, source: Path, target: Path) -> list[str]:
+def write_command(program: str, root: Path, source: Path, target: Path) -> list[str]:
     """Return the compiler's command line; `root` is the folder with Pinocchio's `include` and `lib`."""
     include, library = root / "include", root / "lib"
     paths = [f"-I{include}", f"-I{include / 'eigen3'}", f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"]
     return [program, *FLAGS, str(source), "-o", str(target), *paths]
 
 
-def loop_library() -> bytes:
+def load_loop() -> bytes:
     """Return the content of the library that was built from `loop.cpp`, from the user's cache.
 
     Raises:
@@ -96,7 +96,7 @@ def loop_library() -> bytes:
     """
     content = user_cache.load(_cache_name())
     if content is None:
-        raise RunFailure(Status.SKIP, absent() or f"{NOT_INSTALLED}: its file in the cache is broken")
+        raise RunFailure(Status.SKIP, explain_absence() or f"{NOT_INSTALLED}: its file in the cache is broken")
     return content
 
 
@@ -121,8 +121,8 @@ def _compile() -> bytes:
     with TemporaryDirectory() as folder:
         target = Path(folder) / "loop.so"
         try:
-            done = subprocess.run(
-                command(program, root, SOURCE, target),
+            process = subprocess.run(
+                write_command(program, root, SOURCE, target),
                 capture_output=True,
                 text=True,
                 timeout=LONGEST,
@@ -133,8 +133,8 @@ def _compile() -> bytes:
             )
         except subprocess.TimeoutExpired as error:
             raise RunFailure(Status.ERROR, f"{program} did not finish Pinocchio's compiled loop in {LONGEST:.0f} s") from error
-        if done.returncode:
-            raise RunFailure(Status.ERROR, f"{program} refuses Pinocchio's compiled loop: {in_a_sentence(done.stderr)}")
+        if process.returncode:
+            raise RunFailure(Status.ERROR, f"{program} refuses Pinocchio's compiled loop: {in_a_sentence(process.stderr)}")
         return target.read_bytes()
 
 
@@ -143,7 +143,7 @@ def _cache_name() -> str:
     program, root = find_tools()
     parts = [
         SOURCE.read_text(encoding="utf-8"),
-        *command(program, root, Path(SOURCE.name), Path("loop.so")),  # the same wherever this package is installed
+        *write_command(program, root, Path(SOURCE.name), Path("loop.so")),  # the same wherever this package is installed
         platform.machine(),
         _describe_compiler(program),
         *map(_describe_package, LIBRARIES),
@@ -161,4 +161,5 @@ def _describe_package(package: str) -> str:
 
 @lru_cache
 def _describe_compiler(program: str) -> str:
+    """Return the name and version that a compiler prints."""
     return subprocess.run([program, "--version"], capture_output=True, text=True, timeout=60.0, check=False).stdout

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.engines.base import Choice
-from gauss_bench.engines.pinocchio.build import loop_library
+from gauss_bench.engines.pinocchio.build import load_loop
 from gauss_bench.engines.pinocchio.dynamics import SOLVED, ConstrainedDynamics, TreeForces
 from gauss_bench.engines.pinocchio.tree import Multibody
 from gauss_bench.engines.shared import require_agreement, size
@@ -44,7 +44,7 @@ ARGUMENTS = {  # function of loop.cpp -> types of its arguments after the linkag
 def unsupported_by_compiled_loop(mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]) -> str | None:
     """Return the reason why the compiled loop cannot run a mechanism with a setting, although Python can; None if it can."""
     if choice.stabilization == "projection":
-        return "Pinocchio's compiled loop has no projection: it is the suite's own"
+        return "Pinocchio's compiled loop has no projection, which is a part of the suite in Python"
     if mechanism.drivers:
         return "Pinocchio's compiled loop has no drivers"
     if options["algorithm"] == "lcaba":
@@ -63,23 +63,23 @@ class CompiledDynamics(ConstrainedDynamics):
     def __init__(self, body: Multibody, forces: TreeForces, options: Mapping[str, Any], gains: tuple[float, float]):
         """Copy the numbers of Pinocchio's model, its closures, loads and solver options to C++, and verify its accelerations."""
         super().__init__(body, forces, options, gains)
-        self.n, self.library = forces.tree.n, _library()
-        self.tableau = _tableau()  # imports scipy, which must not happen in a timed run
-        self.linkage = self.library.create(_numbers(body.model.gravity.linear))
+        self.n, self.library = forces.tree.n, _load_library()
+        self.tableau = _read_tableau()  # imports scipy, which must not happen in a timed run
+        self.linkage = self.library.create(_flatten(body.model.gravity.linear))
         model = body.model
         for j in range(1, model.njoints):  # each with the mass, centre and moments of inertia of the body that it carries
-            kind, placement, carried = KINDS[model.joints[j].shortname()], _placement(model.jointPlacements[j]), model.inertias[j]
-            lever, inertia = _numbers(carried.lever), _numbers(carried.inertia)
-            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, carried.mass, lever, inertia)
+            kind, placement, inertia = KINDS[model.joints[j].shortname()], _flatten_se3(model.jointPlacements[j]), model.inertias[j]
+            lever, moments = _flatten(inertia.lever), _flatten(inertia.inertia)
+            self.library.add_joint(self.linkage, int(model.parents[j]), kind, placement, inertia.mass, lever, moments)
         for row in self.rows:
-            first, second = _placement(row.joint1_placement), _placement(row.joint2_placement)
-            self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _numbers(gains))
+            first, second = _flatten_se3(row.joint1_placement), _flatten_se3(row.joint2_placement)
+            self.library.add_closure(self.linkage, row.joint1_id, first, row.joint2_id, second, _flatten(gains))
         for force in forces.others:
             for load in force.to_loads():
                 self._add_load(body, load)
-        tables = [_numbers(x) for x in (forces.constant, forces.stiffness, forces.damping)]
-        accuracies = _numbers([options["absolute_accuracy"], options["relative_accuracy"]])
-        self.library.finish(self.linkage, *tables, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
+        affine_forces = [_flatten(x) for x in (forces.constant, forces.stiffness, forces.damping)]
+        accuracies = _flatten([options["absolute_accuracy"], options["relative_accuracy"]])
+        self.library.finish(self.linkage, *affine_forces, accuracies, options["mu"], int(options["max_iter"]), SOLVED)
         # if Eigen's headers have another memory layout than Pinocchio's library, the compiled loop computes nonsense
         start = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
         own, expected = self(0.0, *start), np.array(super().__call__(0.0, *start))
@@ -95,23 +95,22 @@ class CompiledDynamics(ConstrainedDynamics):
         def place(point: Point) -> tuple[int, Array]:
             """Return Pinocchio's index of the joint that carries a point, and the point (2,) [m] in this joint's frame."""
             joint, placement = body.place(point)
-            return int(joint), _numbers(placement.translation[:2])
+            return int(joint), _flatten(placement.translation[:2])
 
         def direction(link: int, x: Array) -> tuple[int, Array]:
             """Return Pinocchio's index of the joint that carries a link, and a vector (2,) of the link in this joint's frame."""
             joint, placement = body.carriers[link]
-            return int(joint), _numbers(placement.rotation[:2, :2] @ x)
+            return int(joint), _flatten(placement.rotation[:2, :2] @ x)
 
         match load:
             case PointForce():
                 self.library.add_push(self.linkage, *place(load.point), *direction(load.frame, load.value))
-            case Law(coordinate=Along() as x):
-                axis, law = direction(x.origin.link, unit(x.angle, x.across))[1], [load.k, load.c, load.rest, load.bias]
-                self.library.add_spring(self.linkage, *place(x.origin), *place(x.point), axis, _numbers(law))
-            case Law(coordinate=Distance() as x):
-                # an axis of zero: the force acts along the line between the points
-                axis, law = np.zeros(2), [load.k, load.c, load.rest, load.bias]
-                self.library.add_spring(self.linkage, *place(x.a), *place(x.b), axis, _numbers(law))
+            case Law(Along(origin, point, angle, across), k, c, rest, bias):
+                _, axis = direction(origin.link, unit(angle, across))
+                self.library.add_spring(self.linkage, *place(origin), *place(point), axis, _flatten([k, c, rest, bias]))
+            case Law(Distance(a, b), k, c, rest, bias):
+                axis = np.zeros(2)  # the force acts along the line between the points
+                self.library.add_spring(self.linkage, *place(a), *place(b), axis, _flatten([k, c, rest, bias]))
             case _:
                 raise RunFailure(Status.SKIP, f"Pinocchio's compiled loop has no force on {load.coordinate}")
 
@@ -119,7 +118,7 @@ class CompiledDynamics(ConstrainedDynamics):
         """Return the accelerations (n,) at a tree state y, dy (n,); the time t [s] only appears in the message of a failure."""
         y, dy, a = np.array(y, dtype=float), np.array(dy, dtype=float), np.empty(self.n)
         if not self.library.accelerate(self.linkage, y, dy, a):
-            raise self._failure(f"t = {t:.6g} s", t, y, dy)
+            raise self._explain_failure(f"t = {t:.6g} s", t, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
         return a
 
@@ -130,10 +129,10 @@ class CompiledDynamics(ConstrainedDynamics):
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
         y, dy = y.copy(), dy.copy()
-        done = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
+        succeeded = self.library.advance(self.linkage, METHODS.index(integrator), self.tableau, h, count, y, dy)
         self.evaluations += self.library.evaluations(self.linkage)
-        if not done:
-            raise self._failure(f"between t = {t:.6g} s and t = {t + count * h:.6g} s", t, y, dy)
+        if not succeeded:
+            raise self._explain_failure(f"between t = {t:.6g} s and t = {t + count * h:.6g} s", t, y, dy)
         return y, dy
 
     def advance_adaptive(self, times: Array, y: Array, dy: Array, rtol: float, atol: float) -> int:
@@ -143,22 +142,22 @@ class CompiledDynamics(ConstrainedDynamics):
             RunFailure: the solver finds no accelerations at a stage of a step.
         """
         # the loop replaces y_last, dy_last by the state, at an unknown time, at which it stopped if it returns FAILED
-        y_last, dy_last, times = y[0].copy(), dy[0].copy(), _numbers(times)
+        y_last, dy_last, times = y[0].copy(), dy[0].copy(), _flatten(times)
         steps: int = self.library.advance_adaptive(
-            self.linkage, self.tableau, _numbers([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
+            self.linkage, self.tableau, _flatten([rtol, atol]), times, len(times), MOST, y_last, dy_last, y, dy
         )
         self.evaluations += self.library.evaluations(self.linkage)
         if steps == FAILED:
             # the last sample that was filled, the others are still NaN; one step may pass several samples
             last = times[int(np.isfinite(y[:, 0]).sum()) - 1]
-            raise self._failure(f"after t = {last:.6g} s", last, y_last, dy_last)
+            raise self._explain_failure(f"after t = {last:.6g} s", last, y_last, dy_last)
         if steps == VANISHING:
             raise StepFailure("Required step size is less than spacing between numbers.")
         if steps < 0:
             raise StepFailure(f"more than {MOST} steps")
         return steps
 
-    def _failure(self, when: str, begin: float, y: Array, dy: Array) -> RunFailure:
+    def _explain_failure(self, when: str, begin: float, y: Array, dy: Array) -> RunFailure:
         """Return the failure at a tree state y, dy (n,) that the loop met after the time `begin` [s]; `when` says it in words."""
         status, reason = Status.NOT_CONVERGED, "Pinocchio's compiled loop misses the constraints"
         try:
@@ -168,34 +167,34 @@ class CompiledDynamics(ConstrainedDynamics):
         return RunFailure(status, f"{when}: {reason}")
 
 
-def _numbers(x: Any) -> Array:
+def _flatten(x: Any) -> Array:
     """Return numbers as one flat array, row by row, which a C function can read."""
     return np.ascontiguousarray(x, dtype=float).ravel()
 
 
-def _placement(x: Any) -> Array:
+def _flatten_se3(x: Any) -> Array:
     """Return the translation (3,) and then the rotation (9,) of a placement."""
-    return np.concatenate([x.translation, _numbers(x.rotation)])
+    return np.concatenate([x.translation, _flatten(x.rotation)])
 
 
 @lru_cache(maxsize=1)
-def _tableau() -> Array:
+def _read_tableau() -> Array:
     """Return DOP853's coefficients from scipy, in the layout of `Tableau` in `loop.cpp`.
 
-    A step has 12 stages, and its dense output needs four more evaluations. One of them is at the end of the step, with the
-    coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
+    A step has 12 stages, and its dense output needs four more evaluations, 16 in sum. The first of the four is at the end of the
+    step, with the coefficients B, so its row stays zero in `a`; the rows of the other three are A_EXTRA.
     """
     from scipy.integrate import DOP853
 
-    stages, every = len(DOP853.B), 16
-    a = np.zeros((every, every))
+    stages, evaluations = len(DOP853.B), 16
+    a = np.zeros((evaluations, evaluations))
     a[:stages, :stages] = DOP853.A[:stages, :stages]
     a[stages + 1 :] = DOP853.A_EXTRA
     return np.concatenate([x.ravel() for x in (a, DOP853.B, DOP853.E5, DOP853.E3, DOP853.D)])
 
 
 @lru_cache(maxsize=1)
-def _library() -> ctypes.CDLL:
+def _load_library() -> ctypes.CDLL:
     """Load the compiled loop into this process, where it stays when its file is deleted, and declare its argument types.
 
     Raises:
@@ -203,7 +202,7 @@ def _library() -> ctypes.CDLL:
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "loop.so"
-        path.write_bytes(loop_library())
+        path.write_bytes(load_loop())
         library = ctypes.CDLL(str(path))
     library.create.restype, library.create.argtypes = ctypes.c_void_p, [ARRAY]
     for name, types in ARGUMENTS.items():

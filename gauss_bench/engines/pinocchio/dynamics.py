@@ -20,7 +20,8 @@ from gauss_bench.mechanism.model import Force, LengthDriver, Mechanism, factor_o
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import RunFailure, Status
 
-SOLVED = 1e-6  # largest residual relative to accelerations: independent rows reach 1e-13, redundant rows that drift exceed it
+SOLVED = 1e-6  # largest residual of a solution relative to its accelerations: independent rows reach 1e-13, redundant rows that
+#                have drifted apart exceed the limit
 AFFINE = 1e-10  # largest relative deviation of a force that counts as affine in the state; rounding leaves about 1e-14
 
 
@@ -43,30 +44,32 @@ class TreeForces:
     def __init__(self, mechanism: Mechanism, tree: Tree, body: Multibody):
         """Sort the forces of a mechanism into affine ones and others."""
         self.tree, self.weightless = tree, replace(mechanism, gravity=np.zeros(2))
-        self.constant, slope = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
+        self.constant, slopes = np.zeros(tree.n), np.zeros((tree.n, 2 * tree.n))
         self.others: tuple[Force, ...] = ()
         for f in mechanism.forces:
             affine = None if factor_of(f) else self._fit_affine(f)
             if affine is None:
                 self.others += (f,)
             else:
-                self.constant, slope = self.constant + affine[0], slope + affine[1]
-        self.stiffness, self.damping = slope[:, : tree.n].copy(), slope[:, tree.n :].copy()
+                constant, slope = affine
+                self.constant, slopes = self.constant + constant, slopes + slope
+        self.stiffness, self.damping = slopes[:, : tree.n].copy(), slopes[:, tree.n :].copy()
         self.has_stiffness, self.has_damping = bool(self.stiffness.any()), bool(self.damping.any())
         self.applied = AppliedForces(replace(self.weightless, forces=self.others))
         self.motion = Motion(tree, body)
         self.drivers = mechanism.drivers
-        y = tree.relative(mechanism.q0, mechanism.v0)[0]
+        y, _ = tree.relative(mechanism.q0, mechanism.v0)
         self.inertia = body.mass(y)
 
     def _fit_affine(self, f: Force) -> tuple[Array, Array] | None:
         """Return the constant (n,) and the slope (n, 2n) of a force as a function of y, dy (2n,); None if it is not affine."""
         n, applied = self.tree.n, AppliedForces(replace(self.weightless, forces=(f,)))
+        # the state zero gives the constant, unit states give the slope, and random states show whether the force is affine
         states = np.vstack([np.zeros(2 * n), np.eye(2 * n), np.random.default_rng(0).uniform(-3.0, 3.0, (8, 2 * n))])
         q, v, _ = self.tree.absolute(states[:, :n], states[:, n:], np.zeros((len(states), n)))
         tau = self.tree.forces(q, applied.generalised(q, v))
         constant, slope = tau[0], (tau[1 : 2 * n + 1] - tau[0]).T
-        error = np.abs(constant + states @ slope.T - tau).max()  # at the random states; zero at the others
+        error = np.abs(constant + states @ slope.T - tau).max()
         return (constant, slope) if error <= AFFINE * np.abs(tau).max() else None
 
     def __call__(self, y: Array, dy: Array, t: float) -> Array:
@@ -96,16 +99,16 @@ class DrivingTorques:
 
     def __init__(self, forces: TreeForces, gains: tuple[float, float]):
         self.forces, self.gains = forces, gains
-        self.laws = [d.law for d in forces.drivers]
+        self.laws = [driver.law for driver in forces.drivers]
         # (k, n) and (k,) for the k drivers: x = rows . y + origin for driven angles and slides; a length's row stays zero
         self.rows, self.origin = np.zeros((len(self.laws), forces.tree.n)), np.zeros(len(self.laws))
-        joints = [k for k, d in enumerate(forces.drivers) if not isinstance(d, LengthDriver)]
-        self.rows[joints], self.origin[joints] = driven_rows(forces.weightless, forces.tree)
-        self.lengths = [k for k, d in enumerate(forces.drivers) if isinstance(d, LengthDriver)]
+        self.lengths = [k for k, driver in enumerate(forces.drivers) if isinstance(driver, LengthDriver)]
+        others = [k for k in range(len(self.laws)) if k not in self.lengths]  # drivers of angles and slides
+        self.rows[others], self.origin[others] = driven_rows(forces.weightless, forces.tree)
         y, dy = forces.tree.relative(forces.weightless.q0, forces.weightless.v0)
-        start = self._rows_at(0.0, y, dy)[0]
+        R, _, _ = self._rows_at(0.0, y, dy)
         # (k,) R M R^T of each driver: the inertia of the tree at the start, along the driver's coordinate
-        self.driver_inertias = np.einsum("ij,jk,ik->i", start, forces.inertia, start)
+        self.driver_inertias = np.einsum("ij,jk,ik->i", R, forces.inertia, R)
 
     @cached_property
     def constraints(self) -> Constraints:
@@ -120,13 +123,13 @@ class DrivingTorques:
         R = self.rows.copy()
         q, T = self.forces.motion(y)
         at_rest = self.forces.tree.absolute(y, dy, np.zeros_like(dy)).a  # accelerations if y'' = 0
-        joints = self.constraints(t, q, T @ dy)
+        terms = self.constraints(t, q, T @ dy)
         # A driver's constraint row has phi = x - law, and J a = gamma means x'' = law''; so x'' = J a - gamma + law''.
         for k in self.lengths:
             row, law = self.constraints.joint_rows + k, self.laws[k](t)
-            R[k] = joints.J[row] @ T
-            x[k] = float(joints.phi[row]) + float(law[0])
-            bias[k] = float(joints.J[row] @ at_rest) + float(law[2]) - float(joints.gamma[row])
+            R[k] = terms.J[row] @ T
+            x[k] = float(terms.phi[row]) + float(law[0])
+            bias[k] = float(terms.J[row] @ at_rest) + float(law[2]) - float(terms.gamma[row])
         return R, x, bias
 
     def __call__(self, solve: Callable[..., Array], t: float, y: Array, dy: Array, tau: Array) -> Array:
@@ -140,7 +143,7 @@ class DrivingTorques:
         R, x, bias = self._rows_at(t, y, dy)
         wanted = second - bias - kd * (R @ dy - rate) - kp * (x - value)  # (k,) value that R y'' must have
         free = solve(t, y, dy, tau)  # (n,) a0
-        missing = wanted - R @ free
+        missing = wanted - R @ free  # (k,) part that the driving torques supply
         probes = self.driver_inertias * np.maximum(1.0, np.abs(missing))  # (k,) trial torques of about the size that is needed
         effects = np.array([solve(t, y, dy, tau + probe) - free for probe in probes[:, None] * R])  # (k, n) a_j - a0
         try:
@@ -153,8 +156,9 @@ class DrivingTorques:
 class Motion:
     """A function y -> absolute positions q (3 links,) and T (3 links, n) with v = T dy; it is ten times faster than `Tree`.
 
-    A joint's column of Pinocchio's world Jacobian is the velocity at the world's origin, [u, w], and the angular speed omega, of
-    the body of all links beyond the joint at unit rate. The centre of mass of such a link, at [x, y], has the velocity
+    The links beyond a joint that alone moves, at unit rate, form one body. In Pinocchio's world Jacobian, the column of this joint
+    holds the body's velocity at the world's origin, [u, w], and its angular speed omega. The centre of mass of a link of the body,
+    at [x, y], has the velocity
 
         [u - omega y, w + omega x]
 
@@ -166,20 +170,21 @@ class Motion:
 
     def __init__(self, tree: Tree, body: Multibody):
         self.model, self.data, self.jacobians = body.model, body.model.createData(), body.pin.computeJointJacobians
-        self.centres = [(joint, np.array(own.translation)) for joint, own in (body.carriers[i] for i in range(tree.links))]
+        carriers = [body.carriers[i] for i in range(tree.links)]
+        self.centres = [(joint, np.array(placement.translation)) for joint, placement in carriers]
         # in `angles` and in `carried` the last row, with the index GROUND = -1, is the ground's, and is removed
         angles = turning(tree)
         self.theta0, self.turns = angles.constants[:-1], angles.rows[:-1]
         self.carried = np.zeros((tree.links + 1, tree.n))
         for b in tree.branches:
             self.carried[b.link] = self.carried[b.parent]
-            self.carried[b.link, b.at : b.at + (3 if b.kind == "free" else 1)] = 1.0
+            self.carried[b.link, b.at : b.at + len(b.coordinates)] = 1.0
         self.carried = self.carried[:-1]
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
         J = self.jacobians(self.model, self.data, y)
         placements = self.data.oMi  # of the joints' frames in the world
-        centres = np.array([placements[joint].act(own) for joint, own in self.centres])
+        centres = np.array([placements[joint].act(centre) for joint, centre in self.centres])
         q, T = np.empty(3 * len(centres)), np.empty((3 * len(centres), len(y)))
         # rows of J: 0 and 1 are the velocity at the origin, 5 the angular speed about z
         q[0::3], q[1::3], q[2::3] = centres[:, 0], centres[:, 1], self.theta0 + self.turns.dot(y)

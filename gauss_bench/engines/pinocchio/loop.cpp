@@ -1,10 +1,11 @@
-// The loop of the adapter in C++: Pinocchio's tree and closures, the forces that it lacks, and steps, with no Python in between.
+// The adapter's loop over time steps in C++: Pinocchio's tree and closures, the forces for which Pinocchio has no element, and the
+// integration methods, without Python in between.
 //
-// It is what a C++ user of Pinocchio would write, over the library of the `pin` wheel. `compiled.py` fills a Linkage with the
+// A C++ user of Pinocchio would write such a program against the library in the wheel `pin`. `compiled.py` fills a Linkage with the
 // numbers of the model that the adapter has built and verified, and calls `advance` or `advance_adaptive` from sample to sample.
 //
-// Alignment: Eigen's objects are handed to a library that was compiled for any processor, where they lie at multiples of 16 bytes.
-// With -march=native this side would take another multiple, and both would read each other's fields in the wrong places.
+// Alignment: the library in the wheel was compiled for any processor, so it expects Eigen's objects at multiples of 16 bytes. With
+// -march=native this file would align them otherwise, and each side would read the other's fields in the wrong places.
 
 #include <pinocchio/multibody.hpp>
 #include <pinocchio/algorithm/constrained-dynamics.hpp>
@@ -30,8 +31,8 @@ struct Point
   Vector2d local;
 };
 
-// Two points and the force -k (x - rest) - c x' + bias along a coordinate x between them: their distance, or with an `axis` the
-// way of b from a along a direction that turns with the joint of a.
+// Two points and the force -k (x - rest) - c x' + bias along a coordinate x between them: their distance, or, with an `axis`, the
+// displacement of b from a along a direction that is fixed in the frame of a's joint.
 struct Spring
 {
   Point a, b;
@@ -40,7 +41,7 @@ struct Spring
   double k, c, rest, bias;
 };
 
-// A constant force at a point; its vector turns with a joint.
+// A constant force at a point; its vector is fixed in the frame of the joint `frame`.
 struct Push
 {
   Point at;
@@ -48,7 +49,7 @@ struct Push
   Vector2d value;
 };
 
-// Where a joint's frame is in the plane.
+// Position and orientation of a joint's frame in the plane.
 struct Frame
 {
   Vector2d origin;
@@ -58,21 +59,22 @@ struct Frame
   Vector2d world(const Vector2d & x) const { return origin + turned(x); }
 };
 
+// A joint with one coordinate.
 struct Planar
 {
-  Frame placement;
-  bool turns;     // about z; else it slides along ...
-  Vector2d axis;  // ... this direction of its placement
+  Frame placement;  // in the frame of the parent joint
+  bool turns;       // about z; otherwise the joint is a slide
+  Vector2d axis;    // direction of a slide, in the frame `placement`
 };
 
-// Coefficients of DOP853, as scipy has them: `stages` of a step, and three more for what lies inside it.
+// Coefficients of DOP853 in scipy's form: for the `stages` of a step, and for four further evaluations for its dense output.
 struct Tableau
 {
   static constexpr int stages = 12, all = 16, powers = 7;
   double a[all][all], b[stages], e5[stages + 1], e3[stages + 1], d[powers - 3][all];
 };
 
-// The constraints are missed, or something is not finite.
+// Thrown if accelerations violate the constraints or are not finite.
 struct Failure
 {
 };
@@ -84,7 +86,7 @@ struct Linkage
   std::vector<pin::RigidConstraintModel> closures;
   std::vector<pin::RigidConstraintData> closure_data;
   pin::ProximalSettings proximal;
-  double solved = 0.0;  // of the largest acceleration: what the constraints may be missed by
+  double solved = 0.0;  // largest residual of the constraints, relative to the largest acceleration
 
   std::vector<Planar> joints;
   std::vector<Frame> frames;
@@ -96,11 +98,12 @@ struct Linkage
 
   long evaluations = 0;
   VectorXd y, dy;          // the state of a run
-  VectorXd trial, speeds_after;  // of a stage, and of the end of a step
+  VectorXd trial, speeds_after;  // positions of a stage, and velocities at the end of a step
   VectorXd a1, a2, a3, a4, v2, v3, v4;
   std::vector<VectorXd> velocities, accelerations;  // of the stages of DOP853
 
-  // Planar kinematics: a tenth of what Pinocchio's own, in space, would take; only springs and pushes need it.
+  // Compute the joints' frames at the coordinates `at`, which only springs and pushes need. Kinematics in the plane take a tenth of
+  // the time of Pinocchio's, which are in space.
   void place(const VectorXd & at)
   {
     for (size_t k = 1; k < joints.size(); ++k)
@@ -128,7 +131,7 @@ struct Linkage
     }
   }
 
-  // Velocity of the point of a joint's body that is at `world`.
+  // Return the velocity of the point of a joint's body that is at `world`.
   Vector2d velocity(int joint, const Vector2d & world, const VectorXd & speeds) const
   {
     Vector2d sum = Vector2d::Zero();
@@ -141,7 +144,7 @@ struct Linkage
     return sum;
   }
 
-  // tau += J^T force, of a force on a joint's body at `world`.
+  // Add J^T force to tau, for a force on a joint's body at the point `world`.
   void push(int joint, const Vector2d & world, const Vector2d & force)
   {
     for (int k = joint; k > 0; k = model.parents[k])
@@ -163,7 +166,7 @@ struct Linkage
       x = direction.norm();
       direction /= x;
     }
-    // On an axis that turns with a's body, what acts back on that body acts at b too: then the moment is right.
+    // If the axis is fixed in a's body, the reaction on this body acts at the point b too, so that its moment is right.
     const Vector2d a = spring.has_axis ? b : from;
     const double rate = direction.dot(velocity(spring.b.joint, b, speeds) - velocity(spring.a.joint, a, speeds));
     const Vector2d force = (spring.bias - spring.k * (x - spring.rest) - spring.c * rate) * direction;
@@ -188,14 +191,14 @@ struct Linkage
         push(p.at.joint, frames[p.at.joint].world(p.at.local), frames[p.frame].turned(p.value));
     }
     const VectorXd & a = pin::constraintDynamics(model, data, at, speeds, tau, closures, closure_data, proximal);
-    // mu times the last change of the forces is what the constraints are still missed by, as in the adapter
+    // mu times the last change of the constraint forces is the residual of the constraints, as in dynamics.py
     const double missed = proximal.mu * proximal.relative_residual;
     if (!(missed <= solved) && !(missed <= solved * std::max(1.0, a.cwiseAbs().maxCoeff())))
       fail(at, speeds);
     return a;
   }
 
-  // Leave the state at which there is no answer in y, dy: the adapter says there what is wrong.
+  // Store the state without valid accelerations in y, dy, and throw; the adapter finds the reason from this state.
   [[noreturn]] void fail(const VectorXd & at, const VectorXd & speeds)
   {
     const VectorXd copy_at = at, copy_speeds = speeds;  // they may be y and dy themselves
@@ -226,7 +229,7 @@ struct Linkage
     y += h * dy;
   }
 
-  // Rates of the stages from `first` to before `end`, of a step h from y, dy.
+  // Compute the rates of the stages `first` to `end` - 1 of a step h from y, dy.
   void stages(const Tableau & tableau, double h, int first, int end)
   {
     for (int k = first; k < end; ++k)
@@ -243,7 +246,7 @@ struct Linkage
     }
   }
 
-  // `to_y`, `to_dy` are those of the end of a step, from the rates of its stages.
+  // Compute the state to_y, to_dy at the end of a step from the rates of its stages.
   void end_of_step(const Tableau & tableau, double h, VectorXd & to_y, VectorXd & to_dy) const
   {
     to_y = y;
@@ -267,7 +270,7 @@ struct Linkage
 
 static Vector2d pair(const double * x) { return {x[0], x[1]}; }
 
-// An SE3 as three numbers of its translation and nine of its rotation, row by row.
+// Return the SE3 that three numbers of a translation and nine of a rotation, row by row, describe.
 static pin::SE3 placement(const double * x)
 {
   return pin::SE3(Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(x + 3), Eigen::Map<const Vector3d>(x));
@@ -275,7 +278,8 @@ static pin::SE3 placement(const double * x)
 
 static double scaled_square(const VectorXd & x, const VectorXd & scale) { return x.cwiseQuotient(scale).squaredNorm(); }
 
-// scipy's, step by step, so that the adapter's runs are repeated: Hairer, Norsett and Wanner I, section II.4, and DOP853.
+// DOP853 with scipy's choice of steps, so that a compiled run takes the steps of a run from Python. Source: Hairer, Norsett and
+// Wanner I, section II.4, and the program DOP853.
 struct Adaptive
 {
   Linkage & linkage;
@@ -294,7 +298,7 @@ struct Adaptive
     scale_dy = (absolute + relative * dy.array().abs().max(other_dy.array().abs())).matrix();
   }
 
-  // A first step whose explicit Euler step is small, and the second derivatives along it.
+  // Return the first step size: an explicit Euler step of this size is small, and so is the effect of second derivatives.
   double first_step(double length)
   {
     Linkage & l = linkage;
@@ -327,7 +331,7 @@ struct Adaptive
     return fifth == 0 && third == 0 ? 0.0 : h * fifth / std::sqrt((fifth + 0.01 * third) * 2.0 * l.y.size());
   }
 
-  // The state inside the step that was just taken, from `before`, at the share x of it.
+  // Return the state at the fraction x of the step that was just taken, which began at `before` (dense output).
   static VectorXd inside(double x, const VectorXd & before, const std::vector<VectorXd> & powers)
   {
     VectorXd sum = VectorXd::Zero(before.size());
@@ -339,6 +343,7 @@ struct Adaptive
     return before + sum;
   }
 
+  // Return the coefficients of the dense output of a step from `before` to `after`, for the function `inside`.
   std::vector<VectorXd> polynomial(const std::vector<VectorXd> & rates, const VectorXd & before, const VectorXd & after, double h)
   {
     std::vector<VectorXd> powers(Tableau::powers);
@@ -355,7 +360,7 @@ struct Adaptive
     return powers;
   }
 
-  // Fill the samples (count, n) after the first; number of steps, or -1 where a step would vanish, or -2 after `most`.
+  // Fill the samples (count, n) after the first. Return the number of steps; -1 if a step would vanish, -2 after `most` steps.
   long run(const double * times, long count, double * samples_y, double * samples_dy, long most)
   {
     Linkage & l = linkage;
@@ -436,7 +441,8 @@ extern "C"
 
   void destroy(Linkage * l) { delete l; }
 
-  // A joint of one degree: `kind` is x, y (it slides) or z (it turns about it); `inertia` is row by row, about the lever.
+  // Add a joint with one coordinate: a slide along the axis `kind` x or y, or for z a hinge. The body has its centre of mass at
+  // `lever`, and the moments of inertia (3, 3) about it, row by row.
   void add_joint(Linkage * l, int parent, char kind, const double * at, double mass, const double * lever, const double * inertia)
   {
     const pin::SE3 where = placement(at);
@@ -460,7 +466,7 @@ extern "C"
     l->closures.push_back(row);
   }
 
-  // An `axis` of zero is none: then the spring is along the distance.
+  // An `axis` of zeros means that there is none: the spring acts along the line between its points.
   void add_spring(Linkage * l, int a, const double * at_a, int b, const double * at_b, const double * axis, const double * law)
   {
     const bool has_axis = axis[0] != 0 || axis[1] != 0;
@@ -472,7 +478,7 @@ extern "C"
     l->pushes.push_back(Push{{joint, pair(at)}, frame, pair(value)});
   }
 
-  // After all joints and closures: forces that are affine in the state, and how exactly Pinocchio solves.
+  // Complete a linkage that has all joints and closures: set the affine forces, and the accuracy of Pinocchio's solver.
   void finish(Linkage * l, const double * constant, const double * stiffness, const double * damping,
               const double * accuracies, double mu, int iterations, double solved)
   {
@@ -522,7 +528,8 @@ extern "C"
     }
   }
 
-  // `count` equal steps of h from y, dy, which are overwritten by their end, or by the state at which there was no answer.
+  // Take `count` equal steps of h from y, dy, which are overwritten by the state at the end. If there are no valid accelerations at
+  // a stage, return false, with the state of this stage in y, dy.
   bool advance(Linkage * l, int method, const Tableau * tableau, double h, long count, double * y, double * dy)
   {
     set(l, y, dy);
@@ -543,7 +550,8 @@ extern "C"
     return copy_state(l, y, dy, true);
   }
 
-  // Samples (count, n) at the times from the first on, which is given; steps, or what `Adaptive::run` or a failure (-3) comes to.
+  // Fill the samples (count, n) at `times`, of which the first is given. Return the number of steps, or -1 or -2 from
+  // `Adaptive::run`, or -3 after a failure.
   long advance_adaptive(Linkage * l, const Tableau * tableau, const double * tolerances, const double * times, long count,
                         long most, double * y, double * dy, double * samples_y, double * samples_dy)
   {
@@ -560,6 +568,7 @@ extern "C"
     }
   }
 
+  // Return the number of evaluations since the last call.
   long evaluations(Linkage * l)
   {
     const long count = l->evaluations;

@@ -29,7 +29,7 @@ def list_probes() -> list[dict[str, str]]:
 def ask_probe(name: str, q: Array, v: Array) -> Array:
     """Return the absolute accelerations (k, n) of the four-bar at absolute states q, v (k, n), for one case of `list_probes`.
 
-    Its name has the kind of constraint, the frame and the algorithm, as in "CONTACT_3D LOCAL, lcaba", or is BY_JACOBIAN.
+    The name of the case states the kind of constraint, the frame and the algorithm ("CONTACT_3D LOCAL, lcaba"), or is BY_JACOBIAN.
     """
     import pinocchio
 
@@ -119,21 +119,22 @@ def by_jacobian(pin: Any, model: Any, joints: Sequence[int]) -> Solve:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> default value of ProximalSettings and of Baumgarte's gains, and Pinocchio's names -> "there".
+    """Return name -> default value, of ProximalSettings and of Baumgarte's gains.
 
-    The names are the public ones about constraints, contacts, dynamics or solvers.
+    Pinocchio's public names about constraints, contacts, dynamics or solvers are in it too, each with the value "there".
     """
     import pinocchio as pin
 
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     settings = pin.ProximalSettings()
     for name in ("absolute_accuracy", "relative_accuracy", "mu", "max_iter"):
         if hasattr(settings, name):
-            found[f"ProximalSettings {name}"] = f"{getattr(settings, name):.12g}"
+            values[f"ProximalSettings {name}"] = f"{getattr(settings, name):.12g}"
     model, joints = build(pin, FOUR_BAR)
     ends = joints[1], shift(pin, 2.0), joints[2], shift(pin, 1.5)
     row = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, *ends, pin.ReferenceFrame.LOCAL)
     for name in ("Kp", "Kd"):
-        found[f"Baumgarte {name}"] = " ".join(f"{x:.12g}" for x in np.ravel(getattr(corrector_of(row), name)))
+        values[f"Baumgarte {name}"] = " ".join(f"{x:.12g}" for x in np.ravel(getattr(corrector_of(row), name)))
     words = ("onstraint", "aba", "Aba", "ABA", "Contact", "contact", "Dynamics", "Solver", "Admm", "ADMM", "PGS")
-    return found | {f"function {x}": "there" for x in dir(pin) if not x.startswith(("_", "Std")) and any(w in x for w in words)}
+    public = [name for name in dir(pin) if not name.startswith(("_", "Std"))]
+    return values | {f"function {name}": "there" for name in public if any(word in name for word in words)}

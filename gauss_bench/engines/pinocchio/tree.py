@@ -55,25 +55,25 @@ class Multibody:
         parent, centre = self.carriers[b.parent]  # centre: A_parent; own: A
         match b.kind:
             case "revolute":
-                joint = self._joint(name, parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
+                joint = self._add_joint(name, parent, pin.JointModelRZ(), centre * self.planar(b.parent_anchor))
                 own = self.planar(-b.anchor)
             case "prismatic":
                 direction = float(np.arctan2(b.axis[1], b.axis[0]))
                 placement = centre * self.planar(b.parent_anchor + b.base, direction)
-                joint = self._joint(name, parent, pin.JointModelPX(), placement)
+                joint = self._add_joint(name, parent, pin.JointModelPX(), placement)
                 own = self.planar(np.zeros(2), b.turn - direction) * self.planar(-b.anchor)
             case _:
                 joint, own = 0, pin.SE3.Identity()
                 for axis, kind in (("x", pin.JointModelPX()), ("y", pin.JointModelPY()), ("theta", pin.JointModelRZ())):
-                    joint = self._joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
+                    joint = self._add_joint(f"{link.name}.{axis}", joint, kind, pin.SE3.Identity())
         # the moments of inertia of a flat plate; only the third acts in the plane
         lamina = np.diag([link.inertia / 2, link.inertia / 2, link.inertia])
         self.model.appendBodyToJoint(joint, pin.Inertia(link.mass, np.zeros(3), lamina), own)
         self.carriers[b.link] = joint, own
 
-    def _joint(self, name: str, parent: int, kind: Any, placement: Any) -> int:
-        joint: int = self.model.addJoint(parent, kind, placement, name)
-        return joint
+    def _add_joint(self, name: str, parent: int, kind: Any, placement: Any) -> Any:
+        """Add a joint at a placement in the frame of the joint `parent`, and return Pinocchio's index of it."""
+        return self.model.addJoint(parent, kind, placement, name)
 
     def planar(self, origin: Array, angle: float = 0.0) -> Any:
         """Return the SE3 with an origin (2,) [m] in the plane and an angle [rad] about z; it is exact if the angle is 0."""
@@ -82,8 +82,8 @@ class Multibody:
 
     def place(self, point: Point) -> tuple[int, Any]:
         """Return the joint that carries a point, and the point's placement in the joint's frame."""
-        joint, centre = self.carriers[point.link]
-        return joint, centre * self.planar(point.local)
+        joint, placement = self.carriers[point.link]
+        return joint, placement * self.planar(point.local)
 
     def constraints(self, gains: tuple[float, float]) -> Any:
         """Return a point constraint for each closing pin, with Baumgarte's gains Kp, Kd and rows along the world's axes."""
