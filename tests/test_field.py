@@ -24,7 +24,7 @@ from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.citation import renew
 from gauss_bench.report.content import Bullets, Table, Text, lay_out
 from gauss_bench.report.field_run import READ, drop_unread
-from gauss_bench.report.pages import faults_of
+from gauss_bench.report.pages import fault_sections
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
 from gauss_bench.report.site.engine import (
@@ -193,7 +193,7 @@ def cells(table):
 
 
 def test_every_cell_has_an_answer_or_its_reason(run):
-    asked = cells(lay_out("field", shown.answers(run)))
+    asked = cells(lay_out("field", shown.list_answers(run)))
     dice, gone, good, tuned = sorted(asked, key=lambda x: (x["engine"], x["settings"][0]))
     assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
     expected = {
@@ -217,7 +217,7 @@ def test_every_cell_has_an_answer_or_its_reason(run):
 
 
 def test_an_engine_has_one_line_of_costs(run):
-    table = lay_out("field_costs", shown.costs(run))
+    table = lay_out("field_costs", shown.list_costs(run))
     _, dice, gone = cells(table)
     assert [cell.text for cell in table.rows[0]] == [
         *("good", "2.00 ms", "1.50 ms..2.50 ms", "1.00", "5.00 ms", "4.00 ms..6.00 ms", "1.00"),
@@ -234,7 +234,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
     costs = {"own": 1e-3, "slow": 8e-3, "apart": 2.5e-3, "soft": math.nan}
     winners = [WINNER | {"engine": x, "accuracy": 1e-4, "seconds": seconds} for x, seconds in costs.items()]
     rows = {"field": [ASKED | {"engine": x, "status": "ok"} for x in costs], "search_winners": winners}
-    lines = shown.costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
+    lines = shown.list_costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
     assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
     assert math.isnan(lines[3]["coarse_over"])
     assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
@@ -384,7 +384,7 @@ def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(
 
 
 def test_a_report_on_a_fault_becomes_a_section():
-    (section,) = faults_of({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
+    (section,) = fault_sections({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
     assert (section.title, section.anchor) == ("Good 3: one is two", "good_one_is_two")
     text, table, bullets = section.blocks
     assert text == Text("**Seen with** Good 3, where `one()` is two.")
@@ -397,7 +397,7 @@ def test_a_report_on_a_fault_becomes_a_section():
 @pytest.mark.parametrize("path", sorted((REPORTS / "findings").glob("*.md")), ids=lambda x: x.stem)
 def test_every_published_fault_is_on_the_page_of_its_engine(path):
     assert path.stem.partition("_")[0] in {*FOREIGN, *ELSEWHERE}
-    (section,) = faults_of({path.stem: path.read_text(encoding="utf-8")}, path.stem.partition("_")[0])
+    (section,) = fault_sections({path.stem: path.read_text(encoding="utf-8")}, path.stem.partition("_")[0])
     tables = [x for x in section.blocks if isinstance(x, Table)]
     assert all(all(x.head) and all(len(row) == len(x.head) for row in x.rows) for x in tables)
     assert "](" not in path.read_text(encoding="utf-8")

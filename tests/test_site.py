@@ -20,7 +20,7 @@ from gauss_bench.bench.runner import own_files
 from gauss_bench.cli import main
 from gauss_bench.report.build import build_report
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
-from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, slots
+from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, assign_hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
@@ -104,7 +104,7 @@ def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_env
         pd.read_csv(folder / place, keep_default_na=False, na_values=[""]) for place in ("times/search_winners.csv", "field.csv")
     )
     times = times[(times.required == "position") & times.seconds.notna()]
-    lines = {line["engine"]: line for line in field.costs(run)}
+    lines = {line["engine"]: line for line in field.list_costs(run)}
     apart = {name for name, known in run.beside.environment["engines"].items() if known.get("environment")}
     assert {"bullet", "dart", "drake", "mjx", "opensim"} <= apart < {*lines} == {*rows.engine}
     for key, limit in field.ACCURACIES.items():
@@ -151,7 +151,7 @@ def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark):
 
 def test_engines_of_a_figure_share_neither_colour_nor_marker():
     engines = [*list(HUES)[:7], "mine", "yours"]
-    assert len(set(slots(engines).values())) == len(engines)
+    assert len(set(assign_hues(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
     assert len(set(ENGINES.values())) == len(ENGINES)
 

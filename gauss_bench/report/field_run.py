@@ -1,6 +1,6 @@
 """Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-`python -m gauss_bench.report.field_run reports/field` removes from it the tables that no page reads; `make field` calls this.
+`make field` calls `python -m gauss_bench.report.field_run reports/field`, which removes the tables of this run that no page reads.
 """
 
 import sys

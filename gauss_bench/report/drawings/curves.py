@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
-from gauss_bench.report.plotting import give_title, legend, panels, svg
+from gauss_bench.report.plotting import draw_legend, give_title, panels, svg
 from gauss_bench.terms import Array
 
 COMPONENTS: Mapping[str, Mapping[str, Any]] = {
@@ -41,7 +41,7 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
         axes.set_xlabel("time [s]")
     figure.align_ylabels()
     begin = {"color": TRACE, "linestyle": "", "marker": "o"}
-    legend(figure, {**COMPONENTS, "start of the path": begin})
+    draw_legend(figure, {**COMPONENTS, "start of the path": begin})
     return svg(figure)
 
 

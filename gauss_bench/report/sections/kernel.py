@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from gauss_bench.report.content import Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, spread, with_number
-from gauss_bench.report.site.charts import points
+from gauss_bench.report.site.charts import specify_points
 from gauss_bench.report.words import count, error_text, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 30
@@ -80,7 +80,7 @@ def size_charts(rows: Sequence[Row]) -> list[Chart]:
     engines = list(dict.fromkeys(r["engine"] for r in shown))
     head = {"name": "engine, and how it is called", "x": "windows", "y": "time [s]"}
     words = "Time of a right-hand side of a chain of windows. Lines of one colour are one engine, called in several ways."
-    spec = points(shown, "windows of the chain", "one right-hand side [s]", 380)
+    spec = specify_points(shown, "windows of the chain", "one right-hand side [s]", 380)
     return [Chart("kernel-size-figure", "Time against size", words, spec, shown, head, engines)]
 
 

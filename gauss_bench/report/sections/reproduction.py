@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from gauss_bench.report.content import Block, Bullets, Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number
-from gauss_bench.report.site.charts import over_time, place_names
+from gauss_bench.report.site.charts import place_names, specify_lines
 from gauss_bench.report.words import NOTHING, error_text, itemise
 
 PLACE = 60
@@ -72,7 +72,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": r["t"], "y": r[column]} for r in rows]
         drawn = place_names([line], logarithmic=False)
-        spec = over_time(drawn, axis, logarithmic=False, height=220)
+        spec = specify_lines(drawn, axis, logarithmic=False, height=220)
         charts.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
     return charts
 

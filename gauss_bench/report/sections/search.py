@@ -8,7 +8,7 @@ from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
-from gauss_bench.report.site.settings import answer, race_multiples
+from gauss_bench.report.site.settings import race_multiples, reach_of_search
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
@@ -59,7 +59,7 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
         if row["status"] == OK:
             more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
         else:
-            reach = answer_of(run, row)
+            reach = reach_of_row(run, row)
             more |= {"remark": reach.words, "remark_tone": "warn", "missing": str(reach.kind)}
         winners.append({**row, **more})
     return sorted(winners, key=lambda row: (row["mechanism"], -row["accuracy"], first_number(number(row, "seconds"), math.inf)))
@@ -88,9 +88,9 @@ def describe_effort(rows: Sequence[Row]) -> str:
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
 
-def answer_of(run: Run, row: Row) -> Reach:
+def reach_of_row(run: Run, row: Row) -> Reach:
     """Return whether the engine of a row of `search_winners` meets the requirement of the row, and if not, how close it comes."""
-    return answer(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
+    return reach_of_search(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -106,7 +106,7 @@ def findings(run: Run) -> Iterator[Finding]:
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
         group = over_the_cheaper(groups[kind, accuracy])
         lost = [*name_defeats(run, group)]
-        rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
+        rivals = [r for r in group if r["engine"] not in run.own_engines and reach_of_row(run, r).kind in TRIED]
         ratios = [
             f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
         ]
@@ -158,7 +158,7 @@ def _mark_engine(run: Run, engine: str) -> str:
 def _print_ratio(run: Run, row: Row) -> str:
     """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing."""
     if row["status"] != OK:
-        return f"{row['mechanism']} {answer_of(run, row).words}"
+        return f"{row['mechanism']} {reach_of_row(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
     words = ratio.print_with(ratio_text) if is_known(ratio.value) else f"(ours {Kind.NOT_REACHED})"
     return f"{row['mechanism']} {words}"
@@ -198,7 +198,7 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours):
             continue
-        if any(answer_of(run, r).kind is Kind.NOT_REACHED for r in ours):  # others were skipped or not tried
+        if any(reach_of_row(run, r).kind is Kind.NOT_REACHED for r in ours):  # others were skipped or not tried
             others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
             yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
     missed = [r for r in with_number(group, "target") if not r["met"]]
@@ -208,8 +208,8 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
 
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:
     """Yield sentences on the engines that do not run a linkage, one for each reason, and on linkages without a search."""
-    missing = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
-    for words, rows in group_by(missing, lambda r: answer_of(run, r).words).items():
+    missing = [r for r in group if r["status"] != OK and reach_of_row(run, r).kind not in TRIED]
+    for words, rows in group_by(missing, lambda r: reach_of_row(run, r).words).items():
         engines = itemise_code(r["engine"] for r in rows)
         yield f" Left out: {engines} on {itemise(sorted({r['mechanism'] for r in rows}))} ({words})."
     if rest := sorted(set(run.linkages) - {r["mechanism"] for r in group}):

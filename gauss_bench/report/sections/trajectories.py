@@ -70,7 +70,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def find_best(run: Run, name: str) -> Iterator[Finding]:
     """Yield, for each scenario of a linkage, a finding on the most accurate case, and on the cheapest within each of TARGETS."""
-    usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
+    usable = [row for row in run.cases_of(name) if may_rank(row) and is_known(end_error(row))]
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:

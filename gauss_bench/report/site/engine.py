@@ -9,7 +9,7 @@ from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
 from gauss_bench.report.content import Table, lay_out
 from gauss_bench.report.first_table import FIRST
-from gauss_bench.report.pages import facts, faults_of
+from gauss_bench.report.pages import fault_sections, list_facts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
@@ -20,7 +20,6 @@ from gauss_bench.report.site.settings import (
     USUAL,
     Setting,
     all_settings,
-    answer_of,
     cheapest_stored,
     describe_setting,
     describe_size,
@@ -28,6 +27,7 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     make_setting,
     race_multiples,
+    reach_of_engine,
     scenarios,
 )
 from gauss_bench.report.words import count, error_text, itemise, limit_text, ratio_text
@@ -52,7 +52,7 @@ def engine_page(run: Run, name: str) -> Page:
     its_run = runs_of_engines(run).get(name, run)
     rows = of_engine(its_run.results, name)
     installed = its_run.environment.get("engines", {}).get(name, {})
-    field_answers = field.answers(run, name)  # results of the same tests for all engines, from the suite `field`
+    field_answers = field.list_answers(run, name)  # results of the same tests for all engines, from the suite `field`
     options = None  # the method page has the options of this run's own engines
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
@@ -66,7 +66,7 @@ def engine_page(run: Run, name: str) -> Page:
         "engine.html",
         name=name,
         asked=lay_out("field", field_answers, title="Its answers"),
-        costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
+        costs=lay_out("field_costs", field.list_costs(run, name), title="Its costs"),
         apart=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
         home=home,
         settings=options,
@@ -76,7 +76,7 @@ def engine_page(run: Run, name: str) -> Page:
         races=list_races(its_run, name),
         why=explain_time(its_run, name),
         broken=list_failures(its_run, name),
-        faults=faults_of(run.faults, name),
+        faults=fault_sections(run.faults, name),
         atlas=atlas_table(of_engine(run.table("atlas"), name)),
         owned=lay_out("search_owned", list_owned(of_engine(its_run.table("search_owned"), name))),
         releases=len(of_engine(run.table("releases"), name)),
@@ -86,7 +86,7 @@ def engine_page(run: Run, name: str) -> Page:
     lead = f"{installed.get('version') or name}: as shipped, as set here, and with the best settings found."
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
-    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
+    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(list_facts(its_run)))
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
@@ -138,7 +138,7 @@ def cheapest_table(run: Run, name: str) -> Table:
             place = {"mechanism": linkage, "within": position}
             setting = cheapest_stored(run, linkage, position).get(name)
             if setting is None:
-                reach = answer_of(run, linkage, name, position)
+                reach = reach_of_engine(run, linkage, name, position)
                 lines.append(place | {"words": reach.words, "words_tone": "warn", "missing": str(reach.kind)})
             else:
                 lines.append(vars(setting) | place | {"words": describe_setting(run, setting), "size": describe_size(setting)})

@@ -15,11 +15,11 @@ from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_
 from gauss_bench.report.content import Chart, Finding, layouts
 from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.first_table import first_table
-from gauss_bench.report.palette import slots
+from gauss_bench.report.palette import assign_hues
 from gauss_bench.report.rows import Row, Run, group_by, is_known, with_number
 from gauss_bench.report.sections import bias
 from gauss_bench.report.sections.trajectories import name_most_accurate
-from gauss_bench.report.site.charts import FLOOR, bars
+from gauss_bench.report.site.charts import FLOOR, specify_bars
 from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.page import Page, file_name, render, sentence_of
 from gauss_bench.report.site.settings import (
@@ -28,8 +28,8 @@ from gauss_bench.report.site.settings import (
     USUAL,
     Setting,
     all_settings,
-    answers,
     cheapest_stored,
+    collect_choices,
     describe_setting,
     describe_size,
     fastest_first,
@@ -59,7 +59,7 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
     words, chart = CARD[name], None
     if rows:
         head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
-        spec = bars(rows, words["axis"], **chart_options)
+        spec = specify_bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
     return {**words, "sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
 
@@ -159,7 +159,7 @@ def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator
             redundant = pose_in(run, name)[0].redundant
         except LinkageError:
             continue
-        rows = [r for r in run.of(name) if may_rank(r) and is_known(end_error(r))]
+        rows = [r for r in run.cases_of(name) if may_rank(r) and is_known(end_error(r))]
         if redundant > 0 and rows:
             answer = f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}."
             question = "Which engine is the most exact on redundant loops?"
@@ -226,7 +226,7 @@ def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[d
     The second result maps the name of a file, which a page loads only on demand, to the programs of a linkage: those that
     `programs` returns, or else calls of this package.
     """
-    choices = {name: answers(run, name) for name in names}
+    choices = {name: collect_choices(run, name) for name in names}
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
     texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
     later = {}
@@ -240,7 +240,7 @@ def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[d
         "choices": choices,
         "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
         "own": [x for x in engines if x in run.own_engines],
-        "dots": {e: f"var(--{slot})" for e, slot in slots(engines).items()},
+        "dots": {e: f"var(--{slot})" for e, slot in assign_hues(engines).items()},
         "positions": POSITIONS,
         "forces": [None if math.isinf(x) else x for x in FORCES],
     }

@@ -18,7 +18,7 @@ from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
-from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
+from gauss_bench.report.site.charts import FLOOR, MOST_LINES, place_names, specify_lines, specify_points
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
@@ -70,7 +70,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         force_chart(run, name),
     )
     charts = [chart for chart in made if chart is not None]
-    rows = [r for r in run.of(name) if r["scenario"] == scenario]
+    rows = [r for r in run.cases_of(name) if r["scenario"] == scenario]
     usable = [r for r in rows if may_rank(r) and is_known(end_error(r))]
     title = name.replace("_", " ")
     body = render(
@@ -102,7 +102,7 @@ def rows_name(name: str) -> str:
 
 def rows_page(run: Run, name: str) -> Page | None:
     """Return the page with every case of a linkage, or None for a linkage without cases."""
-    scenarios = group_by(run.of(name), "scenario")
+    scenarios = group_by(run.cases_of(name), "scenario")
     if not scenarios:
         return None
     tables = [all_cases(name, scenario, rows) for scenario, rows in scenarios.items()]
@@ -147,7 +147,7 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     if not rows:
         return None
     longest = max(x.until for x in settings)
-    spec = points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
+    spec = specify_points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
     words = (
         f"Largest error of any link's centre of mass over {longest:g} s, against the time of the run. The figure has the settings "
         "of each engine that no other of its settings beats in both, with and without stabilisation."
@@ -193,7 +193,7 @@ def force_chart(run: Run, name: str) -> Chart | None:
         "its variants beats in both. Joint forces follow from the motion, by the same code for all engines."
     )
     head = {"name": "variant", "x": "steps", "y": "error [N]"}
-    spec = points(rows, "steps of the run", "largest error of a joint force [N]")
+    spec = specify_points(rows, "steps of the run", "largest error of a joint force [N]")
     return Chart("forces", "Joint forces", words, spec, rows, head, toggles_of(rows))
 
 
@@ -206,7 +206,7 @@ def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
     """
     of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
     series = group_by(with_number(of_linkage, column), case_of)
-    chosen = [r for r in run.of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
+    chosen = [r for r in run.cases_of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
     lines = []
     order = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
     by_engine = group_by(chosen, "engine")
@@ -239,4 +239,4 @@ def history_chart(run: Run, linkage: str, column: str, name: str, title: str, wo
     # every LISTED-th point of each line, counted from its last point, which is kept
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
     note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
-    return Chart(name, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)
+    return Chart(name, title, words, specify_lines(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)

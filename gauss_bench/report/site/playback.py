@@ -156,7 +156,7 @@ def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> 
 
 def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[StoredRun]:
     """Return the runs of a linkage with stored poses, sorted by engine, default settings first."""
-    cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
+    cases = {tuple(r[k] for k in KEYS): r for r in run.cases_of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
         if row := cases.get(key):

@@ -246,7 +246,7 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
     return over
 
 
-def answers(run: Run, mechanism: str) -> dict[str, Any]:
+def collect_choices(run: Run, mechanism: str) -> dict[str, Any]:
     """Return the data that the first page of the site needs for a linkage.
 
     A requirement "i,j" is a position error of at most POSITIONS[i] together with a force error of at most FORCES[j].
@@ -296,10 +296,10 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
     settings = all_settings(run).get(mechanism, [])
     hold = {x.engine for x in settings if x.holds(position, force)}
     engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
-    return {e: answer_of(run, mechanism, e, position, force) for e in engines if e not in hold}
+    return {e: reach_of_engine(run, mechanism, e, position, force) for e in engines if e not in hold}
 
 
-def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
+def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
     """Return whether an engine meets a requirement on a linkage and, if not, how close it comes; by its search or its cases.
 
     Args:
@@ -308,7 +308,7 @@ def answer_of(run: Run, mechanism: str, engine: str, position: float, force: flo
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
     if not cases or engine in engines_of(run, mechanism):
-        return answer(run, mechanism, engine, wanted)
+        return reach_of_search(run, mechanism, engine, wanted)
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
@@ -329,7 +329,7 @@ def scenarios(run: Run) -> Mapping[str, str]:
     return dict(sorted(first.items()))
 
 
-def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
+def reach_of_search(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
     """Return whether an engine meets requirements on a linkage, and whether it was timed in a race.
 
     Args:

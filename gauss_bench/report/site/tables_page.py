@@ -8,7 +8,7 @@ from typing import Any
 from gauss_bench.atomic import write_bytes
 from gauss_bench.report.content import lay_out
 from gauss_bench.report.field_run import FOLDER as BESIDE
-from gauss_bench.report.pages import facts as list_facts
+from gauss_bench.report.pages import list_facts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
 from gauss_bench.report.words import count
