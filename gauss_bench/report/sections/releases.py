@@ -1,11 +1,11 @@
-"""The changes between releases of each engine's library."""
+"""The section on the changes between releases of each engine's library."""
 
 from gauss_bench.report.content import Block, Bullets, Section, Text, blocks_of
 from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
 
 PLACE = 85
-# entries of a row that are printed instead of missing values, as `content.missing_reason` takes them
+# reasons for missing values of a row, by the keys that `content.missing_reason` reads
 NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}
 NO_TIME = {"missing": "one of both was not timed", "why_verdict": "the others are compared with it"}
 TITLE, ANCHOR = "What changed between releases", "releases"
