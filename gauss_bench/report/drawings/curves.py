@@ -16,10 +16,10 @@ COMPONENTS: Mapping[str, Mapping[str, Any]] = {
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
-ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the path's extent
+ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the extent of the path
 
 
-def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
+def draw_curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
     """Return the SVG of three panels for each point: its path, its velocity and its acceleration.
 
     Args:
@@ -54,7 +54,8 @@ def draw_path(axes: Axes, points: Array) -> None:
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=5)
     travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))  # (k,) [m] arc length
-    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(points, axis=0))))  # index of the point at the arrow's head
+    extent = np.hypot(*np.ptp(points, axis=0))  # [m]
+    head = int(np.searchsorted(travelled, ARROW * extent))  # index of the point at the head of the arrow
     if travelled[-1] > 0:  # a point at rest has no direction
         look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
         axes.annotate("", points[head], points[head - 1], arrowprops=look)

@@ -19,8 +19,8 @@ from gauss_bench.terms import Array
 from gauss_bench.untrusted import parse_toml
 
 POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
-TURN = 120  # states of a full turn
-KEPT = "linkages"  # key of a run's environment, under which it has name -> text of the file
+INTERVALS = 120  # equal intervals of a full turn
+FILES = "linkages"  # key of a run's environment: name of a linkage -> text of its file
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
@@ -51,13 +51,14 @@ def pose_document(
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """Return states (TURN + 1, n) of a full turn of the driver in 1 s, None if the linkage does not close everywhere."""
-    constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
+    """Return states (INTERVALS + 1, n) of a full turn of the driver in 1 s; None if the linkage does not close everywhere."""
+    constraints, no_speed = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
-    for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:
+    for t in np.linspace(0.0, 1.0, INTERVALS + 1)[1:]:
 
         def residual(x: Array, t: float = float(t)) -> tuple[Array, Array]:
-            rows = constraints(t, x, still)
+            """Return the residuals of the constraints at time t and state x, and their Jacobian."""
+            rows = constraints(t, x, no_speed)
             return rows.phi, rows.J
 
         q, error = gauss_newton(q, residual)
@@ -81,13 +82,13 @@ def crank_angles(mechanism: Mechanism, states: Array) -> Array:
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Return the document, digest and path of a linkage of a run.
+    """Return the document, digest and path of a linkage of a run, from the file that the run stored or from the built-in file.
 
     Raises:
         LinkageError: the linkage is neither built in nor stored, or is damaged.
     """
-    kept = run.environment.get(KEPT)
-    text = kept.get(name) if isinstance(kept, dict) else None
+    stored = run.environment.get(FILES)
+    text = stored.get(name) if isinstance(stored, dict) else None
     if isinstance(text, str):
         try:
             return parse_toml(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
