@@ -24,7 +24,7 @@ from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, assign_hue
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
-from gauss_bench.report.site.first import CARDS, HOLDS, pack
+from gauss_bench.report.site.first import CARDS, HOLDS, pack_lines
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, sentence_of, short_label
@@ -248,7 +248,7 @@ def test_text_of_files_stays_text():
     assert "<" not in script_text({hostile: hostile})
     assert json.loads(script_text({"x": hostile})) == {"x": hostile}
     assert "<img" not in str(rich(hostile))
-    lines = pack(["a\nb", "a\nc"])
+    lines = pack_lines(["a\nb", "a\nc"])
     assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
 
 

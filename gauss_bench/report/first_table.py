@@ -102,8 +102,7 @@ def first_table(run: Run) -> Table | None:
         lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(results)}"), multiple])
     heads = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
     head = ("engine", *heads, "holds on", "multiples")
-    title = f"Within {limit_text(FIRST)} m of position {search_span(run)}"
-    return Table(title, head, lines, range(1, len(head)))
+    return Table(f"Within {limit_text(FIRST)} m of position {search_span(run)}", head, lines, range(1, len(head)))
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:

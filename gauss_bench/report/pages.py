@@ -85,5 +85,5 @@ def read_block(text: str) -> Block:
     # `rule` is the second line of a table in Markdown; there `--:` marks a column that is aligned right, which has numbers
     head, rule, *lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
     numeric = [i for i, mark in enumerate(rule) if mark.endswith(":")]
-    title = ", ".join(head[1:])  # the heads of all columns except the first
-    return Table(title, head, [[text_cell(cell) for cell in line] for line in lines], numeric)
+    # the title of the table lists the heads of its columns except the first
+    return Table(", ".join(head[1:]), head, [[text_cell(cell) for cell in line] for line in lines], numeric)

@@ -163,8 +163,7 @@ def cost_picture(run: Run) -> str:
         rows += [{"engine": mark_own(run, loop), "line": loop, "x": x.seconds, "y": x.position} for x in settings]
     until = max(x.until for settings in fronts.values() for x in settings)
     axes = f"processor time of {until:g} s of motion [s]", "largest error of any link [m]"
-    engines = list(dict.fromkeys(row["engine"] for row in rows))
-    spec = specify_points(rows, *axes, height=430, engines=engines)
+    spec = specify_points(rows, *axes, height=430, engines=[mark_own(run, loop) for loop in fronts])
     spec |= {"data": {"values": rows}, "width": 900, "padding": PADDING, "config": GRAMMAR["config"] | LOOK}
     drawn = vl_convert.vegalite_to_svg(spec, vl_version=VEGA_LITE)
     width, height = (float(x) for x in re.findall(r'(?:width|height)="([\d.]+)"', drawn)[:2])

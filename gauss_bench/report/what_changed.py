@@ -35,12 +35,11 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
         pair = {"engine": after["engine"], "before": before["version"], "after": after["version"]}
         changes = [*tables["release_changes"], *tables["release_cost_changes"]]
         changed = [row for row in changes if pair.items() <= row.items()]  # rows that agree with all values of `pair`
-        heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
         sentences = [*describe_quantities(changed), describe_rounding(after)]
         for x in (before, after):
             if x["left_out"]:
                 sentences.append(f"{int(x['left_out'])} cases of {x['version']} were not asked within the time")
-        parts.append((heading, sentences))
+        parts.append((f"{pair['engine']} {pair['before']} -> {pair['after']}", sentences))
     return parts
 
 

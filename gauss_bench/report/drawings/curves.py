@@ -12,7 +12,7 @@ from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
 from gauss_bench.report.plotting import draw_legend, give_title, panels, svg
 from gauss_bench.terms import Array
 
-COMPONENTS: Mapping[str, Mapping[str, Any]] = {
+COMPONENTS: Mapping[str, Mapping[str, Any]] = {  # name of a component -> style of its line
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
@@ -63,8 +63,8 @@ def draw_path(axes: Axes, points: Array) -> None:
 
 def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:
     """Draw both components of vectors (k, 2) against times t (k,)."""
-    for (_, look), component in zip(COMPONENTS.items(), values.T, strict=True):
-        axes.plot(t, component, **look)
+    for style, component in zip(COMPONENTS.values(), values.T, strict=True):
+        axes.plot(t, component, **style)
     axes.set_xlim(t[0], t[-1])
     axes.set_ylabel(label)
     axes.locator_params(axis="y", nbins=6)

@@ -17,7 +17,7 @@ def section(run: Run) -> Section:
     """Return the section with tables of failed, skipped and invalid cases, and of costs that could not be measured."""
     stopped = [row for row in run.results if not has_ended(row)]
     invalid = [row for row in run.results if has_ended(row) and not row["valid"]]
-    # the table prints the judge's reason where others have the message of the engine
+    # the judge's reason is the message of an invalid case
     judged: list[Row] = [{**row, "message": row.get("flag", ""), "status": "not valid"} for row in invalid]
     kinds: dict[str, list[Row]] = {
         "Failed": [row for row in stopped if row["status"] != "skip"],
