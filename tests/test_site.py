@@ -20,7 +20,7 @@ from gauss_bench.bench.runner import own_files
 from gauss_bench.cli import main
 from gauss_bench.report.build import build_report
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
-from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, assign_hues
+from gauss_bench.report.palette import DARK, ENGINES, HUES, PAPER, SHAPES, assign_hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
@@ -144,7 +144,7 @@ def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark):
         seen = np.cbrt(np.clip(colours @ np.transpose(matrix), 0, 1) @ np.transpose(TO_CONES)) @ np.transpose(TO_LAB)
         least = min(np.linalg.norm(a - b) for a, b in combinations(seen, 2))
         assert least > 0.05, f"{name}: two engines are only {least:.3f} apart"
-    light = [float(LUMINANCE @ c) for c in (*colours, linear(PAPERS[dark]))]
+    light = [float(LUMINANCE @ c) for c in (*colours, linear((PAPER, DARK["paper"])[dark]))]
     paper = light.pop()
     assert all((max(x, paper) + 0.05) / (min(x, paper) + 0.05) >= 3 for x in light)
 

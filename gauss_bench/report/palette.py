@@ -19,7 +19,6 @@ SHAPES: list[str] = _DATA["shapes"]  # markers of engines, in turn
 INK, MUTED, GRID, PAPER, CONTROL = (COLOURS[x] for x in ("ink", "muted", "grid", "paper", "control"))
 BODY, BODY_EDGE, CRANK, CRANK_EDGE, TRACE = (COLOURS[x] for x in ("body", "body-edge", "crank", "crank-edge", "trace"))
 CURVES = (BODY_EDGE, CRANK_EDGE, TRACE, *(ENGINES[x] for x in _DATA["curves"]))  # colours of the lines of a panel, in turn
-PAPERS = (PAPER, DARK["paper"])  # light, dark
 VARIABLES = {colour: name for name, colour in COLOURS.items()}  # light colour -> name of its CSS variable
 VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENGINES.items()}
 

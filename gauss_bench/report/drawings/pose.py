@@ -2,6 +2,7 @@
 
 import hashlib
 import tomllib
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -41,11 +42,9 @@ def pose_document(
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
     scenarios = {"turn": {"duration": 1.0, "driver": driver, "forces": list(document.get("forces", {}))}}
     if crank is not None:
-        try:
+        with suppress(LinkageError):  # if the crank cannot reach the pose, draw the file's own start
             mechanism = load_document(document | {"scenarios": scenarios}, "turn", str(path), digest)
             return replace(mechanism, drivers=()), mechanism.q0, full_turn(mechanism)
-        except LinkageError:  # the crank cannot reach the pose: draw the file's own start
-            pass
     mechanism = load_document(document, None, str(path), digest)
     return mechanism, mechanism.q0, None
 

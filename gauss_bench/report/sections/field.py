@@ -44,8 +44,7 @@ def describe_run(run: Run) -> str:
     """Return sentences on the separate run of the rows, and on why its times differ from those on other pages."""
     return (
         f"The rows are of a run of their own ({', '.join(list_facts(run.field_run))}). Its times are those of a brief search; "
-        f"the suite `{run.environment.get('suite', '')}`, whose times stand on the other pages, searched longer and found other "
-        "settings."
+        f"the suite `{run.environment.get('suite', '')}`, whose times are on other pages, searched longer and found other settings."
     )
 
 

@@ -28,8 +28,7 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     blocks: list[Block] = []
     for heading, sentences in reversed(describe_changes(tables)):
         blocks += [Text(f"**{heading}**"), Bullets(sentences)]
-    unusable = describe_unusable(ordered)
-    if unusable:
+    if unusable := describe_unusable(ordered):
         blocks += [Text("**without answers**"), Bullets(unusable)]
     blocks += blocks_of("releases", [{**row, **NO_VALUE} for row in ordered], engine=engine)
     blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"), engine=engine)

@@ -44,7 +44,6 @@ def specify_points(rows: Sequence[Row], x: str, y: str, height: int = 340, engin
     Args:
         rows: points, of which only the key `engine` is used here; the page joins those with the same `line`.
         x, y: titles of the axes.
-        height: height of the chart [px].
         engines: engines in the order of the legend; by default they are sorted by name.
     """
     values = style_engines(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
@@ -104,8 +103,7 @@ def specify_bars(
 
     Args:
         x: title of the horizontal axis.
-        rule: value on the axis at which a dashed line is drawn; None for no line.
-        number_format: D3 format of the numbers on the axis.
+        rule: value on this axis at which a dashed line is drawn.
     """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}

@@ -54,16 +54,14 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
     """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
 
     Args:
-        name: key of the card's texts in CARD.
-        sentence, number, unit: the answer in full, and as a number with its unit in large print; by default the unit of CARD.
-        rows: bars of the chart, with `name`, `y` and perhaps `low` and `high`; without rows there is no chart.
+        sentence, number, unit: the answer in full, and as a number in large print with a unit, by default that of CARD.
+        rows: rows of the chart with `name`, `y` and perhaps `low` and `high`; without rows there is no chart.
         chart_options: further arguments of `specify_bars`.
     """
     words, chart = CARD[name], None
     if rows:
-        head = {"name": words["rows"], "y": words["column"]}
-        if "low" in rows[0]:
-            head |= {"low": "least", "high": "largest"}
+        heads = {"name": words["rows"], "y": words["column"], "low": "least", "high": "largest"}
+        head = {key: text for key, text in heads.items() if key in rows[0]}  # rows without a range have neither `low` nor `high`
         spec = specify_bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
     return {**words, "sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}

@@ -181,24 +181,15 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own.
-
-    Args:
-        group: group of the page in the table of contents; empty for no entry.
-        charts: name of a figure -> its data.
-        parts: contents of the page, by the names PARTS.
-    """
+    """Return a page without scripts of its own; `charts` maps names of figures to data, `parts` names of PARTS to contents."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def render_page(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page.
+    """Return the complete HTML of a page, with a table of contents of `pages` and a foot with `facts` on the run.
 
-    Args:
-        pages: pages of the site, for the table of contents.
-        facts: texts on the run, for the foot of the page.
-        guide: address of the documentation; empty if the site has none.
+    `guide` is the address of the documentation, empty if the site has none.
     """
     groups: dict[str, list[Page]] = {}
     for other in pages:

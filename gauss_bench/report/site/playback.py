@@ -76,8 +76,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
 
-    The data are `poses`, the places of each link over the turn (`list_frames`); `first`, the crank angle of the first pose [rad];
-    and `sense`, 1 or -1, the sense of the turn.
+    The data are the `poses` of each link over the turn, the crank angle of the `first` pose [rad], and the `sense` of the turn.
     """
     turn = find_turn(run, name)
     if turn is None:
@@ -245,13 +244,7 @@ def _round(x: Array) -> list[Any]:
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the part of a page that plays two runs side by side.
-
-    Args:
-        svg: drawing of the linkage, for both sides.
-        scale: pixels in a metre.
-        frames: number of stored times.
-    """
+    """Return the contents of the part of a page that plays two runs side by side; `scale` is the number of pixels in a metre."""
     left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
     right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
     shifts = [float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)]  # [m] of both runs
