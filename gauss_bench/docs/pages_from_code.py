@@ -104,4 +104,4 @@ def write_commands(page: str) -> str:
 def write_formats() -> str:
     """Return the Markdown of a table of all JSON Schemas, with links to their files."""
     rows = [f"| [{name}](formats/{name}.json) | {meaning} |" for name, meaning in list_formats().items()]
-    return "\n".join(["| schema | of |", "| --- | --- |", *rows, ""])
+    return "\n".join(["| schema | content |", "| --- | --- |", *rows, ""])

@@ -79,7 +79,7 @@ def _write_page(caption: Caption, history: History, moving: str, t: Array) -> st
         make_environment("gauss_bench.report")
         .get_template("run.html")
         .render(
-            told=caption,
+            caption=caption,
             film=inline(moving, "film"),
             curves=inline(svg(plot(history, caption, head=False)), "curves"),
             left=100 * LEFT / WIDTH,  # [%] left end of the time axis, and its width
