@@ -80,8 +80,8 @@ class Trees:
             "order": [model.place[i] for i in range(len(mechanism.links))],
         }
         every = -(-steps // 100)  # about 100 printed states: steps / 100, rounded up
-        way = {"steps": steps, "step": mechanism.duration / steps, "every": every}
-        return inspect.getsource(library) + PROGRAM.format(**numbers, **way, method=choice.integrator, pull=model.options["pull"])
+        loop = {"steps": steps, "step": mechanism.duration / steps, "every": every}
+        return inspect.getsource(library) + PROGRAM.format(**numbers, **loop, method=choice.integrator, pull=model.options["pull"])
 
 
 class Model(TreeModel):
