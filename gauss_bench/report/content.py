@@ -129,7 +129,8 @@ class Chart:
         """Return the table of numbers below the figure: those of `listed` or, if it is None, those of `rows`."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
-        return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
+        rows = self.rows if self.listed is None else self.listed
+        return make_table(f"{self.title}: numbers", columns, rows, note=self.note)
 
     def data(self) -> dict[str, Any]:
         """Return the data from which a script of the page draws the figure."""

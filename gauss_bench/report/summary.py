@@ -15,7 +15,6 @@ from gauss_bench.report.pages import SENTENCE
 from gauss_bench.report.rows import Row, Run, group_by, is_known, search_span, with_number
 from gauss_bench.report.sections.search import TRIED, reach_of_row
 from gauss_bench.report.site.settings import race_multiples
-from gauss_bench.report.site.write import SITE
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
 BOLD = "**"  # mark around bold text: findings print in bold the sentences in which the suite's own engines lose
@@ -52,12 +51,8 @@ def describe_run(run: Run) -> list[Block]:
     ended = sum(has_ended(row) for row in run.results)
     linkages = itemise(f"`{name}`" for name in run.linkages)
     cases = f"{count(len(run.results), 'case')} on {linkages}; {ended} ended with a motion."
-    where = (
-        "The rows are beside this page, each table in its own file. `times` has the measured times, `tables.json` the unit and "
-        "meaning of each column, and `environment.json` date and machine. `gauss-bench report` builds the site, "
-        f"`{SITE}/index.html`, from the rows; it is not kept in git."
-    )
-    return [Text(layouts()["texts"]["authors"]), *([Text(cases)] if run.results else []), Text(where)]
+    texts = layouts()["texts"]
+    return [Text(texts["authors"]), *([Text(cases)] if run.results else []), Text(texts["where"])]
 
 
 def shorten(finding: Finding) -> str:

@@ -69,4 +69,5 @@ def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
         return own
     if baseline == OWN and own.value == 1 and rival.low > 0 and rival.high > 0:
         return Spread(1 / rival.value, 1 / rival.high, 1 / rival.low)
-    return Spread(own.value / rival.value if rival.value > 0 else math.nan, math.nan, math.nan)
+    quotient = own.value / rival.value if rival.value > 0 else math.nan
+    return Spread(quotient, math.nan, math.nan)

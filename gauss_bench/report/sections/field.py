@@ -79,6 +79,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         return {"missing": describe_end(case)}
     linkage = row["redundant"]  # name of the tested linkage with redundant rows
     others = [r for r in cases if r["mechanism"] == linkage]
+    errors = [number(r, "length_error") for r in others if has_ended(r) and r["valid"]]
     off = number(case, "acceleration_error_median")
     is_same = off <= SAME_ACCELERATION
     difference = f"off by {off:.0e}" if is_known(off) else ""
@@ -96,7 +97,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
         "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
-        "redundant": next((number(r, "length_error") for r in others if has_ended(r) and r["valid"]), math.nan),
+        "redundant": errors[0] if errors else math.nan,
         "why_redundant": describe_end(others[0]) if others else NOT_HERE,
     }
 

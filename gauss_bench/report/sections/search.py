@@ -22,11 +22,8 @@ def section(run: Run) -> Section | None:
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
-    scope = (
-        f"Each variant had {describe_effort(rows)}. **Not reached** means that no variant of these adapters reached the "
-        "requirement within these limits."
-    )
-    blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
+    layout = layouts()["search"]
+    blocks: list[Block] = [Text(layout["words"]), Text(layout["scope"].format(effort=describe_effort(rows)))]
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
         # tables of other errors than that of positions are folded; "end" is the position at the end of the run

@@ -7,7 +7,7 @@ from statistics import geometric_mean
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
-from gauss_bench.report.content import Table, lay_out
+from gauss_bench.report.content import Table, lay_out, layouts
 from gauss_bench.report.first_table import FIRST
 from gauss_bench.report.pages import fault_sections, list_facts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
@@ -58,10 +58,7 @@ def engine_page(run: Run, name: str) -> Page:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
     environment = ""
     if installed.get("environment"):
-        environment = (
-            f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
-            "`gauss-bench engines` shows its licence and size."
-        )
+        environment = layouts()["texts"]["environment"].format(where=installed["environment"], name=name)
     body = render(
         "engine.html",
         name=name,
@@ -284,8 +281,8 @@ def engines_page(run: Run) -> Page:
             valid = sum(bool(r["valid"]) for r in rows)
             words = f"{valid} of {count(len(rows), 'case')} valid" + ("" if its_run is run else " (suite `field`)")
         else:
-            reasons = (r["message"] for r in of_engine(its_run.table("field"), name) if r["message"])
-            words = next(reasons, "in the search alone, in no accuracy case")
+            reasons = [r["message"] for r in of_engine(its_run.table("field"), name) if r["message"]]
+            words = reasons[0] if reasons else "in the search alone, in no accuracy case"
         entries.append({"page": f"engine-{file_name(name)}.html", "name": name, "words": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
     tests = field.section(run)

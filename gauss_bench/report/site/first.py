@@ -41,10 +41,6 @@ HOLDS = 1e-4  # [m, rad] a loop that opens by no more than this, a tenth of a mi
 CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts
 STEP = 1e-3  # [s] step at which engines are compared as shipped
 CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
-LEAD = (
-    "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
-    "are measured against a motion that is known to far more digits."
-)
 Card = dict[str, Any]  # contents of a card: its texts of CARD with `sentence`, `number` and `chart` (None without a figure)
 Question = dict[str, str]  # a question, its answer in one sentence, and the address of the page with the rows behind it
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # list of `Setting.choice` -> program of each
@@ -181,7 +177,7 @@ def list_questions(run: Run, findings: Sequence[Finding], preferred: str) -> Ite
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
     """Return the site's first page: chooser of engines, first table, cards with charts, questions, main findings."""
-    settings = all_settings(run)
+    settings, texts = all_settings(run), layouts()["texts"]
     names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
     cards = [card for make in CARDS if (card := make(run)) is not None]
@@ -195,12 +191,12 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         first=first_answers(run, preferred),
         asked=list(list_questions(run, findings, preferred)),
         table=first_table(run),
-        said=layouts()["texts"]["first"],
+        said=texts["first"],
         cards=cards,
         # findings in which the suite's own engines lose begin in bold; without their tone, because it would colour all of them
         lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
         found=len(findings),
-        authors=layouts()["texts"]["authors"],
+        authors=texts["authors"],
     )
     data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}
@@ -208,7 +204,7 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         form, later = make_chooser(run, names, programs)
         data |= form
     scripts = ("chooser.js",) if names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, body, data, scripts=scripts, later=later)
+    return Page("index", "Choose an engine for your linkage", texts["lead"], body, data, scripts=scripts, later=later)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:

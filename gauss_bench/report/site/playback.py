@@ -141,7 +141,8 @@ def read_poses(rows: Iterable[Row], links: Sequence[str], *parts: str) -> tuple[
         parts: endings of the columns "x", "y" and "angle": "_ahead" and "_gap" in the table `poses`, "" in the table `motions`.
     """
     stored = {(number(r, "t"), r["link"]): r for r in rows}
-    times = [t for t in sorted({t for t, _ in stored}) if all((t, link) in stored for link in links)]
+    stored_times = sorted({t for t, _ in stored})
+    times = [t for t in stored_times if all((t, link) in stored for link in links)]
     shape = (len(times), len(links), SIZE)
     values = []
     for part in parts:
@@ -245,8 +246,11 @@ def _round(x: Array) -> list[Any]:
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
     """Return the contents of the part of a page that plays two runs side by side; `scale` is the number of pixels in a metre."""
-    left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
-    right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
+    # at first gauss-native is at the left and MuJoCo at the right, if both have runs
+    engines = [x.engine for x in runs]
+    left = engines.index("gauss-native") if "gauss-native" in engines else 0
+    other = 1 if left == 0 else 0
+    right = engines.index("mujoco") if "mujoco" in engines else other
     shifts = [float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)]  # [m] of both runs
     farthest = scale * max(shifts)  # [px] at a factor of one
     initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])

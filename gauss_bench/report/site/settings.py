@@ -323,7 +323,8 @@ def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, forc
 
     def as_trial(x: Setting) -> Trial:
         """Return a case as a trial of a search."""
-        return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
+        steps = int(x.steps) if is_known(x.steps) else None
+        return Trial(x.step, {"position": x.position, "force": x.force}, steps)
 
     return reach([[as_trial(x) for x in variant] for variant in variants], wanted)
 
@@ -376,8 +377,8 @@ def _read_race(row: Row) -> Reach:
         # a single trial that was skipped for this reason has this result
         return reach([[Trial(math.nan, {}, status=Status.SKIP, message=message)]], [])
     steps = number(row, "steps")
-    # if the status is "not reached", the message repeats it
-    return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, 0 if math.isnan(steps) else int(steps))
+    reason = "" if "reach" in status else message  # the message of the status "not reached" repeats it
+    return Reach(Kind.NOT_REACHED, reason, 0 if math.isnan(steps) else int(steps))
 
 
 @lru_cache(maxsize=2)
