@@ -348,7 +348,7 @@ def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder)
     assert "<footer><p>suite field · 2026-05-04 · commit fedcba9876 · a quiet machine</p></footer>" in good
     for page in (own, pages["engine-dice.html"]):  # both runs have rows of the engine dice
         assert "<footer><p>suite full · 2026-01-01 · commit 0123456789 · cpu</p></footer>" in page
-    assert "It lives in an environment of its own: Python 3.12.1." in good
+    assert "This engine runs in an environment of its own: Python 3.12.1." in good
     assert "gauss-bench engines install good" in good
     assert "gauss-bench simulate four_bar --scenario torque --engine good" in good
     assert "knob" in good
