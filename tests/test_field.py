@@ -342,7 +342,7 @@ def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder)
     build_report(folder)
     pages = texts(folder / "site")
     assert "suite field, 2026-05-04, commit fedcba9876, a quiet machine" in pages["engines.html"]
-    assert "the suite <code>full</code>, whose times stand on the other pages" in pages["engines.html"]
+    assert "the suite <code>full</code>, whose times are on other pages" in pages["engines.html"]
     assert all(f'href="engine-{x}.html"' in pages["engines.html"] for x in ("dice", "gauss", "gone", "good"))
     good, own = pages["engine-good.html"], pages["engine-gauss.html"]
     assert "<footer><p>suite field · 2026-05-04 · commit fedcba9876 · a quiet machine</p></footer>" in good
