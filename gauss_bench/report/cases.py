@@ -116,6 +116,6 @@ def _merge(group: Sequence[Row]) -> Row:
     """Return the first row of the group; each missing number is taken from the next row that has it."""
     merged = dict(group[0])
     for column in merged:
-        numbers = (row[column] for row in group if is_known(row.get(column)))
-        merged[column] = next(numbers, merged[column])
+        numbers = [row[column] for row in group if is_known(row.get(column))]
+        merged[column] = numbers[0] if numbers else merged[column]
     return merged

@@ -73,7 +73,7 @@ class Results:
 
 
 def collect_results(run: Run) -> dict[str, Results]:
-    """Return linkage -> results on it, without the engines that model none of the searched linkages."""
+    """Return linkage -> the results on it; engines that can model none of the searched linkages are left out."""
     ladder = run.table("search_ladder")
     modelled = {r["engine"] for r in ladder if r["status"] != "skip"}
     results = {}

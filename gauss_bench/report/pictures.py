@@ -197,12 +197,9 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 
 def write_svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file whose colours are CSS variables, which follow the reader's choice of light or dark.
+    """Return the text of an SVG file of SVG elements, whose colours follow the reader's choice of light or dark.
 
-    Args:
-        width, height: size of the picture [px].
-        parts: SVG elements.
-        style: further CSS rules.
+    `width` and `height` are in pixels, and `style` has further CSS rules.
     """
     light = declare({name: colour for colour, name in VARIABLES.items()}) + declare_hues(dark=False)
     dark = declare(DARK) + declare_hues(dark=True)

@@ -46,10 +46,11 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
     states = q[frames]
     canvas = canvas_of(shown, states)
     film, slower = make_film(t[frames], states, canvas)
+    # names of points move with their points; "link.point" is printed without the link
+    names = {p.name: escape(p.name.partition(".")[2] or p.name) for p in points if p.name}
+    look = f'x="8" y="-8" fill="{INK}" font-style="italic" {HALO}'
+    letters = {point: f"<text {look}>{name}</text>" for point, name in names.items()}
     # the animated parts, and the parts at the start, which are shown if animations are switched off
-    named = {p.name: escape(p.name.partition(".")[2] or p.name) for p in points if p.name}
-    look = f'x="8" y="-8" fill="{INK}" font-style="italic" {HALO}'  # names move with their points
-    letters = {point: f"<text {look}>{name}</text>" for point, name in named.items()}
     moving = [*linkage_parts(shown, film.states, trace=None, canvas=canvas, letters=letters)]
     still = [*linkage_parts(shown, states[:1], trace=states, canvas=canvas)]
     # (l, 2, 2) lines [px] of the moving parts at all states, from which the scale bar keeps away
@@ -107,7 +108,7 @@ class Film:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
 
         def animate_transform(kind: str, values: Sequence[str], more: str = 'additive="sum" ') -> str:
-            """Return the SVG of an animated transform of a kind, such as "rotate", with its arguments in each frame."""
+            """Return the SVG of a track: a transform such as "rotate" by the values of each frame, by default after earlier tracks."""
             return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
 
         is_stretched = np.ptp(part.stretch) > 1e-4

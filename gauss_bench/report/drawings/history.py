@@ -29,7 +29,7 @@ GAP = 10.5  # [pt] smallest distance of two names
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a panel: its name, its values (k,), the index of its colour, and whether it is dashed, as y components are."""
+    """A line of a panel: its name, its values (k,), the index of its colour, and whether it is dashed, as for y components."""
 
     name: str
     values: Array

@@ -132,7 +132,7 @@ def distance(points: Array, segments: Array) -> float:
     """Return the shortest distance between points (k, 2) and segments (l, 2, 2)."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     square = np.maximum((along**2).sum(-1), 1e-12)
-    # foot of the perpendicular as a share of the segment, limited to the segment; (k, l)
-    part = np.clip(((points[:, None] - start) * along).sum(-1) / square, 0, 1)
-    gap = points[:, None] - start - part[..., None] * along
+    # (k, l) foot of the perpendicular from a point, as a share of the segment, limited to the segment
+    share = np.clip(((points[:, None] - start) * along).sum(-1) / square, 0, 1)
+    gap = points[:, None] - start - share[..., None] * along  # (k, l, 2)
     return float(np.hypot(gap[..., 0], gap[..., 1]).min())

@@ -194,12 +194,12 @@ def describe_right_hand_sides(rows: Sequence[Row]) -> str:
     by_call = group_by(rows, _calls)
     if IN_LOOP not in by_call or CALLED not in by_call:
         return ""
-    inner, outer = (range_text([r["ratio"] for r in by_call[call]]) for call in (IN_LOOP, CALLED))
+    in_loop, called = (range_text([r["ratio"] for r in by_call[call]]) for call in (IN_LOOP, CALLED))
     slower = itemise(sorted({r["mechanism"] for r in by_call[CALLED] if r["ratio"] < 1}))
     exception = f": there the kernel is slower on {slower}" if slower else ""
     return (
-        f"Pinocchio's right-hand side, without its call from Python, takes {inner} times as long as the kernel's in its own loop. "
-        f"Called from Python for one state, it takes {outer} times as long{exception}."
+        f"Pinocchio's right-hand side, without its call from Python, takes {in_loop} times as long as the kernel's in its own loop. "
+        f"Called from Python for one state, it takes {called} times as long{exception}."
     )
 
 

@@ -167,6 +167,7 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 def _list_flags(group: Sequence[Row]) -> str:
     """Return a list in words of the reasons why the given cases were judged invalid, the most frequent first."""
+    # without numbers, so that sentences that differ only in numbers count as one reason
     flags = (re.sub(r" \S+ m from", " away from", row.get("flag") or "no reason given") for row in group)
     frequency = Counter(re.sub(NUMBERS, "", flag) for flag in flags)
     return itemise(sorted(frequency, key=lambda flag: (-frequency[flag], flag)))

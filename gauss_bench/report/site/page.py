@@ -86,7 +86,7 @@ def table_style(content: Table) -> Markup:
     """Return the CSS rules for all tables of the class of this table (`table_class`), which have the same columns.
 
     One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size. On phones the
-    cells of a row stand below each other, each with the heading of its column.
+    cells of a row are below each other, each with the heading of its column.
     """
     name = table_class(content)
     labels = [f".{name} td:nth-child({i})::before{{content:{css_label(head)}}}" for i, head in enumerate(content.head, 1)]

@@ -76,7 +76,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
 
-    The data are the `poses` of each link over the turn, the crank angle of the `first` pose [rad], and the `sense` of the turn.
+    The data are the poses of each link over the turn, the crank angle of the first pose [rad], and the sense of the turn, 1 or -1.
     """
     turn = find_turn(run, name)
     if turn is None:
