@@ -289,10 +289,10 @@ def status_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return the content of `layouts.toml`: name of a table -> its title, its columns, and its optional keys.
+    """Return the content of `layouts.toml`: name of a table -> its title, columns and optional keys.
 
-    Optional keys are `words` (an introduction), `empty` (the text for a table without rows), `note` and `folded`. The entries
-    `texts` and `notes` map names to sentences; `reasons` has the reasons for missing values (`missing_reason`).
+    These are `words` (an introduction), `empty` (the text for a table without rows), `note` and `folded`. The entries `texts` and
+    `notes` map names to sentences; `missing_reason` describes the entry `reasons`.
     """
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 

@@ -76,8 +76,7 @@ def shorten(finding: Finding) -> str:
 def find_least_error(rows: Sequence[Row]) -> Row:
     """Return the case with the least error among the usable cases of one engine and setting, as a row of the layout `least`.
 
-    The column `by` has the integrator and stabilisation of the case. If no usable case has an error, the row has no error of the
-    motion, and `by` has the statuses of all cases.
+    Its column `by` has integrator and stabilisation; if no usable case has an error, `by` has the statuses of all cases.
     """
     usable = [r for r in rows if may_rank(r)]
     errors = [r["acceleration_error_median"] for r in with_number(rows, "acceleration_error_median")]

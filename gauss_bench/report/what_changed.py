@@ -62,7 +62,7 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on one quantity that differs between two releases."""
+    """Return a sentence on a number that differs between two releases: a cost by its ratios, others by the largest difference."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -80,7 +80,7 @@ def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on names of the library and on default values that differ between two releases."""
+    """Return a sentence on names and default values of the library that differ; `kind` is "new", "gone" or "changed"."""
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]

@@ -108,7 +108,7 @@ class Film:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
 
         def animate_transform(kind: str, values: Sequence[str], more: str = 'additive="sum" ') -> str:
-            """Return the SVG of a track: a transform such as "rotate" by the values of each frame, by default after earlier tracks."""
+            """Return the SVG of a track: a transform such as "rotate" by the values of each frame, added to earlier tracks."""
             return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
 
         is_stretched = np.ptp(part.stretch) > 1e-4

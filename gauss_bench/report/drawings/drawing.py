@@ -93,7 +93,7 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
 
 
 def fit_canvas(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
-    """Return a canvas that contains all named points, and `points`, at all states (k, n)."""
+    """Return a canvas that contains the points of links, the used points of the ground, and `points`, at all states (k, n)."""
     named = [mechanism.point(i, name) for i, link in enumerate(mechanism.links) for name in link.points]
     ends = [p for j in mechanism.joints for p in j.ends]
     ground = [p for p in (*ends, *attachments(mechanism)) if p.link == GROUND]

@@ -158,7 +158,7 @@ def _choose_colours(panel: Panel, is_trusted: NDArray[np.bool_]) -> dict[Line, i
     """Return line -> index of its colour; of more than NAMED lines, only the NAMED lines with the largest trusted values.
 
     Args:
-        is_trusted: (k,) whether a sample is trusted, because the judge has no objection to the run up to the time of the sample.
+        is_trusted: (k,) whether a sample is trusted.
     """
     if len(panel.lines) <= NAMED:
         return {x: x.colour for x in panel.lines}

@@ -41,12 +41,13 @@ def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
         quantity: "step" or "acceleration".
     """
     rows = [row for row in cost_rows(run.results) if is_unstabilised(row)]
+    # reversed: the first of several rows replaces the others
     rivals = {_place(row): row for row in reversed(rows) if row["engine"] == RIVAL}
     ratios: dict[str, Spread] = {}
     for row in of_engine(rows, OWN):
         rival = rivals.get(_place(row), {})
         ratio = _divide(run, spread(row, f"{quantity}_ratio"), spread(rival, f"{quantity}_ratio"))
-        # an acceleration has no integrator, so that the first row of a linkage counts
+        # an acceleration has no integrator: the first row of a linkage counts
         name = f"{row['mechanism']} {row['integrator']}" if quantity == "step" else row["mechanism"]
         if is_known(ratio.value):
             ratios.setdefault(name, ratio)

@@ -141,7 +141,7 @@ def _place(row: Row) -> str:
 def compare_best(run: Run, group: Sequence[Row]) -> str:
     """Return a sentence on the times of all engines at one requirement, relative to this suite's compiled formulations.
 
-    The sentence is empty if no engine of others was timed and none is faster. `group` has rows that `divide_by_ours` returns.
+    It is empty without such times. `group` has rows that `divide_by_ours` returns.
     """
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()

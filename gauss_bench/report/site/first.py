@@ -49,10 +49,7 @@ Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # l
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
     """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
 
-    Args:
-        sentence, number, unit: the answer in full, and as a number in large print with a unit, by default that of CARD.
-        rows: rows of the chart with `name`, `y` and perhaps `low` and `high`; without rows there is no chart.
-        chart_options: further arguments of `specify_bars`.
+    The answer is a sentence, and a number with its unit in large print. `rows` have `name`, `y` and perhaps `low` and `high`.
     """
     words, chart = CARD[name], None
     if rows:

@@ -226,12 +226,7 @@ def _plainness(row: Row) -> tuple[Any, ...]:
 
 
 def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
-    """Return the chart of a column of the table `series` over time; None without rows.
-
-    Args:
-        name, title, words: name, title and description of the chart.
-        axis: title of the vertical axis.
-    """
+    """Return the chart of a column of the table `series` over time, with the description `words`; None without rows."""
     lines = list_histories(run, linkage, column)
     if not lines:
         return None

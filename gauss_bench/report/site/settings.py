@@ -94,7 +94,7 @@ def describe_size(x: Setting) -> str:
 def describe_setting(run: Run, x: Setting) -> str:
     """Return a setting in words: integrator, stabilisation, and the options that differ from those as shipped.
 
-    For a variant that the run did not search, they are the words of the setting (`Setting.words`).
+    A variant that the run did not search has no options (`Setting.words`).
     """
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
@@ -308,10 +308,9 @@ def engines_short_of(run: Run, mechanism: str, position: float, force: float = m
 
 
 def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes: by its search, else by its cases.
+    """Return whether an engine meets a requirement [m], [N] on a linkage and, if not, how close it comes.
 
-    Args:
-        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
+    The answer follows from the engine's search or, without a search, from its cases.
     """
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
