@@ -64,8 +64,8 @@ def fault_sections(faults: Mapping[str, str], engine: str) -> list[Section]:
     """Return a section for each report on a fault in the library of an engine, sorted by the names of the reports.
 
     Args:
-        faults: name of a report -> its text in Markdown. A name begins with that of the engine and an underscore. A text has a title
-            in its first line, then paragraphs, lists and tables, separated by empty lines.
+        faults: name of a report -> its text in Markdown. A name begins with that of the engine and an underscore. A text has a
+            title in its first line, then paragraphs, lists and tables, separated by empty lines.
     """
     sections = []
     for name, text in sorted(faults.items()):
