@@ -70,8 +70,8 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
     """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases that show it.
 
-    Among series of cases whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by the
-    smallest factor, if this factor is below SHRINKS.
+    Among series of cases whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by
+    the smallest factor, if this factor is below SHRINKS.
 
     Args:
         off: cases whose accelerations differ from the reference.
