@@ -193,7 +193,7 @@ def cells(table):
 
 
 def test_every_cell_has_an_answer_or_its_reason(run):
-    asked = cells(lay_out("field", shown.list_answers(run)))
+    asked = cells(lay_out("field", shown.list_results(run)))
     dice, gone, good, tuned = sorted(asked, key=lambda x: (x["engine"], x["settings"][0]))
     assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
     expected = {
@@ -210,7 +210,7 @@ def test_every_cell_has_an_answer_or_its_reason(run):
     assert tuned["order"] == ("-", "no order")
     assert tuned["redundant rows [m]"] == ("-", "cannot be modelled")
     assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
-    assert tuned["its own forces [N]"] == ("-", "none told")
+    assert tuned["its own forces [N]"] == ("-", "none returned")
     assert dice["repeats"] == ("no, 3e-10 apart", "")
     for head in ("same model", "order", "error at 1 ms [m]", "repeats"):
         assert gone[head] == ("-", "the engine gone is not installed")
@@ -238,7 +238,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
     assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
     assert math.isnan(lines[3]["coarse_over"])
     assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
-        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine asked, it takes "
+        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine, it takes "
         "`apart` 2.50 and `slow` 8.00; no setting of `soft` was found."
     )
     assert shown.compare_costs(lines, ["soft"], "coarse") == ""
@@ -248,7 +248,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
 def test_findings_pages_and_commands_of_engines_name_what_was_asked(run):
     (finding,) = shown.findings(run)
     assert finding.text == (
-        "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not asked: `gone`."
+        "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not run twice: `gone`."
     )  # fmt: skip
     assert ([*shown.findings(Run())], shown.section(Run())) == ([], None)
     assert 'id="field"' in engines_page(run).body

@@ -38,7 +38,7 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
         sentences = [*describe_quantities(changed), describe_rounding(after)]
         for x in (before, after):
             if x["left_out"]:
-                sentences.append(f"{int(x['left_out'])} cases of {x['version']} were not asked within the time")
+                sentences.append(f"{int(x['left_out'])} cases of {x['version']} were left out for lack of time")
         parts.append((f"{pair['engine']} {pair['before']} -> {pair['after']}", sentences))
     return parts
 

@@ -26,7 +26,7 @@ def section(run: Run) -> Section | None:
     """Return the section with the tables of test results and of costs, or None if the run has no rows of the table `field`."""
     if not run.field_run.table("field"):
         return None
-    tables = (*blocks_of("field", list_answers(run)), *blocks_of("field_costs", list_costs(run)))
+    tables = (*blocks_of("field", list_results(run)), *blocks_of("field_costs", list_costs(run)))
     return Section(TITLE, ANCHOR, (Text(describe_questions(run)), *tables))
 
 
@@ -34,7 +34,7 @@ def describe_questions(run: Run) -> str:
     """Return sentences on the linkage and step of the tests, and on the run `run.beside` if the rows come from it."""
     first = run.field_run.table("field")[0]
     words = (
-        f"All engines were asked the same on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
+        f"All engines ran the same tests on {first['mechanism']} at steps of {1e3 * number(first, 'step'):g} ms. Accuracy is that "
         "of a setting; cost, start and size are those of an engine."
     )
     return f"{words} {describe_run(run)}" if run.beside else words
@@ -48,7 +48,7 @@ def describe_run(run: Run) -> str:
     )
 
 
-def list_answers(run: Run, engine: str = "") -> list[Row]:
+def list_results(run: Run, engine: str = "") -> list[Row]:
     """Return a row of test results for each setting of each engine, or only of `engine`, if it is named.
 
     Among the rows of an engine, its settings as shipped come first.
@@ -87,7 +87,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
     return {
         "same": "yes" if is_same else difference,
         "same_tone": "good" if is_same else "warn",
-        "why_same": "it was not asked at given states",
+        "why_same": "not compared at given states",
         "order": round(number(case, "observed_order"), 1) + 0.0,  # without a minus sign before zero
         "why_order": "own steps" if chose_steps(case) else "no order",
         "error": number(case, "length_error"),
@@ -96,7 +96,7 @@ def accuracy_of(run: Run, row: Row) -> dict[str, Any]:
         "repeats_tone": "good" if row["same_bits"] else "warn",
         "why_repeats": row["message"] or "not run twice",
         "why_force_error": row["message"] or "the forces are not determined",
-        "why_told_force_error": row["message"] or "none told",  # joint forces that the engine itself returns
+        "why_told_force_error": row["message"] or "none returned",  # joint forces that the engine itself returns
         "redundant": errors[0] if errors else math.nan,
         "why_redundant": describe_end(others[0]) if others else NOT_HERE,
     }
@@ -143,13 +143,13 @@ def findings(run: Run) -> Iterator[Finding]:
     rows, lines = run.table("field"), list_costs(run)
     # `same_bits` is None if the engine was not run twice
     differing = sorted({r["engine"] for r in rows if r["same_bits"] is False})
-    asked = sorted({r["engine"] for r in rows if r["same_bits"] is not None})
-    if asked:
-        missing = sorted({r["engine"] for r in rows} - set(asked))
-        text = f"Two runs in two new processes agree bit by bit for {len(asked) - len(differing)} of {count(len(asked), 'engine')}"
+    twice = sorted({r["engine"] for r in rows if r["same_bits"] is not None})
+    if twice:
+        others = sorted({r["engine"] for r in rows} - set(twice))
+        text = f"Two runs in two new processes agree bit by bit for {len(twice) - len(differing)} of {count(len(twice), 'engine')}"
         text += f"; not for {itemise_code(differing)}" if differing else ""
-        text += f". Not asked: {itemise_code(missing)}." if missing else "."
-        yield Finding("Runs that repeat", text, "warn" if differing else "", behind=(lay_out("field", list_answers(run)),))
+        text += f". Not run twice: {itemise_code(others)}." if others else "."
+        yield Finding("Runs that repeat", text, "warn" if differing else "", behind=(lay_out("field", list_results(run)),))
     installed = run.environment.get("engines", {})
     apart = sorted(name for name, engine in installed.items() if engine.get("environment"))
     sentences = [compare_costs(lines, apart, key) for key in ACCURACIES]
@@ -168,5 +168,5 @@ def compare_costs(lines: Sequence[Row], engines: Sequence[str], key: str) -> str
     listed = itemise(f"`{x}` {ratio_text(multiples[x])}" for x in timed)
     without = itemise_code(x for x in engines if x not in multiples)
     place = f"To hold {WORDS[key]} on {lines[0]['mechanism']}"
-    text = f"{place}, in multiples of the time of `{fastest}`, the fastest engine asked, it takes {listed}"
+    text = f"{place}, in multiples of the time of `{fastest}`, the fastest engine, it takes {listed}"
     return f"{text}; no setting of {without} was found." if without else f"{text}."

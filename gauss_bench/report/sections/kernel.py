@@ -198,8 +198,8 @@ def describe_right_hand_sides(rows: Sequence[Row]) -> str:
     slower = itemise(sorted({r["mechanism"] for r in by_call[CALLED] if r["ratio"] < 1}))
     exception = f": there the kernel is slower on {slower}" if slower else ""
     return (
-        f"Pinocchio's right-hand side, without its call from Python, takes {in_loop} times as long as the kernel's in its own loop. "
-        f"Called from Python for one state, it takes {called} times as long{exception}."
+        f"Pinocchio's right-hand side, without its call from Python, takes {in_loop} times as long as the kernel's in its own "
+        f"loop. Called from Python for one state, it takes {called} times as long{exception}."
     )
 
 

@@ -52,7 +52,7 @@ def engine_page(run: Run, name: str) -> Page:
     its_run = runs_of_engines(run).get(name, run)
     rows = of_engine(its_run.results, name)
     installed = its_run.environment.get("engines", {}).get(name, {})
-    field_answers = field.list_answers(run, name)  # results of the same tests for all engines, from the suite `field`
+    field_results = field.list_results(run, name)  # results of the same tests for all engines, from the suite `field`
     options = None  # the method page has the options of the engines in this run
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
@@ -62,9 +62,9 @@ def engine_page(run: Run, name: str) -> Page:
     body = render(
         "engine.html",
         name=name,
-        answers=lay_out("field", field_answers, title="Its answers"),
+        results=lay_out("field", field_results, title="Its results"),
         costs=lay_out("field_costs", field.list_costs(run, name), title="Its costs"),
-        field_run=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
+        field_run=field.describe_run(run) if field_results and its_run is not run.field_run else "",
         environment=environment,
         settings=options,
         commands=list_commands(its_run, name),

@@ -186,13 +186,13 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
         first=first_answers(run, preferred),
-        asked=list(list_questions(run, findings, preferred)),
+        questions=list(list_questions(run, findings, preferred)),
         table=first_table(run),
-        said=texts["first"],
+        introduction=texts["first"],
         cards=cards,
         # findings in which the suite's own engines lose begin in bold; without their tone, because it would colour all of them
         lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
-        found=len(findings),
+        count=len(findings),
         authors=texts["authors"],
     )
     data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}

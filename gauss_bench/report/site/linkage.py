@@ -214,7 +214,7 @@ def list_histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]
         row = min(by_engine[engine], key=_plainness)
         samples = sorted(series[case_of(row)], key=itemgetter("t"))
         drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})  # indices of samples
-        words = {"said": setting_words(row)}
+        words = {"settings": setting_words(row)}
         lines.append([chart_row(engine, engine, samples[i]["t"], abs(samples[i][column])) | words for i in drawn])
     return lines
 
@@ -233,8 +233,8 @@ def history_chart(run: Run, linkage: str, column: str, name: str, title: str, wo
     rows = place_names(lines)
     firsts = [line[0] for line in lines]  # the first row of each line
     shown = [x["engine"] for x in firsts[:MOST_LINES]]
-    cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in firsts)
-    head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
+    cases = "; ".join(f"{x['engine']} {x['settings']}".strip() for x in firsts)
+    head = {"engine": "engine", "settings": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     # every LISTED-th point of each line, counted from its last point, which is kept
     listed = [row for line in lines for row in line[::-LISTED][::-1]]

@@ -177,7 +177,7 @@ def render(template: str, **context: Any) -> Markup:
 
 
 # parts that the template `plain.html` prints in this order; each may be left out
-PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "found")
+PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "headings")
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:

@@ -25,5 +25,5 @@ def search_page(pages: Sequence[Page], guide: Path) -> Page:
         headings = json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]
         entries += [(f"{guide.name}/{x['location']}", f"Guide: {Markup(x['title']).striptags()}") for x in headings]
     lead = "All pages and headings of this site and its documentation; type words to narrow the list."
-    page = plain_page("search", "Search", lead, "Search", found=list(dict.fromkeys(entries)))
+    page = plain_page("search", "Search", lead, "Search", headings=list(dict.fromkeys(entries)))
     return replace(page, scripts=("search.js",))

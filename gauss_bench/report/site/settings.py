@@ -224,8 +224,8 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
         return leaders
     # times of different races cannot be compared: a race at exactly this requirement decides
     for row in with_number(run.table("search_winners"), "seconds"):
-        asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
-        if asked and row["mechanism"] == mechanism and row["status"] == "ok":
+        is_same = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
+        if is_same and row["mechanism"] == mechanism and row["status"] == "ok":
             stored = _settings_by_key(run).get(setting_key(row))
             more = {"force": stored.force, "until": stored.until} if stored else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))

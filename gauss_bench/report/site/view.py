@@ -129,10 +129,10 @@ def pack_poses(q: Array) -> dict[str, Any]:
     unit = float(f"{extent / FINENESS:.3g}")
     units = np.empty_like(q)  # (k, n) the unit of each number
     places(units)[...], angles(units)[...] = unit, 1 / ANGLES
-    whole = np.rint(q / units).astype(np.int64)  # (k, n)
+    numbers = np.rint(q / units).astype(np.int64)  # (k, n)
     # two zeros before the first pose, so that two cumulative sums give the poses back
     before = np.zeros((2, q.shape[1]), np.int64)
-    return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=before).T.tolist()}
+    return {"unit": unit, "poses": np.diff(numbers, n=2, axis=0, prepend=before).T.tolist()}
 
 
 def view_page() -> tuple[str, str]:
