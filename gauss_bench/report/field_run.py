@@ -11,7 +11,15 @@ from gauss_bench.checksums import FILE, with_files
 from gauss_bench.tables import TABLES, files_of, write_schema
 
 FOLDER = "field"
-READ = ("field", "results", "search_winners", "search_times", "search_ladder", "search_space", "search_knobs")  # tables for pages
+READ = (
+    "field",
+    "results",
+    "search_winners",
+    "search_times",
+    "search_ladder",
+    "search_space",
+    "search_knobs",
+)  # tables that pages read
 
 
 def folders_of(folder: Path) -> list[Path]:

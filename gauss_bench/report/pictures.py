@@ -44,7 +44,7 @@ OPEN = 1.0  # [px] a joint is drawn open if its ends are farther apart
 RED = "#c62828"
 GAP, TOP, LINE, TEXTS = 20.0, 20.0, 26.0, 78.0  # [px] between the halves, above them, height of a line, height of all texts
 COARSEST = 1e-2  # [m] larger errors are not drawn: the linkage is half a metre long
-# [px] more on the right, so that the legend fits where Arial is wider than the font in which it was measured
+# [px] wider on the right, so that the legend also fits in fonts that are wider than the one in which it was measured
 PADDING = {"left": 16, "top": 16, "right": 52, "bottom": 16}
 LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "var(--ink)", "labelFontSize": 13, "labelLimit": 260}}
 

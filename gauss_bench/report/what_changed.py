@@ -10,7 +10,7 @@ from itertools import pairwise
 from gauss_bench.report.rows import Row, group_by, is_known, spread
 from gauss_bench.report.words import count
 
-MOST_NAMES, LONGEST = 3, 80  # names that a sentence lists, and characters of a reason
+MOST_NAMES, LONGEST = 3, 80  # largest numbers of names in a sentence, and of characters of a reason
 DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
 PLACE_IN_CODE = re.compile(r" (\(\w+\.py:\d+\)|\[file '[^']*', line \d+\]:?)")

@@ -35,7 +35,7 @@ RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" strok
 MOTOR = f'<circle r="9" {PUSH}/>'
 SPIRAL = np.linspace(6.5, 13.5, 40)[:, None] * direction(-np.linspace(0, 4.5 * np.pi, 40))  # radius from 6.5 to 13.5 px
 COIL = stroke(LINE, SPIRAL)
-LEFT = (  # three quarters of a circle of 21 px with a head, open below
+LEFT = (  # an arrow along three quarters of a circle with a radius of 21 px, open below
     f'<path d="M16.1 13.5A21 21 0 1 0 -19.7 7.2" {PUSH}/>',
     f'<path d="M-16.7 15.6L-24.2 8.8L-15.2 5.5Z" fill="{CRANK_EDGE}"/>',
 )

@@ -18,7 +18,7 @@ from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.words import NOTHING
 
 LONG, LONGEST_LABEL = 60, 40  # [characters] a cell longer than LONG is folded behind a label of at most LONGEST_LABEL
-SHORTEST_LABEL = 12  # [characters] a beginning of a cell that is not longer, such as a time, says too little for a label
+SHORTEST_LABEL = 12  # [characters] a beginning of a cell that is as short as this, such as a time, says too little for a label
 HEADLINE = 260  # [characters] longest sentence that stands for a finding
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}  # tone of a finding -> word before its title
