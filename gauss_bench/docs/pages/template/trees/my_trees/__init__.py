@@ -43,6 +43,7 @@ class Trees:
     native_loop, python_loop = False, True
 
     def version(self):
+        """Return the version of the library, for the report."""
         return "trees 0.1"
 
     def skip(self, mechanism, choice):
@@ -50,7 +51,8 @@ class Trees:
         if reason := beyond_a_tree(mechanism, "trees") or unsteady(mechanism, "trees"):
             return reason
         for force in mechanism.forces:
-            if any(isinstance(x, Law) and isinstance(x.coordinate, Weighted) for x in force.to_loads()):
+            laws = [x for x in force.to_loads() if isinstance(x, Law)]
+            if any(isinstance(law.coordinate, Weighted) for law in laws):
                 return f"trees has no law on a sum of coordinates ({force.name})"
         if mechanism.drivers:
             return "driven motions are not modelled in trees"
@@ -59,6 +61,7 @@ class Trees:
         return None
 
     def build(self, mechanism, choice):
+        """Return the model of the linkage in the library."""
         return Model(mechanism, choice)
 
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
@@ -67,6 +70,7 @@ class Trees:
     library_calls: ClassVar = {"solve": call_library}
 
     def in_python(self, mechanism, choice):
+        """Return which part of a run is Python code, for the report."""
         return "everything: the library is written in Python"
 
     def program(self, mechanism, choice):
@@ -115,7 +119,7 @@ class Model(TreeModel):
         return library.Joint(self.place[branch.parent], near, complex(*branch.anchor), complex(*branch.axis), float(branch.turn))
 
     def describe_law(self, law):
-        """Return a force along a coordinate as the library takes it: (coordinate, k, c, rest, bias)."""
+        """Return a force along a coordinate in the form of the library: (coordinate, k, c, rest, bias)."""
         match law.coordinate:
             case Angle(a, b):
                 coordinate = ("angle", self.place[a], self.place[b])
@@ -127,7 +131,7 @@ class Model(TreeModel):
         return coordinate, *map(float, (law.k, law.c, law.rest, law.bias))
 
     def end(self, point):
-        """Return the link and the place of a point as the library takes them."""
+        """Return the link and the place of a point in the form of the library."""
         return self.place[point.link], complex(*point.local)
 
     def tree_acceleration(self, t, y, dy):
