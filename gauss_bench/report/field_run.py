@@ -11,15 +11,8 @@ from gauss_bench.checksums import FILE, with_files
 from gauss_bench.tables import TABLES, files_of, write_schema
 
 FOLDER = "field"
-READ = (
-    "field",
-    "results",
-    "search_winners",
-    "search_times",
-    "search_ladder",
-    "search_space",
-    "search_knobs",
-)  # tables that pages read
+# tables that pages read
+READ = ("field", "results", "search_winners", "search_times", "search_ladder", "search_space", "search_knobs")
 
 
 def folders_of(folder: Path) -> list[Path]:

@@ -51,8 +51,7 @@ class Trees:
         if reason := beyond_a_tree(mechanism, "trees") or unsteady(mechanism, "trees"):
             return reason
         for force in mechanism.forces:
-            laws = [x for x in force.to_loads() if isinstance(x, Law)]
-            if any(isinstance(law.coordinate, Weighted) for law in laws):
+            if any(isinstance(x, Law) and isinstance(x.coordinate, Weighted) for x in force.to_loads()):
                 return f"trees has no law on a sum of coordinates ({force.name})"
         if mechanism.drivers:
             return "driven motions are not modelled in trees"
