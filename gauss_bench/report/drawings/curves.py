@@ -30,18 +30,18 @@ def draw_curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, po
         ValueError: `points` is empty, or the shapes of the states do not fit the mechanism and the times.
     """
     if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
-        raise ValueError("needs a point, and a state of the mechanism at every time")
+        raise ValueError("curves need at least one point, and a state of the mechanism at each time")
     figure, grid = panels(3, len(points), height=3.0)
-    for point, (path, speed, push) in zip(points, grid, strict=True):
-        give_title(path, point.name)
-        draw_path(path, position(q, point))
-        draw_components(speed, t, velocity(q, v, point), "velocity [m/s]")
-        draw_components(push, t, acceleration(q, v, a, point), "acceleration [m/s²]")
+    for point, (left, middle, right) in zip(points, grid, strict=True):
+        give_title(left, point.name)
+        draw_path(left, position(q, point))
+        draw_components(middle, t, velocity(q, v, point), "velocity [m/s]")
+        draw_components(right, t, acceleration(q, v, a, point), "acceleration [m/s²]")
     for axes in grid[-1][1:]:
         axes.set_xlabel("time [s]")
     figure.align_ylabels()
-    begin = {"color": TRACE, "linestyle": "", "marker": "o"}
-    draw_legend(figure, {**COMPONENTS, "start of the path": begin})
+    marker = {"color": TRACE, "linestyle": "", "marker": "o"}
+    draw_legend(figure, {**COMPONENTS, "start of the path": marker})
     return svg(figure)
 
 

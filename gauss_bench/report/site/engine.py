@@ -216,6 +216,7 @@ def list_failures(run: Run, name: str) -> list[str]:
         statuses, places = (itemise(sorted({r[k] for r in failed})) for k in ("status", "mechanism"))
         sentences.append(f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: {statuses}, on {places}.")
     if invalid:
+        # if no drift is known, the first case is named
         worst = max(with_number(invalid, "position_drift") or invalid[:1], key=lambda r: number(r, "position_drift"))
         sentences.append(
             f"{count(len(invalid), 'case')} of {len(rows)} ended and may not be used; the loosest opened a loop "
