@@ -89,6 +89,7 @@ def first_table(run: Run) -> Table | None:
     results = collect_results(run)
     if not any(x.leaders for x in results.values()):
         return None
+    # the linkages with error, time and multiple: those of SHOWN or, without them, the first two
     shown = [name for name in SHOWN if name in results] or list(results)[:2]
     loops = {loop for x in results.values() for loop in (*x.tried, *x.leaders)}
     multiples_of = {loop: [x.multiples[loop] for x in results.values() if loop in x.multiples] for loop in loops}
