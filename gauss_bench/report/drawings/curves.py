@@ -30,7 +30,7 @@ def draw_curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, po
         ValueError: `points` is empty, or the shapes of the states do not fit the mechanism and the times.
     """
     if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
-        raise ValueError("curves need at least one point, and a state of the mechanism at each time")
+        raise ValueError("curves need a point, and a state of the mechanism at every time")
     figure, grid = panels(3, len(points), height=3.0)
     for point, (left, middle, right) in zip(points, grid, strict=True):
         give_title(left, point.name)
