@@ -33,9 +33,11 @@ from gauss_bench.report.site.engine import (
     engines_page,
     list_changes,
     list_commands,
+    list_failures,
     list_inexact,
     runs_of_engines,
 )
+from gauss_bench.report.site.first import write_call
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
@@ -279,6 +281,26 @@ def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_ca
         1e-5, math.nan, 1.0,
     )  # fmt: skip
     assert "--settings 'rigid,tree=\"least depth\"' --integrator rk4" in command_of(one, "torque")
+    assert "--step 0.001 --at 1" in command_of(one, "torque")
+    assert "\n    step=0.001,\n    at=[0.0, 1]" in write_call(one)
+
+
+def test_a_setting_with_a_tolerance_is_run_with_it_and_without_a_step():
+    one = Setting(
+        "four_bar", "torque", "drake", "bushing", "runge_kutta3_adaptive", "none", math.nan, 1e-8, 50.0, *[math.nan] * 3, False,
+        1e-5, math.nan, 1.0,
+    )  # fmt: skip
+    assert command_of(one, "torque").endswith(" --tolerance 1e-08 --at 1")
+    assert "\n    stabilization='none',\n    tolerance=1e-08,\n    at=[0.0, 1],\n)" in write_call(one)
+    assert "step" not in command_of(one, "torque") + write_call(one)
+
+
+def test_evaluations_that_ended_early_have_a_smallest_step_only_if_one_of_them_has_a_step():
+    early = tuple(PLACE | METHOD | {"engine": "good", "status": "diverged", "step": x} for x in (0.02, 0.01, math.nan))
+    sentence = list_failures(Run({}, {"search_ladder": early}), "good")[0]
+    assert sentence.startswith("In the search 3 of 3 evaluations ended early, most of them at steps that are too large; ")
+    assert sentence.endswith("the smallest such step was 0.01 s.")
+    assert list_failures(Run({}, {"search_ladder": early[2:]}), "good")[0] == "In the search 1 of 1 evaluation ended early."
 
 
 # The run beside another

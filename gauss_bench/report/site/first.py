@@ -257,7 +257,7 @@ def write_call(x: Setting) -> str:
     """Return a Python program that runs a setting by a call of this package."""
     options = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
     arguments = "".join(f"    {k}={v!a},\n" for k, v in options.items() if v)
-    step = f"{x.step:.10g}" if is_known(x.step) else "0.001"
+    arguments += "".join(f"    {k}={getattr(x, k):.10g},\n" for k in ("step", "tolerance") if is_known(getattr(x, k)))
     until = f"{x.until:g}" if is_known(x.until) and x.until > 0 else "1"
     start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {x.mechanism!a},\n{arguments}"
-    return f"{start}    step={step},\n    at=[0.0, {until}],\n)\nprint(run.to_json())\n"
+    return f"{start}    at=[0.0, {until}],\n)\nprint(run.to_json())\n"
