@@ -36,7 +36,7 @@ class Entry:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The values that the deciding key may have in this table; none if there is no such key."""
+        """The values that the deciding key may have in this table; none without such a key."""
         return get_args(self.table.model_fields[self.deciding_key].annotation) if self.deciding_key else ()
 
     @property

@@ -44,10 +44,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the title and the headings of a page to HEADINGS.
-
-    For the index of the grammar, its keys replace its headings; for the page of commands, the options of the verbs are added.
-    """
+    """Add title and headings of a page to HEADINGS; for the grammar's index, the keys instead; for commands, the options too."""
     HEADINGS.append({"location": page.url, "title": page.title})
     entries = [(heading.url, heading.title) for heading in list_headings(page.toc)]
     if page.file.src_uri == "keys.md":
@@ -59,7 +56,7 @@ def on_page_content(html: str, page: Any, **_: Any) -> None:
 
 
 def list_headings(headings: Iterable[Any]) -> Iterator[Any]:
-    """Yield the headings of a page at all levels, except its title (level 1), from a tree of headings."""
+    """Yield the headings of a page at all levels, except its title (level 1)."""
     for heading in headings:
         if heading.level > 1:
             yield heading
@@ -67,9 +64,9 @@ def list_headings(headings: Iterable[Any]) -> Iterator[Any]:
 
 
 def on_post_build(config: Any, **_: Any) -> None:
-    """Write the headings for the search page of the site, and remove files that no page uses.
+    """Write the headings for the site's search page, and remove files that no page uses.
 
-    The search of the site replaces that of the theme, which works only from a server and finds nothing outside the documentation.
+    The site's search replaces that of the theme, which works only from a server and finds nothing outside the documentation.
     """
     index = Path(config["site_dir"]) / INDEX
     index.parent.mkdir(exist_ok=True)
@@ -88,7 +85,7 @@ def write_grammar() -> str:
 
 
 def write_commands(page: str) -> str:
-    """Return the Markdown of the page of commands; `page` has its start and the examples, to which summaries and help are added."""
+    """Return `page`, which has examples of commands, with summary and help of each verb."""
     os.environ["COLUMNS"] = "100"  # width of the help
     # `rest` has the names of verbs and their examples in turn
     start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)

@@ -43,7 +43,7 @@ def read_run(folder: Path) -> Run:
 
 
 def read_folder(folder: Path) -> Run:
-    """Return the run in a folder, without the run in its subfolder `field`; it raises the same errors as `read_run`."""
+    """Return the run in a folder, without that in its subfolder `field`; errors are those of `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
         raise NoRun(f"{folder}: no run there: none of the tables that `gauss-bench run --out {folder}` writes")
@@ -66,7 +66,7 @@ def refuse_pages_of_others(folder: Path) -> None:
     """Check that a report would overwrite no page that another program or a person wrote.
 
     Raises:
-        FileExistsError: a page in the folder is not that of an earlier report; the message names the page.
+        FileExistsError: a page there is not that of an earlier report; the message names it.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 

@@ -46,7 +46,7 @@ def measured_head(rows: Sequence[Row]) -> str:
 
 
 def end_column(row: Row) -> str:
-    """Return the column with the latest measured error that the row has, at 0.5, 1 or 2 s; that at 0.5 s if it has none."""
+    """Return the column with the latest measured error that the row has, at 0.5, 1 or 2 s; the first if it has none."""
     return next((column for column in reversed(MEASURED_ERRORS) if is_known(row.get(column))), MEASURED_ERRORS[0])
 
 
@@ -56,12 +56,12 @@ def end_error(row: Row) -> float:
 
 
 def error_bar(row: Row, column: str) -> float:
-    """Return the error bar of the reference for the error in `column`; if unknown, its error bar of positions; else 0."""
+    """Return the reference's error bar of the error in `column`; if unknown, that of positions; else 0."""
     return first_number(number(row, column.replace("error", "error_bar")), number(row, "position_error_bar"), 0.0)
 
 
 def end_bar(row: Row) -> float:
-    """Return the error bar of the reference for `end_error`."""
+    """Return the reference's error bar of `end_error`."""
     return error_bar(row, end_column(row))
 
 

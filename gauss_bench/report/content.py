@@ -151,7 +151,7 @@ class Section:
 
 
 def pack_rows(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Compress rows for the scripts of a page: consecutive rows that differ only in numbers share one entry.
+    """Compress rows for a page: consecutive rows that differ only in numbers share one entry.
 
     Returns:
         A list of entries. Each entry is a dictionary with the key "same", the values that all rows of the entry share, and the key
@@ -204,7 +204,7 @@ FORMS: Mapping[str, Callable[[float], str]] = {  # name of a number format in `l
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value, with the reason if the value is missing; arguments as in `_value_cell`."""
+    """Return the cell of a row's value, with the reason if it is missing; arguments as in `_value_cell`."""
     cell = _value_cell(row, kind, key, bar)
     return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
 
@@ -289,10 +289,9 @@ def status_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return the content of `layouts.toml`: name of a table -> its title, columns and optional keys.
+    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction (`words`), note, and whether folded.
 
-    These are `words` (an introduction), `empty` (the text for a table without rows), `note` and `folded`. The entries `texts` and
-    `notes` map names to sentences; `missing_reason` describes the entry `reasons`.
+    `empty` is the text for a table without rows. `texts` and `notes` have sentences by name; `missing_reason` describes `reasons`.
     """
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
@@ -313,7 +312,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
     Args:
         title, note: replace those of the layout if they are not empty.
-        more: values for the {names} in the title and the heads of the layout; a value `folded` replaces that of the layout.
+        more: values of the {names} in the layout's title and heads; `folded` replaces the layout's.
     """
     layout = layouts()[name]
     folded = more.pop("folded", layout.get("folded", False))
@@ -324,10 +323,7 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction and the table of rows with the layout `name`; arguments as in `lay_out`.
-
-    Without rows the list has the text `empty` of the layout alone, or is empty if the layout has no such text.
-    """
+    """Return introduction and table of rows by the layout `name`; without rows, only its text `empty`, if it has one."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

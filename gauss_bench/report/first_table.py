@@ -22,7 +22,7 @@ BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the f
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the name of a row: the engine's name, for Pinocchio with the kind of its loop, such as "pinocchio, compiled"."""
+    """Return the name of a row: the engine, for Pinocchio with its loop, such as "pinocchio, compiled"."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
@@ -43,17 +43,17 @@ def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setti
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Return the name of a row (`loop_of`), with the mark " (own)" if the authors of the suite wrote the engine."""
+    """Mark the name of a row (`loop_of`) with " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results on one linkage: dictionaries with the name of a row (`loop_of`) as their key.
+    """The results on one linkage, each by the name of a row (`loop_of`).
 
     Attributes:
         tried: the row's trials in the table `search_ladder`.
-        leaders: the cheapest setting with a position error of at most FIRST; without rows that have no such setting.
+        leaders: the cheapest setting with a position error of at most FIRST, if there is one.
         multiples: time of the leader divided by that of the fastest leader; without unknown times.
     """
 
@@ -62,7 +62,7 @@ class Results:
     multiples: Mapping[str, float]
 
     def cells(self, loop: str) -> list[Cell]:
-        """Return the cells with error, time and multiple of a row; without a leader, the reason and two dashes."""
+        """Return error, time and multiple of a row; without a leader, the reason and two dashes."""
         leader = self.leaders.get(loop)
         if leader is None:
             why = explain_missing(self.tried.get(loop, []), FIRST)
@@ -73,7 +73,7 @@ class Results:
 
 
 def collect_results(run: Run) -> dict[str, Results]:
-    """Return linkage -> the results on it; engines that can model none of the searched linkages are left out."""
+    """Return linkage -> results on it, without the engines that model none of the searched linkages."""
     ladder = run.table("search_ladder")
     modelled = {r["engine"] for r in ladder if r["status"] != "skip"}
     results = {}

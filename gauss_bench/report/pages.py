@@ -43,7 +43,7 @@ def make_environment(package: str, autoescape: bool = True) -> jinja2.Environmen
 
 
 def list_facts(run: Run) -> list[str]:
-    """Return texts with the suite, date, commit and processor of a run; those that the run did not record are left out."""
+    """Return suite, date, commit and processor of a run, as far as it recorded them."""
     environment = run.environment
     suite = f"suite {environment['suite']}" if "suite" in environment else ""
     changes = " with changes" if environment.get("dirty") else ""  # the working tree had uncommitted changes
@@ -53,7 +53,7 @@ def list_facts(run: Run) -> list[str]:
 
 
 def markdown_page(run: Run, sections: Sequence[Section]) -> str:
-    """Return the Markdown of a page: a line with the facts of a run (`list_facts`), then the sections."""
+    """Return the Markdown of a page: the facts of a run in a line, then sections."""
     environment = make_environment("gauss_bench.report", autoescape=False)  # the filter `plain` escapes texts for Markdown
     environment.filters |= {"plain": escape_markdown, "md_cell": markdown_cell}
     text = environment.get_template("page.md").render(sections=sections, facts=list_facts(run))

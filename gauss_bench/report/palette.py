@@ -24,7 +24,7 @@ VARIABLES |= {colour: f"engine-{name.replace('_', '-')}" for name, colour in ENG
 
 
 def engine_colours(engines: Iterable[str]) -> dict[str, str]:
-    """Return engine -> colour; engines outside ENGINES get the colours OTHERS in turn, in the order of their names."""
+    """Return engine -> colour; engines outside ENGINES get OTHERS in turn, in the order of names."""
     names = sorted(set(engines))
     others = [name for name in names if name not in ENGINES]
     return {name: ENGINES.get(name) or OTHERS[others.index(name) % len(OTHERS)] for name in names}
@@ -48,7 +48,7 @@ def declare(colours: Mapping[str, str]) -> str:
 
 
 def declare_hues(dark: bool) -> str:
-    """Return declarations of CSS variables with the colours HUES of the engines, in the light or in the dark mode."""
+    """Return declarations of CSS variables with the colours HUES, for the light or the dark mode."""
     return declare({f"hue-{i}": pair[1 if dark else 0] for i, pair in enumerate(HUES.values())})
 
 

@@ -50,7 +50,7 @@ LOOK = {"font": "Arial, sans-serif", "legend": {"title": None, "labelColor": "va
 
 
 def motion_picture(run: Run) -> str:
-    """Return the SVG of the two runs PLAYED side by side; their loop openings are magnified MAGNIFICATION times."""
+    """Return the SVG of the runs PLAYED side by side, with loop openings magnified MAGNIFICATION times."""
     turn = find_turn(run, LINKAGE)
     assert turn is not None, f"the crank of {LINKAGE} turns fully"
     mechanism = turn.mechanism
@@ -122,7 +122,7 @@ def magnify_openings(run: StoredRun, turn: Turn, times: Array, reference: Array,
 
 
 def largest_gap(mechanism: Mechanism, run: StoredRun, reference: Array, times: Array) -> float:
-    """Return the largest distance [m] between the two ends of a joint, over all joints and the stored poses of a run up to END.
+    """Return the largest distance [m] between both ends of a joint, over the stored poses of a run up to END.
 
     Args:
         reference, times: states (l, n) of the reference, and their times (l,) [s].
@@ -197,10 +197,7 @@ def draw_text(x: float, y: float, text: str, colour: str, size: int) -> str:
 
 
 def write_svg(title: str, width: float, height: float, parts: Sequence[str], style: str) -> str:
-    """Return the text of an SVG file of SVG elements, whose colours follow the reader's choice of light or dark.
-
-    `width` and `height` are in pixels, and `style` has further CSS rules.
-    """
+    """Return an SVG file whose colours follow the reader's choice of light or dark; `style` has further CSS rules."""
     light = declare({name: colour for colour, name in VARIABLES.items()}) + declare_hues(dark=False)
     dark = declare(DARK) + declare_hues(dark=True)
     size = f'viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}"'

@@ -80,7 +80,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Spread:
-    """A measured number, and the ends of the range in which a second measurement would lie; unknown numbers are NaN."""
+    """A measured number and the range in which a second measurement would lie; NaN where it is unknown."""
 
     value: float
     low: float
@@ -103,7 +103,7 @@ def number(row: Row, column: str) -> float:
 
 
 def spread(row: Row, column: str) -> Spread:
-    """Return the number in a column, with its range from the columns `column`_low and `column`_high; NaN where one is missing."""
+    """Return the number in a column, with its range in `column`_low and `column`_high."""
     return Spread(*(number(row, column + end) for end in ENDS))
 
 

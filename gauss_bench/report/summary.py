@@ -47,7 +47,7 @@ def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
 
 
 def describe_run(run: Run) -> list[Block]:
-    """Return the paragraphs on the authors of the suite, the cases that were run, and the files of the rows."""
+    """Return the paragraphs on the suite's authors, the cases that were run, and the files of the rows."""
     ended = sum(has_ended(row) for row in run.results)
     linkages = itemise(f"`{name}`" for name in run.linkages)
     cases = f"{count(len(run.results), 'case')} on {linkages}; {ended} ended with a motion."

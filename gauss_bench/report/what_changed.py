@@ -1,4 +1,4 @@
-"""Describe the changes between releases of an engine's library in sentences, from the rows of the tables NAMES.
+"""Describe the changes between releases of an engine's library in sentences, from rows of the tables NAMES.
 
 The sentences are printed on a terminal, written to the file `what_changed.md`, and shown in the report.
 """
@@ -49,7 +49,7 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return sentences on changed numbers, changed answers, and changed, new and gone defaults, from rows of changes."""
+    """Return sentences on changed numbers, changed answers, and changed, new and gone defaults."""
     numeric = group_by(changes, lambda r: is_known(r.get("difference")) or is_known(r.get("ratio")))
     figures, others = numeric.get(True, []), numeric.get(False, [])
     defaults = [row for row in others if row["quantity"] == DEFAULT]
@@ -62,7 +62,7 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on a number that differs between two releases: a cost by its ratios, others by the largest difference."""
+    """Return a sentence on a number that differs: a cost by its ratios, others by the largest difference."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -102,7 +102,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers of a release that equal those of the release before it, exactly or except for rounding."""
+    """Return a sentence on the numbers of a release that equal those of the one before, exactly or but for rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"

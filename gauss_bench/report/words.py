@@ -14,18 +14,18 @@ def round_digits(x: float, digits: int) -> float:
 
 
 def error_text(x: float) -> str:
-    """Format an error with two digits, such as "1.3e-05"; NOTHING if it is not finite."""
+    """Format an error with two digits, such as "1.3e-05"; NOTHING if not finite."""
     return f"{x:.1e}" if is_known(x) else NOTHING
 
 
 def ratio_text(x: float) -> str:
-    """Format a ratio with three digits, such as "12.3"; NOTHING if it is not finite."""
+    """Format a ratio with three digits, such as "12.3"; NOTHING if not finite."""
     decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))  # the number of limits above x: 1 for 12.3, 2 for 1.23
     return f"{x:.{decimals}f}" if is_known(x) else NOTHING
 
 
 def time_text(seconds: float) -> str:
-    """Format a duration with three digits and a unit, such as "4.73 ms"; NOTHING if it is not finite."""
+    """Format a duration with three digits and a unit, such as "4.73 ms"; NOTHING if not finite."""
     if not is_known(seconds):
         return NOTHING
     unit, factor = choose_unit(seconds, (("s", 1.0), ("ms", 1e3), ("µs", 1e6), ("ns", 1e9)), least=1.0)
@@ -70,7 +70,7 @@ def range_text(values: Sequence[float], form: Callable[[float], str] = ratio_tex
 
 
 def list_unmeasured(rows: Sequence[Row], column: str) -> str:
-    """Return a sentence on the linkages without a number in a column, with the reasons; empty if there are no such linkages."""
+    """Return a sentence on the linkages without a number in a column, with the reasons; empty if there are none."""
     measured = {r.get("mechanism") for r in rows if is_known(r.get(column))}
     missing = [r for r in rows if r.get("mechanism") and r["mechanism"] not in measured]
     parts = []

@@ -4,9 +4,9 @@ A link is drawn once, in its own frame, and an SVG transform moves it by its cen
 
     x = z + R(theta) local   as   translate(z) rotate(-theta), since y points down on the page.
 
-The browser interpolates linearly between the frames, which are the states that the animation has. If a link turns by d_theta
-between two frames, a point at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Readers who ask for
-reduced motion, and printers, get a still picture of the start.
+The browser interpolates linearly between the frames (states that the animation has). If a link turns by d_theta between two frames,
+a point at the distance r from z is drawn off its circular path by at most r d_theta^2 / 8. Readers who ask for reduced motion, and
+printers, get a still picture of the start.
 """
 
 from collections.abc import Sequence
@@ -74,8 +74,7 @@ def animate(mechanism: Mechanism, t: Array, q: Array, points: Sequence[Point] = 
 def choose_frames(t: Array, q: Array) -> list[int]:
     """Return the indices of the states q (k, n) that become frames of an animation, with the first and the last state.
 
-    The frames are as few as possible if no link may turn by more than TURN between two frames, and the time between two frames may
-    be at most the duration / FRAMES.
+    They are as few as possible, but no link turns by more than TURN, and no more than the duration / FRAMES passes, between two.
 
     Args:
         t: times (k,) of the states [s].
@@ -108,7 +107,7 @@ class Film:
         """Return the SVG of a part with its animated translation, rotation and stretch, applied in this order from the outside."""
 
         def animate_transform(kind: str, values: Sequence[str], more: str = 'additive="sum" ') -> str:
-            """Return the SVG of a track: a transform such as "rotate" by the values of each frame, added to earlier tracks."""
+            """Return the SVG of a track: the values of a transform such as "rotate" in each frame."""
             return f'<animateTransform attributeName="transform" type="{kind}" {more}values="{";".join(values)}" {self.timing}/>'
 
         is_stretched = np.ptp(part.stretch) > 1e-4
@@ -143,7 +142,7 @@ def make_film(t: Array, q: Array, canvas: Canvas) -> tuple[Film, float]:
 
 
 def draw_pace(slower: float, canvas: Canvas, avoid: Array) -> list[str]:
-    """Return the SVG of the caption "slowed x times" in the corner with most room; an empty list if the film is not slowed.
+    """Return the SVG of the caption "slowed x times" in the corner with most room; nothing if it is not slowed.
 
     Args:
         avoid: segments (k, 2, 2) [px] from which the caption keeps away.

@@ -15,7 +15,7 @@ NO_LINES = np.zeros((0, 2, 2))
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """The map from metres to pixels: x points to the right; y points up in metres and down in pixels.
+    """The map from metres to pixels: x to the right; y up in metres, down in pixels.
 
     Attributes:
         low: (2,) smallest x and y of the drawing [m].

@@ -51,7 +51,7 @@ def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
-    """Return the SVG elements of the paths of observed points over `trace` (k, n), if given, and of the parts on top of them."""
+    """Return the SVG of the paths of observed points over `trace` (k, n), if given, and of all parts on top."""
     tracks = [] if trace is None else draw_paths(mechanism.observed_points, trace, canvas)
     return [*tracks, *(part.draw() for part in parts)]
 
@@ -106,7 +106,7 @@ def fit_canvas(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()
 
 
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
-    """Return a canvas that contains a linkage at all states (k, n), with its observed points and the guides on its links."""
+    """Return a canvas that contains a linkage, its observed points and the guides on its links, at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
     # guides on the ground are left out: the canvas contains their blocks, and may cut what is longer
     ends = [end for joint in slides for end in guide_ends(joint, states, extension=0.0)]
@@ -168,7 +168,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
 
 
 def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Part:
-    """Return the part that draws link i at states (k, n): its guides and blocks, a faint hull of its points, and round bars."""
+    """Return link i at states (k, n): guides and blocks, a faint hull of its points, and bars with round ends."""
     link = mechanism.links[i]
     shapes, reach = [], []  # reach: lines (2, 2) [px] in the link's frame, from which names keep away
     for joint in (j for j in mechanism.joints if isinstance(j, Prismatic)):
@@ -203,7 +203,7 @@ def hull(points: Array) -> Array:
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the names of the two points that each bar of a link joins; without bars, those of consecutive points."""
+    """Return the names of both points that each bar of a link joins; without bars, those of consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 
@@ -217,13 +217,13 @@ def guide_ends(joint: Prismatic, states: Array, extension: float) -> tuple[Point
 
 
 def lines_beside(line: Array) -> Array:
-    """Return two lines (2, 2, 2) parallel to a guide (2, 2) [px], 11 and 17 px beside it on the side of its hatching."""
+    """Return two lines (2, 2, 2) beside a guide (2, 2) [px], on the side of its hatching."""
     along = (line[1] - line[0]) / max(float(np.hypot(*(line[1] - line[0]))), 1e-9)
     return np.array([line + side * turn_left(along) for side in (11, 17)])
 
 
 def hatch(a: Array, b: Array) -> list[str]:
-    """Return the SVG elements of a ground line from a to b (2,) [px], with hatching on the right of this direction."""
+    """Return the SVG elements of a ground line from a to b (2,) [px], with hatching on its right."""
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
     slant = 7 * turn_left(along) - 5 * along  # y points down in pixels: `turn_left` turns right on the screen

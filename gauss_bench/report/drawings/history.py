@@ -52,7 +52,7 @@ class Panel:
 
 
 def panels_of(history: History) -> list[Panel]:
-    """Return the panels of a history that have lines; a panel for speeds has the magnitudes of the velocities of points."""
+    """Return the panels of a history that have lines; speeds are magnitudes of velocities."""
     energies = history.of(Group.ENERGY)
     joints, motors = history.of(Group.JOINT), history.of(Group.MOTOR)
     torques = [x for x in motors if x.unit == "N m"] + [x for x in joints if x.key == "moment"]
@@ -90,7 +90,7 @@ def _magnitude_lines(curves: Sequence[Curve], first: str, second: str) -> tuple[
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the plot of all curves of a run, in panels one below the other, with the texts of the caption above if `head`."""
+    """Return the plot of all curves of a run, in panels one below the other, below the caption's texts if `head`."""
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
@@ -176,11 +176,7 @@ def _axis_limits(values: Sequence[Array]) -> tuple[float, float]:
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write names beside the ends of lines, moved apart and joined to the ends by thin lines.
-
-    Args:
-        ends: (name, colour, value at the end) of each line.
-    """
+    """Write the names of lines beside their `ends` (name, colour, value), moved apart and joined to the ends by thin lines."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     height = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt] of the panel

@@ -40,8 +40,8 @@ def draw_names(mechanism: Mechanism, q: Array, canvas: Canvas, parts: Sequence[P
     has no name in the drawing if every place overlaps another name, the edge of the picture or a line.
 
     Args:
-        taken: box (4,) [px] that is occupied already, such as that of the text of the scale bar.
-        bar: both ends (2, 2) [px] of a line from which names keep away too.
+        taken: box (4,) [px] that is occupied already.
+        bar: a further line (2, 2) [px] from which names keep away.
     """
     boxes, size = [taken], (canvas.width, canvas.height)
     segments = np.vstack([*(part.lines() for part in parts), bar[None]])
@@ -98,14 +98,8 @@ def _choose_place(
     """Return the place with most room for a name, the first of equal ones, and this room [px].
 
     The room of a place is the distance [px] between the name and the nearest line; it is negative if the name overlaps another name
-    or the edge of the picture.
-
-    Args:
-        places: candidates (2,) [px] for the middle of the name.
-        segments: lines (l, 2, 2) [px].
-        boxes: boxes (4,) [px] of the names so far.
-        size: width and height of the picture [px].
-        enough: places with more room than this [px] are equally good.
+    or the edge of the picture. Places with more room than `enough` are equally good. `segments` (l, 2, 2) are the lines [px],
+    `boxes` the boxes (4,) of the names so far, and `size` is that of the picture.
     """
     half = width_of(name) / 2
     samples = np.linspace(-half, half, max(3, len(name)))

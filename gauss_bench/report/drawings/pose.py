@@ -56,7 +56,7 @@ def full_turn(mechanism: Mechanism) -> Array | None:
     for t in np.linspace(0.0, 1.0, INTERVALS + 1)[1:]:
 
         def residual(x: Array, t: float = float(t)) -> tuple[Array, Array]:
-            """Return the residuals of the constraints at time t and state x, and their Jacobian."""
+            """Return the residuals of the constraints, and their Jacobian."""
             rows = constraints(t, x, no_speed)
             return rows.phi, rows.J
 
@@ -81,7 +81,7 @@ def crank_angles(mechanism: Mechanism, states: Array) -> Array:
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Return the document, digest and path of a linkage of a run, from the file that the run stored or from the built-in file.
+    """Return document, digest and path of a linkage of a run: of its stored file, else of the built-in one.
 
     Raises:
         LinkageError: the linkage is neither built in nor stored, or is damaged.

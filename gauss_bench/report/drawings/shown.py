@@ -21,17 +21,13 @@ MOST = 160  # largest number of pictures of a GIF; a film that would need more r
 
 
 def encode_curves(kind: str, caption: Caption, history: History) -> bytes:
-    """Return the content of a file with the curves of a run; `kind` is its suffix, ".svg" or ".png"."""
+    """Return the file with the curves of a run; `kind` is ".svg" or ".png"."""
     figure = plot(history, caption)
     return svg(figure).encode() if kind.lower() == ".svg" else png(figure)
 
 
 def encode_film(kind: str, caption: Caption, history: History, mechanism: Mechanism, trajectory: Trajectory) -> bytes:
-    """Return the content of a file with the moving linkage, up to the time until which the run is trusted.
-
-    Args:
-        kind: suffix of the file: ".svg", ".gif" or ".html".
-    """
+    """Return the file (".svg", ".gif" or ".html") with the moving linkage, up to the time until which the run is trusted."""
     count = len(trajectory.t)
     if caption.trusted is not None:
         count = int(np.searchsorted(trajectory.t, caption.trusted, "right"))

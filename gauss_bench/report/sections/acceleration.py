@@ -23,7 +23,7 @@ ERROR = "acceleration_error_median"  # column of the relative error
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on engines whose accelerations agree with the reference, on all other engines, and on the negative control."""
+    """Yield findings on engines whose accelerations agree with the reference, on others, and on the negative control."""
     rows = [row for row in acceleration_rows(run.results) if not row["control"]]
     yield from find_same_model(rows)
     yield from find_other_models(run, rows)
@@ -72,9 +72,6 @@ def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
 
     Among series of cases whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by
     the smallest factor, if this factor is below SHRINKS.
-
-    Args:
-        off: cases whose accelerations differ from the reference.
 
     Returns:
         End of the sentence, and list; "." and an empty list if in every series the error falls by SHRINKS or more.

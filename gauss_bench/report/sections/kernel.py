@@ -49,10 +49,7 @@ def _calls(row: Row) -> tuple[str, str]:
 
 
 def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row]) -> Section | None:
-    """Return the section of the chapter on the kernel for the table `name`, or None if the table has no rows.
-
-    The section has a table of the rows `shown` and, if these are not all of `rows`, a folded table of all.
-    """
+    """Return the section of the table `name`: a table of `shown` and, if there are more `rows`, a folded one; None without rows."""
     if not rows:
         return None
     title = layouts()[name]["title"]
@@ -116,7 +113,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def find_missed_targets(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the targets that the kernel missed, or on all targets if it met all; none without targets."""
+    """Yield a finding on the targets that the kernel missed, or on all targets if it met them."""
     lines, missed = [], []
     for table in WORDS:
         for row in with_number(run.table(table), "target"):
@@ -245,7 +242,7 @@ def describe_kinematics(rows: Sequence[Row]) -> str:
 
 
 def describe_limits(rows: Sequence[Row]) -> str:
-    """Return a sentence on the shares of the processor's possible speed that the kernel reaches, for each quantity."""
+    """Return a sentence on the share of the processor's possible speed that the kernel reaches."""
     parts = []
     for quantity, group in group_by(rows, "quantity").items():
         shares = [r["share"] for r in group]

@@ -48,7 +48,7 @@ def summarise(rows: Sequence[Row]) -> str:
 
 
 def mark_contradiction(row: Row) -> Row:
-    """Return a row; if its measurement contradicts its verdict, the text of the verdict says so."""
+    """Return a row; if its measurement contradicts its verdict, the verdict says so."""
     return row if row["stands"] else {**row, "verdict": f"{row['verdict']}, contradicted: {row['faults']}", "verdict_tone": "bad"}
 
 

@@ -1,4 +1,4 @@
-"""The section on the changes between releases of each engine's library."""
+"""The changes between releases of each engine's library."""
 
 from gauss_bench.report.content import Block, Bullets, Section, Text, blocks_of
 from gauss_bench.report.rows import Row, Run, group_by, with_number

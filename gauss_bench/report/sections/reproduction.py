@@ -44,7 +44,7 @@ def list_quantities(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
-    """Return the verdict on the paper's statement that its linkage stops, and a list of sentences with values of the run.
+    """Return the verdict on the paper's statement that its linkage stops, and sentences with values of the run.
 
     Args:
         rows: key of a quantity -> its row of the table `reproduction`.
@@ -101,7 +101,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_assumed(rows: Mapping[str, Row]) -> str:
-    """Return a sentence on the numbers that the paper does not give, with the assumed ones; `rows` as in `describe_example`."""
+    """Return a sentence on the numbers that the paper does not give, with the assumed ones."""
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)
     return f"The paper does not give {assumed}."

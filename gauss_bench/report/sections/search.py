@@ -36,7 +36,7 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return rows of the table `search_winners`, sorted by linkage and accuracy, with further columns for the layout `search`.
+    """Return rows of `search_winners`, sorted by linkage and accuracy, with further columns for the layout `search`.
 
     Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if ratios of times are relative to it,
     and BY_AUTHORS if the authors of the engine own the settings.
@@ -93,7 +93,7 @@ def reach_of_row(run: Run, row: Row) -> Reach:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on lost races, on settings by engines' authors, and on the times of all engines at each requirement."""
+    """Yield findings on lost races, on settings by engines' authors, and on all engines' times at each requirement."""
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -139,10 +139,7 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the times of all engines at one requirement, relative to this suite's compiled formulations.
-
-    It is empty without such times. `group` has rows that `divide_by_ours` returns.
-    """
+    """Return a sentence on all engines' times at one requirement over those of our compiled formulations; empty without times."""
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
@@ -170,8 +167,7 @@ def divide_by_ours(group: Sequence[Row]) -> list[Row]:
     """Return rows of `search_winners` whose ratios are times over that of the fastest of this suite's compiled engines there.
 
     Rows of these engines have the entry `ours`. The denominator of the stored ratios may be another of them, as fast within the
-    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1. On linkages on which none of these
-    engines has a ratio, the ratios are NaN.
+    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1. If none has a ratio, all are NaN.
     """
     compiled = group_by((r for r in with_number(group, "ratio") if r.get("ours")), "mechanism")
     least = {linkage: min(r["ratio"] for r in rows) for linkage, rows in compiled.items()}

@@ -131,7 +131,7 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error of those with closed loops and right accelerations; none up to LOST."""
+    """Yield a finding on the case with the largest error of those with closed loops and right accelerations, if above LOST."""
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:

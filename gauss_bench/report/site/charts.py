@@ -97,13 +97,10 @@ def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool 
 def specify_bars(
     rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
 ) -> dict[str, Any]:
-    """Return the specification of a chart with a horizontal bar for each row, from 0 to its `y`.
+    """Return the specification of a chart with a bar for each row, from 0 to its `y`.
 
     Dots replace the bars if the axis is logarithmic, or if rows have `low` and `high`, which are drawn as ranges.
-
-    Args:
-        x: title of the horizontal axis.
-        rule: value on this axis at which a dashed line is drawn.
+    `rule` is the value of a dashed line.
     """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}

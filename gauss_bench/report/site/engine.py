@@ -42,7 +42,7 @@ def engine_names(run: Run) -> list[str]:
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return engine -> the run whose rows the page of the engine shows, sorted by name: this run if it has the engine."""
+    """Return engine -> the run whose rows the engine's page shows, sorted by name: this run if it has the engine."""
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
 
@@ -107,7 +107,7 @@ def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
 
 
 def command_of(x: Setting, scenario: str) -> str:
-    """Return the command of the shell that runs a setting once."""
+    """Return the command that runs a setting once."""
     words = ["gauss-bench", "simulate", x.mechanism, "--scenario", scenario, "--engine", x.engine, "--settings", x.settings]
     words += ["--integrator", x.integrator, "--stabilization", x.stabilization or "none"]
     words += ["--step", f"{x.step:.10g}"] if is_known(x.step) else []
@@ -204,7 +204,7 @@ def list_changes(figures: Sequence[Row]) -> list[Row]:
 
 
 def list_failures(run: Run, name: str) -> list[str]:
-    """Return sentences on the failures of the engine: cases, runs of the search, linkages that it cannot model, accelerations."""
+    """Return sentences on what the engine failed at: cases, runs of the search, models, and accelerations."""
     rows = of_engine(run.results, name)
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     # negative controls are left out: they are invalid on purpose

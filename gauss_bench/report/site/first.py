@@ -49,7 +49,7 @@ Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # l
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
     """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
 
-    The answer is a sentence, and a number with its unit in large print. `rows` have `name`, `y` and perhaps `low` and `high`.
+    Each of `rows` is a bar, with `name`, `y` and perhaps `low` and `high`.
     """
     words, chart = CARD[name], None
     if rows:
@@ -63,7 +63,7 @@ def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]],
 def drift_as_shipped(run: Run) -> dict[str, Row]:
     """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
 
-    If an engine was run with several integrators, the case is that of the integrator whose largest drift is the smallest.
+    Of several integrators, that with the smallest such drift counts.
     """
     ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
     shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
@@ -91,7 +91,7 @@ def loops_card(run: Run) -> Card | None:
 
 
 def claim_card(run: Run) -> Card | None:
-    """Return the card that compares a compiled step by Gauss's principle with one by Lagrange's multipliers; None without rows."""
+    """Return the card that compares a compiled step by Gauss with one by Lagrange multipliers; None without rows."""
     rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
     if not rows:
         return None
@@ -247,7 +247,7 @@ def make_chooser(run: Run, names: Sequence[str], programs: Programs | None) -> t
 
 
 def pack_lines(texts: Sequence[str]) -> dict[str, Any]:
-    """Return the distinct lines of texts, and each text as the indices of its lines, because programs share most of their lines."""
+    """Return the distinct lines of texts, and each text as indices of its lines; most lines are shared."""
     lines: dict[str, int] = {}  # line -> its index
     indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
     return {"lines": list(lines), "texts": indices}

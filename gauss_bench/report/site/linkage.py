@@ -129,7 +129,7 @@ def name_leaders(run: Run, name: str) -> str:
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies; None if no timed setting reaches any of them."""
+    """Return the table of each engine's cheapest setting at four accuracies; None if no timed setting reaches any."""
     lines = []
     for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)
@@ -157,7 +157,7 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
 
 
 def chart_row(engine: str, name: str, x: float, y: float, least: float = FLOOR) -> dict[str, Any]:
-    """Return a point of a figure as a row of its data; `least` replaces a smaller y, because the axis is logarithmic."""
+    """Return a point of a figure as a row of its data; `least` replaces a smaller y."""
     return {"engine": engine, "line": engine, "name": name, "x": x, "y": max(y, least)}
 
 
@@ -226,7 +226,7 @@ def _plainness(row: Row) -> tuple[Any, ...]:
 
 
 def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
-    """Return the chart of a column of the table `series` over time, with the description `words`; None without rows."""
+    """Return the chart of a column of the table `series` over time; None without rows."""
     lines = list_histories(run, linkage, column)
     if not lines:
         return None

@@ -53,7 +53,7 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """Return a text as a file name that is safe in addresses; a name that differs from the text gets a checksum of the text."""
+    """Return a text as a file name that is safe in addresses; an altered text gets a checksum, to be distinct."""
     safe = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
     return safe if safe == text else f"{safe}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
@@ -78,7 +78,7 @@ def rich(text: str) -> Markup:
 
 
 def table_class(content: Table) -> str:
-    """Return the CSS class of all tables that have the head and the numeric columns of this table."""
+    """Return the CSS class that tables with this head and these numeric columns share."""
     return f"h{zlib.crc32(repr((*content.head, *sorted(content.numeric))).encode()):x}"
 
 
@@ -101,7 +101,7 @@ def css_label(head: str) -> Markup:
 
 
 def sort_attribute(cell: Cell) -> Markup:
-    """Return the HTML attribute with the sort key of a cell; empty if the page can sort by the text of the cell."""
+    """Return the attribute with the sort key of a cell; empty if the page can sort by its text."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)
@@ -139,7 +139,7 @@ def short_label(text: str) -> str:
 
 
 def sentence_of(finding: Finding) -> str:
-    """Return a finding in one sentence: its short form if it has one, else the headline of its text."""
+    """Return a finding in one sentence: its own short form, or the headline of its text."""
     return finding.short or headline(finding.text)
 
 
@@ -181,16 +181,13 @@ PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "eng
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own; `charts` maps names of figures to data, `parts` names of PARTS to contents."""
+    """Return a page without scripts of its own; `charts` has the data of its figures, `parts` its PARTS."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
 def render_page(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page, with a table of contents of `pages` and a foot with `facts` on the run.
-
-    `guide` is the address of the documentation, empty if the site has none.
-    """
+    """Return the complete HTML of a page; `guide` is the address of the documentation, empty if there is none."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:

@@ -58,7 +58,7 @@ class Turn:
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return the states of a linkage over a full turn of its crank, from the angle 0 if possible; None without a full turn."""
+    """Return a linkage's states over a full turn of its crank, from the angle 0 if possible; None without a full turn."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings
@@ -76,7 +76,7 @@ def find_turn(run: Run, name: str) -> Turn | None:
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
     """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
 
-    The data are the poses of each link over the turn, the crank angle of the first pose [rad], and the sense of the turn, 1 or -1.
+    The data are the links' poses, the first crank angle [rad], and the sense of the turn, 1 or -1.
     """
     turn = find_turn(run, name)
     if turn is None:
@@ -89,7 +89,7 @@ def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
 
 
 def in_pixels(canvas: Canvas, states: Array) -> Array:
-    """Return x, y and angle of the links in the drawing, (k, links, 3) [px, px, degrees], at states (k, n)."""
+    """Return x, y and angle of links as drawn, (k, links, 3) [px, px, degrees], at states (k, n)."""
     return np.concatenate((canvas.at(places(states)), -np.degrees(angles(states)[..., None])), axis=-1)
 
 
@@ -99,7 +99,7 @@ def list_frames(places: Array) -> list[Any]:
 
 
 def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
-    """Return the SVG of the first of states (k, n), with the number of its link at each moving part, for scripts that move it."""
+    """Return the SVG of the first of states (k, n); each moving part has the number of its link."""
     parts = linkage_parts(mechanism, states, None, canvas, forces=False)
     shapes = draw_paths(mechanism.observed_points, states, canvas)
     for part in parts:
@@ -113,7 +113,7 @@ def draw_numbered(mechanism: Mechanism, states: Array, canvas: Canvas) -> str:
 
 @dataclass(frozen=True, eq=False)
 class StoredRun:
-    """A run whose poses are stored, as differences from the reference.
+    """A run with stored poses.
 
     Attributes:
         label: engine and setting in words.
@@ -159,7 +159,7 @@ def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> 
 
 
 def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[StoredRun]:
-    """Return the runs of a linkage in a scenario whose poses are stored, sorted by engine, default settings first."""
+    """Return the runs of a linkage with stored poses, sorted by engine, default settings first."""
     cases = {tuple(r[k] for k in KEYS): r for r in run.cases_of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
@@ -174,7 +174,7 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """Return the contents of the part of a page that plays two runs side by side, and the data for its script.
 
-    The result is None if the linkage does not load, or if its reference or the poses of two runs are not stored.
+    The result is None if the linkage, its reference or two runs are missing.
     """
     turn = find_turn(run, name)
     try:
@@ -240,12 +240,12 @@ def shift_in_pixels(canvas: Canvas, x: Array) -> Array:
 
 
 def _round(x: Array) -> list[Any]:
-    """Return an array of any dimension as nested lists of numbers with DIGITS significant digits."""
+    """Return an array of any dimension as nested lists of numbers with DIGITS digits."""
     return [round_digits(float(v), DIGITS) if np.ndim(v) == 0 else _round(v) for v in x]
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the part of a page that plays two runs side by side; `scale` is the number of pixels in a metre."""
+    """Return the contents of the part of a page that plays two runs side by side (`scale` in px/m)."""
     # at first gauss-native is at the left and MuJoCo at the right, if both have runs
     engines = [x.engine for x in runs]
     left = engines.index("gauss-native") if "gauss-native" in engines else 0

@@ -2,7 +2,7 @@
 
 A setting is a variant of an engine at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
 measured in a race (a timed comparison), or is estimated from a race of the same variant at another step, in proportion to the
-number of steps. On a linkage without a search, the cases of the accuracy suite are used as settings.
+number of steps. On a linkage without a search the cases of the accuracy suite count as settings.
 """
 
 import json
@@ -40,7 +40,7 @@ class Setting:
         steps: number of steps of the run; NaN if the engine does not count its steps.
         seconds, low, high: processor time of the run [s], and both ends of its range if it was measured in a race; NaN if unknown.
         estimated: whether `seconds` is estimated from a race at another step.
-        position, force: largest errors of positions [m] and of joint forces [N] in the run; NaN for forces that were not measured.
+        position, force: largest errors of positions [m] and joint forces [N]; NaN for a force that was not measured.
         until: end of the run [s].
     """
 
@@ -85,17 +85,14 @@ class Setting:
 
 
 def describe_size(x: Setting) -> str:
-    """Return the step or the tolerance of a setting in words; "own" if it has neither, because the engine chooses its steps."""
+    """Return step or tolerance of a setting in words; "own" if it has neither."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return a setting in words: integrator, stabilisation, and the options that differ from those as shipped.
-
-    A variant that the run did not search has no options (`Setting.words`).
-    """
+    """Return integrator, stabilisation and the options that differ from those as shipped; `Setting.words` without a search."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -141,7 +138,7 @@ def setting_key(row: Row) -> tuple[Any, ...]:
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Return the setting of a row; `more` replaces fields of `Setting`, and missing numbers are NaN."""
+    """Return the setting of a row; `more` replaces fields, and missing numbers are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
@@ -162,10 +159,7 @@ def all_settings(run: Run) -> dict[str, list[Setting]]:
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return key by `setting_key` -> the first setting with this key.
-
-    A search through all settings at each use would take half of the time in which the site is built.
-    """
+    """Return key by `setting_key` -> the first setting with it; searches through all settings took half of the build."""
     every = [x for settings in all_settings(run).values() for x in settings]
     return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: the first of several replaces the others
 
@@ -255,7 +249,7 @@ def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
 
 
 def collect_choices(run: Run, mechanism: str) -> dict[str, Any]:
-    """Return the data of the first page of the site on a linkage: which settings meet which requirement.
+    """Return data of the first page on a linkage: which settings meet which requirement.
 
     A requirement "i,j" is a position error of at most POSITIONS[i] together with a force error of at most FORCES[j].
 
@@ -330,7 +324,7 @@ def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, forc
 
 @lru_cache(maxsize=2)
 def scenarios(run: Run) -> Mapping[str, str]:
-    """Return linkage -> its first scenario in the rows, for all linkages that were run or searched, sorted by name."""
+    """Return linkage -> its first scenario, for all linkages that were run or searched, sorted."""
     rows = (*run.results, *run.table("search_ladder"))
     first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row replaces the others
     return dict(sorted(first.items()))
@@ -359,16 +353,13 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
 
 
 def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
-    """Return the row of the table `search_winners` of an engine at a requirement, or None if no race was run at it.
-
-    If a scenario is given, only races in this scenario count.
-    """
+    """Return the row of `search_winners` of an engine at a requirement, in any scenario by default; None without a race."""
     races = [r for r in _races_by_kind(run).get((mechanism, engine, wanted.kind), []) if scenario in ("", r["scenario"])]
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
 
 
 def _read_race(row: Row) -> Reach:
-    """Return the result of an engine from its row of `search_winners` alone: timed, skipped or not reached."""
+    """Return the result of an engine from its row of `search_winners`: timed, skipped or not reached."""
     status, message = row["status"], row.get("message") or ""
     if status == Status.OK:
         return Reach(Kind.TIMED)
@@ -382,7 +373,7 @@ def _read_race(row: Row) -> Reach:
 
 @lru_cache(maxsize=2)
 def _ladders(run: Run) -> dict[tuple[str, str], list[list[Trial]]]:
-    """Return (linkage, engine) -> for each searched variant, the list of its trials at several steps or tolerances."""
+    """Return (linkage, engine) -> for each searched variant its trials at several steps or tolerances."""
     variants = group_by(run.table("search_ladder"), "mechanism", *METHOD).values()
     engines = group_by(variants, lambda rows: (rows[0]["mechanism"], rows[0]["engine"]))
     return {key: [list(map(trial_of, rows)) for rows in engine_variants] for key, engine_variants in engines.items()}

@@ -63,7 +63,7 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
 
 
 def asset_files() -> dict[str, str]:
-    """Return name -> text of the files that every site has: scripts, styles, licences and `view.html`."""
+    """Return name -> text of the files that every site has."""
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
     for mode, is_dark in (("light", False), ("dark", True)):

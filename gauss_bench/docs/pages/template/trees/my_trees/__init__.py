@@ -43,7 +43,6 @@ class Trees:
     native_loop, python_loop = False, True
 
     def version(self):
-        """Return the version of the library, for the report."""
         return "trees 0.1"
 
     def skip(self, mechanism, choice):
@@ -60,7 +59,6 @@ class Trees:
         return None
 
     def build(self, mechanism, choice):
-        """Return the model of the linkage in the library."""
         return Model(mechanism, choice)
 
     variants, knobs, first = VARIANTS.space, VARIANTS.knobs, VARIANTS.first
@@ -69,7 +67,6 @@ class Trees:
     library_calls: ClassVar = {"solve": call_library}
 
     def in_python(self, mechanism, choice):
-        """Return which part of a run is Python code, for the report."""
         return "everything: the library is written in Python"
 
     def program(self, mechanism, choice):
