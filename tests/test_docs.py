@@ -15,7 +15,7 @@ from gauss_bench.cli import main
 from gauss_bench.docs import pages_from_code
 from gauss_bench.docs.grammar_index import heading_of, list_keys, write_index
 from gauss_bench.linkage import schema
-from gauss_bench.report.site.page import document, plain_page
+from gauss_bench.report.site.page import plain_page, render_page
 from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.write import asset_files
 from gauss_bench.verbs.formats import find_schema, list_formats
@@ -211,7 +211,7 @@ def site(tmp_path_factory):
     build_guide(folder / "docs")
     pages = [plain_page("method", "Method", "How runs are compared.")]
     pages.append(search_page(pages, folder / "docs"))
-    texts = asset_files() | {page.file: document(page, pages, (), "docs/index.html") for page in pages}
+    texts = asset_files() | {page.file: render_page(page, pages, (), "docs/index.html") for page in pages}
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return folder

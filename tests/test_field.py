@@ -24,7 +24,7 @@ from gauss_bench.report.build import build_report, read_run
 from gauss_bench.report.citation import renew
 from gauss_bench.report.content import Bullets, Table, Text, lay_out
 from gauss_bench.report.field_run import READ, drop_unread
-from gauss_bench.report.pages import faults_of
+from gauss_bench.report.pages import fault_sections
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field as shown
 from gauss_bench.report.site.engine import (
@@ -33,9 +33,11 @@ from gauss_bench.report.site.engine import (
     engines_page,
     list_changes,
     list_commands,
+    list_failures,
     list_inexact,
     runs_of_engines,
 )
+from gauss_bench.report.site.first import write_call
 from gauss_bench.report.site.settings import Setting
 from gauss_bench.runs.offers import offer
 from gauss_bench.suites.read import of_engines, read_suite
@@ -193,7 +195,7 @@ def cells(table):
 
 
 def test_every_cell_has_an_answer_or_its_reason(run):
-    asked = cells(lay_out("field", shown.answers(run)))
+    asked = cells(lay_out("field", shown.list_results(run)))
     dice, gone, good, tuned = sorted(asked, key=lambda x: (x["engine"], x["settings"][0]))
     assert [x["engine"][0] for x in (dice, gone, good, tuned)] == ["dice", "gone", "good", "good"]
     expected = {
@@ -210,14 +212,14 @@ def test_every_cell_has_an_answer_or_its_reason(run):
     assert tuned["order"] == ("-", "no order")
     assert tuned["redundant rows [m]"] == ("-", "cannot be modelled")
     assert tuned["joint forces [N]"] == ("-", "the forces are not determined")
-    assert tuned["its own forces [N]"] == ("-", "none told")
+    assert tuned["its own forces [N]"] == ("-", "none returned")
     assert dice["repeats"] == ("no, 3e-10 apart", "")
     for head in ("same model", "order", "error at 1 ms [m]", "repeats"):
         assert gone[head] == ("-", "the engine gone is not installed")
 
 
 def test_an_engine_has_one_line_of_costs(run):
-    table = lay_out("field_costs", shown.costs(run))
+    table = lay_out("field_costs", shown.list_costs(run))
     _, dice, gone = cells(table)
     assert [cell.text for cell in table.rows[0]] == [
         *("good", "2.00 ms", "1.50 ms..2.50 ms", "1.00", "5.00 ms", "4.00 ms..6.00 ms", "1.00"),
@@ -234,11 +236,11 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
     costs = {"own": 1e-3, "slow": 8e-3, "apart": 2.5e-3, "soft": math.nan}
     winners = [WINNER | {"engine": x, "accuracy": 1e-4, "seconds": seconds} for x, seconds in costs.items()]
     rows = {"field": [ASKED | {"engine": x, "status": "ok"} for x in costs], "search_winners": winners}
-    lines = shown.costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
+    lines = shown.list_costs(Run({}, {name: tuple(row_of(TABLES[name], x) for x in some) for name, some in rows.items()}))
     assert [x["coarse_over"] for x in lines[:3]] == [1.0, 8.0, 2.5]
     assert math.isnan(lines[3]["coarse_over"])
     assert shown.compare_costs(lines, ["apart", "slow", "soft"], "coarse") == (
-        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine asked, it takes "
+        "To hold a tenth of a millimetre on four_bar, in multiples of the time of `own`, the fastest engine, it takes "
         "`apart` 2.50 and `slow` 8.00; no setting of `soft` was found."
     )
     assert shown.compare_costs(lines, ["soft"], "coarse") == ""
@@ -248,7 +250,7 @@ def test_costs_of_engines_in_environments_are_told_as_multiples_of_the_fastest()
 def test_findings_pages_and_commands_of_engines_name_what_was_asked(run):
     (finding,) = shown.findings(run)
     assert finding.text == (
-        "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not asked: `gone`."
+        "Two runs in two new processes agree bit by bit for 1 of 2 engines; not for `dice`. Not run twice: `gone`."
     )  # fmt: skip
     assert ([*shown.findings(Run())], shown.section(Run())) == ([], None)
     assert 'id="field"' in engines_page(run).body
@@ -279,6 +281,26 @@ def test_a_setting_whose_accelerations_are_not_the_linkages_is_named_with_its_ca
         1e-5, math.nan, 1.0,
     )  # fmt: skip
     assert "--settings 'rigid,tree=\"least depth\"' --integrator rk4" in command_of(one, "torque")
+    assert "--step 0.001 --at 1" in command_of(one, "torque")
+    assert "\n    step=0.001,\n    at=[0.0, 1]" in write_call(one)
+
+
+def test_a_setting_with_a_tolerance_is_run_with_it_and_without_a_step():
+    one = Setting(
+        "four_bar", "torque", "drake", "bushing", "runge_kutta3_adaptive", "none", math.nan, 1e-8, 50.0, *[math.nan] * 3, False,
+        1e-5, math.nan, 1.0,
+    )  # fmt: skip
+    assert command_of(one, "torque").endswith(" --tolerance 1e-08 --at 1")
+    assert "\n    stabilization='none',\n    tolerance=1e-08,\n    at=[0.0, 1],\n)" in write_call(one)
+    assert "step" not in command_of(one, "torque") + write_call(one)
+
+
+def test_evaluations_that_ended_early_have_a_smallest_step_only_if_one_of_them_has_a_step():
+    early = tuple(PLACE | METHOD | {"engine": "good", "status": "diverged", "step": x} for x in (0.02, 0.01, math.nan))
+    sentence = list_failures(Run({}, {"search_ladder": early}), "good")[0]
+    assert sentence.startswith("In the search 3 of 3 evaluations ended early, most of them at steps that are too large; ")
+    assert sentence.endswith("the smallest such step was 0.01 s.")
+    assert list_failures(Run({}, {"search_ladder": early[2:]}), "good")[0] == "In the search 1 of 1 evaluation ended early."
 
 
 # The run beside another
@@ -342,13 +364,13 @@ def test_the_field_beside_a_run_has_its_own_pages_and_its_own_provenance(folder)
     build_report(folder)
     pages = texts(folder / "site")
     assert "suite field, 2026-05-04, commit fedcba9876, a quiet machine" in pages["engines.html"]
-    assert "the suite <code>full</code>, whose times stand on the other pages" in pages["engines.html"]
+    assert "the suite <code>full</code>, whose times are on other pages" in pages["engines.html"]
     assert all(f'href="engine-{x}.html"' in pages["engines.html"] for x in ("dice", "gauss", "gone", "good"))
     good, own = pages["engine-good.html"], pages["engine-gauss.html"]
     assert "<footer><p>suite field · 2026-05-04 · commit fedcba9876 · a quiet machine</p></footer>" in good
     for page in (own, pages["engine-dice.html"]):  # both runs have rows of the engine dice
         assert "<footer><p>suite full · 2026-01-01 · commit 0123456789 · cpu</p></footer>" in page
-    assert "It lives in an environment of its own: Python 3.12.1." in good
+    assert "This engine runs in an environment of its own: Python 3.12.1." in good
     assert "gauss-bench engines install good" in good
     assert "gauss-bench simulate four_bar --scenario torque --engine good" in good
     assert "knob" in good
@@ -384,7 +406,7 @@ def test_a_changed_row_of_the_field_is_refused_and_the_citation_names_both_runs(
 
 
 def test_a_report_on_a_fault_becomes_a_section():
-    (section,) = faults_of({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
+    (section,) = fault_sections({"good_one_is_two": FAULT, "goodness_x": "# other\n"}, "good")
     assert (section.title, section.anchor) == ("Good 3: one is two", "good_one_is_two")
     text, table, bullets = section.blocks
     assert text == Text("**Seen with** Good 3, where `one()` is two.")
@@ -397,7 +419,7 @@ def test_a_report_on_a_fault_becomes_a_section():
 @pytest.mark.parametrize("path", sorted((REPORTS / "findings").glob("*.md")), ids=lambda x: x.stem)
 def test_every_published_fault_is_on_the_page_of_its_engine(path):
     assert path.stem.partition("_")[0] in {*FOREIGN, *ELSEWHERE}
-    (section,) = faults_of({path.stem: path.read_text(encoding="utf-8")}, path.stem.partition("_")[0])
+    (section,) = fault_sections({path.stem: path.read_text(encoding="utf-8")}, path.stem.partition("_")[0])
     tables = [x for x in section.blocks if isinstance(x, Table)]
     assert all(all(x.head) and all(len(row) == len(x.head) for row in x.rows) for x in tables)
     assert "](" not in path.read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import search
 from gauss_bench.report.site.engine import cheapest_table, engine_names
 from gauss_bench.report.site.linkage import name_leaders
-from gauss_bench.report.site.settings import FORCES, POSITIONS, answers, scenarios
+from gauss_bench.report.site.settings import FORCES, POSITIONS, collect_choices, scenarios
 from gauss_bench.report.summary import summary
 from tests.published import tables
 
@@ -48,7 +48,7 @@ def cells(run):
     """Yield every cell, line and clause that says whether an engine holds a requirement."""
     names = scenarios(run)
     for name in names:
-        shown = answers(run, name)
+        shown = collect_choices(run, name)
         for (i, position), (j, force) in product(enumerate(POSITIONS), enumerate(FORCES)):
             wanted = {"position": position} | ({} if math.isinf(force) else {"force": force})
             there = {shown["settings"][k]["engine"]: "holds" for k, _ in shown["picks"][f"{i},{j}"]}

@@ -422,7 +422,7 @@ def test_tables_of_one_engine_leave_those_of_others_alone_and_become_a_page(tmp_
     assert "error against the truth 5.0e-01 -> 0.0e+00" in page
     assert "cost of a step: four_bar, default rk4 times 0.67 (0.60 to 0.70)" in page
     assert "twin 3.0: pip finds no wheel" in page
-    assert page.count("9 cases of 2.0 were not asked within the time") == 2  # of both engines
+    assert page.count("9 cases of 2.0 were left out for lack of time") == 2  # of both engines
     shown = releases_page(Run({}, tables))
     assert "twin 1.0 -&gt; 2.0" in shown.body
     assert releases_page(Run({}, {})) is None

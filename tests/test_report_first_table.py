@@ -7,7 +7,7 @@ import pytest
 from gauss_bench.report.first_table import BEGIN, END, first_table, renew
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections.claim import compare_formula
-from gauss_bench.report.sections.search import over_the_cheaper
+from gauss_bench.report.sections.search import divide_by_ours
 from gauss_bench.report.site.settings import multiples
 
 
@@ -66,7 +66,7 @@ def test_ratios_are_over_the_cheaper_of_our_engines_even_if_stored_over_one_that
         return {"mechanism": "six_bar", "engine": engine, "ours": ours, "ratio": ratio} | ends
 
     rows = [stored("gauss-native", 1.0, True), stored("lagrange-native", 0.8, True), stored("mujoco", 40.0, False)]
-    found = over_the_cheaper(rows)
+    found = divide_by_ours(rows)
     assert [r["ratio"] for r in found] == pytest.approx([1.25, 1.0, 50.0])
     assert (found[2]["ratio_low"], found[2]["ratio_high"]) == pytest.approx((45.0, 55.0))
 

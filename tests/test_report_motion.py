@@ -13,8 +13,8 @@ from gauss_bench.mechanism.model import GROUND, Prismatic, Revolute
 from gauss_bench.reference.minimal import MinimalCoordinate
 from gauss_bench.report.drawings.animation import FRAMES, REST, SHORTEST, Film, animate
 from gauss_bench.report.drawings.canvas import make_part
-from gauss_bench.report.drawings.curves import curves
-from gauss_bench.report.drawings.drawing import bar_ends, fit
+from gauss_bench.report.drawings.curves import draw_curves
+from gauss_bench.report.drawings.drawing import bar_ends, fit_canvas
 from gauss_bench.report.drawings.pose import pose_links
 from gauss_bench.report.palette import inline
 from tests.conftest import exhaustive
@@ -84,7 +84,7 @@ def test_links_move_as_the_states_do_pins_hold_in_between_and_the_loop_closes(na
     svg = animate(mechanism, t, wrapped.reshape(q.shape), mechanism.observed_points)
     assert set(groups(svg)) == {link.name for link in mechanism.links}
     at_states, halfway = np.linspace(0, 1, len(t)), (np.arange(len(t) - 1) + 0.5) / (len(t) - 1)
-    canvas = fit(mechanism, q, mechanism.observed_points)
+    canvas = fit_canvas(mechanism, q, mechanism.observed_points)
     compared = 0
     for joint in (j for j in mechanism.joints if isinstance(j, Revolute)):
         for point in (p for p in (joint.a, joint.b) if p.link != GROUND):
@@ -199,9 +199,9 @@ def test_a_motion_without_states_or_points_is_refused():
             animate(mechanism, times, states)
     mechanism, t, q, v, a, points = driven(1)
     with pytest.raises(ValueError, match="a point"):
-        curves(mechanism, t, q, v, a, [])
+        draw_curves(mechanism, t, q, v, a, [])
     with pytest.raises(ValueError, match="at every time"):
-        curves(mechanism, t, q[:-1], v, a, points)
+        draw_curves(mechanism, t, q[:-1], v, a, points)
 
 
 def driven(points):
@@ -222,9 +222,9 @@ def drawn(svg, axes):
 @pytest.mark.slow
 def test_curves_are_the_path_velocity_and_acceleration_of_each_point_and_come_out_the_same():
     _, t, q, v, a, points = driven(2)
-    svg = curves(*driven(2))
+    svg = draw_curves(*driven(2))
     assert len(re.findall(r'id="axes_\d+"', svg)) == 3 * len(points) == 6
-    assert svg == curves(*driven(2))
+    assert svg == draw_curves(*driven(2))
     assert not re.search(r"<script|<image|href=\"(?!#)", svg)
     assert not re.search(r"#[0-9a-f]{6}", inline(svg, "x")), "a colour has no variable and would not turn dark"
     for row, point in enumerate(points):

@@ -20,11 +20,11 @@ from gauss_bench.cli import main
 from gauss_bench.linkage.load import built_in
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import SpringDamper
-from gauss_bench.report.drawings.drawing import draw, fit
+from gauss_bench.report.drawings.drawing import draw, fit_canvas
 from gauss_bench.report.drawings.forces import force_parts
 from gauss_bench.report.drawings.history import GAP, move_apart, plot
 from gauss_bench.report.drawings.pose import pose_links
-from gauss_bench.report.drawings.shown import film
+from gauss_bench.report.drawings.shown import encode_film
 from gauss_bench.trajectory import Group
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -83,7 +83,7 @@ def test_names_in_drawings_neither_meet_nor_leave_the_picture():
 def test_a_spring_reaches_from_point_to_point_wherever_the_linkage_is():
     mechanism, _, trace = pose_links("jansen")
     states = trace[::20]
-    canvas = fit(mechanism, trace)
+    canvas = fit_canvas(mechanism, trace)
     found = {mark.name: mark for mark in force_parts(mechanism, states, canvas)}
     for spring in (x for x in mechanism.forces if isinstance(x, SpringDamper)):
         mark = found[spring.name]
@@ -173,12 +173,12 @@ def test_names_stay_as_near_as_their_distance_allows():
 @pytest.mark.long
 def test_a_film_ends_at_the_time_up_to_which_the_run_is_trusted(failing, driven):
     told, history = failing.told(), gauss_bench.history(failing)
-    moving = film(".svg", told, history, failing.model, failing.trajectory).decode()
+    moving = encode_film(".svg", told, history, failing.model, failing.trajectory).decode()
     assert "motion-film" in moving
-    whole = film(".html", told, history, failing.model, failing.trajectory).decode()
+    whole = encode_film(".html", told, history, failing.model, failing.trajectory).decode()
     assert told.verdict.split(";")[0] in whole
     assert set(re.findall(r"\w+://[^\"' )<]+", whole)) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
-    pictures = Image.open(io.BytesIO(film(".gif", driven.told(), history, driven.model, driven.trajectory)))
+    pictures = Image.open(io.BytesIO(encode_film(".gif", driven.told(), history, driven.model, driven.trajectory)))
     assert getattr(pictures, "n_frames", 0) == 80
 
 

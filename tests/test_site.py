@@ -20,11 +20,11 @@ from gauss_bench.bench.runner import own_files
 from gauss_bench.cli import main
 from gauss_bench.report.build import build_report
 from gauss_bench.report.content import UNMEASURED, Cell, Table, make_cell
-from gauss_bench.report.palette import ENGINES, HUES, PAPERS, SHAPES, slots
+from gauss_bench.report.palette import DARK, ENGINES, HUES, PAPER, SHAPES, assign_hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.sections import field
 from gauss_bench.report.site.engine import engine_page, explain_time, runs_of_engines
-from gauss_bench.report.site.first import CARDS, HOLDS, pack
+from gauss_bench.report.site.first import CARDS, HOLDS, pack_lines
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.site.linkage import linkage_page
 from gauss_bench.report.site.page import ENVIRONMENT, HEADLINE, headline, rich, script_text, sentence_of, short_label
@@ -104,7 +104,7 @@ def test_the_costs_of_the_field_follow_from_its_files_and_every_engine_of_an_env
         pd.read_csv(folder / place, keep_default_na=False, na_values=[""]) for place in ("times/search_winners.csv", "field.csv")
     )
     times = times[(times.required == "position") & times.seconds.notna()]
-    lines = {line["engine"]: line for line in field.costs(run)}
+    lines = {line["engine"]: line for line in field.list_costs(run)}
     apart = {name for name, known in run.beside.environment["engines"].items() if known.get("environment")}
     assert {"bullet", "dart", "drake", "mjx", "opensim"} <= apart < {*lines} == {*rows.engine}
     for key, limit in field.ACCURACIES.items():
@@ -144,14 +144,14 @@ def test_colours_of_engines_differ_for_the_colour_blind_and_are_legible(dark):
         seen = np.cbrt(np.clip(colours @ np.transpose(matrix), 0, 1) @ np.transpose(TO_CONES)) @ np.transpose(TO_LAB)
         least = min(np.linalg.norm(a - b) for a, b in combinations(seen, 2))
         assert least > 0.05, f"{name}: two engines are only {least:.3f} apart"
-    light = [float(LUMINANCE @ c) for c in (*colours, linear(PAPERS[dark]))]
+    light = [float(LUMINANCE @ c) for c in (*colours, linear((PAPER, DARK["paper"])[dark]))]
     paper = light.pop()
     assert all((max(x, paper) + 0.05) / (min(x, paper) + 0.05) >= 3 for x in light)
 
 
 def test_engines_of_a_figure_share_neither_colour_nor_marker():
     engines = [*list(HUES)[:7], "mine", "yours"]
-    assert len(set(slots(engines).values())) == len(engines)
+    assert len(set(assign_hues(engines).values())) == len(engines)
     assert len(set(SHAPES)) == len(SHAPES) >= len(HUES)
     assert len(set(ENGINES.values())) == len(ENGINES)
 
@@ -248,7 +248,7 @@ def test_text_of_files_stays_text():
     assert "<" not in script_text({hostile: hostile})
     assert json.loads(script_text({"x": hostile})) == {"x": hostile}
     assert "<img" not in str(rich(hostile))
-    lines = pack(["a\nb", "a\nc"])
+    lines = pack_lines(["a\nb", "a\nc"])
     assert ["\n".join(lines["lines"][i] for i in text) for text in lines["texts"]] == ["a\nb", "a\nc"]
 
 

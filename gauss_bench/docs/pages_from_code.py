@@ -1,4 +1,4 @@
-"""Pages that are computed from code: the grammar of linkage files and the index of its keys, the commands, and the formats.
+"""Write the pages that are computed from code: the grammar of linkage files, the index of its keys, the commands, and the formats.
 
 MkDocs calls the functions `on_...` while it builds the documentation.
 """
@@ -16,7 +16,7 @@ from gauss_bench.api.options import VERBS, add_options
 from gauss_bench.docs.grammar_index import GUIDE, describe_key, list_keys, write_index
 from gauss_bench.verbs.formats import find_schema, list_formats
 
-BEGINS = "## A complete example"  # heading of the guide with which its part for the page begins
+START = "## A complete example"  # heading of the guide with which the page of the grammar begins
 INDEX = "search/search_index.json"  # file with the headings, which the site's search page reads
 HEADINGS: list[dict[str, str]] = []  # address ("location") and text ("title") of each heading of the build
 
@@ -44,60 +44,61 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> None:
-    """Add the headings of a page to HEADINGS; for the index of the grammar, the keys instead; for commands, the options too."""
+    """Add title and headings of a page to HEADINGS; for the grammar's index, the keys instead; for commands, the options too."""
     HEADINGS.append({"location": page.url, "title": page.title})
-    found = [(heading.url, heading.title) for heading in flatten(page.toc)]
+    entries = [(heading.url, heading.title) for heading in list_headings(page.toc)]
     if page.file.src_uri == "keys.md":
-        found = [(f"#{anchor}", describe_key(entry, key)) for entry, key, anchor in list_keys()]
+        entries = [(f"#{anchor}", describe_key(entry, key)) for entry, key, anchor in list_keys()]
     elif page.file.src_uri == "commands.md":
-        for verb, declared in VERBS.items():
-            found += [(f"#{verb}", f"{verb} {option}") for option in declared.get("options", {}) if option.startswith("-")]
-    HEADINGS.extend({"location": f"{page.url}{anchor}", "title": f"{page.title}: {text}"} for anchor, text in found)
+        for verb, declaration in VERBS.items():
+            entries += [(f"#{verb}", f"{verb} {option}") for option in declaration.get("options", {}) if option.startswith("-")]
+    HEADINGS.extend({"location": f"{page.url}{anchor}", "title": f"{page.title}: {text}"} for anchor, text in entries)
 
 
-def flatten(headings: Iterable[Any]) -> Iterator[Any]:
-    """Yield the headings of a page at all levels, except its title."""
+def list_headings(headings: Iterable[Any]) -> Iterator[Any]:
+    """Yield the headings of a page at all levels, except its title (level 1)."""
     for heading in headings:
         if heading.level > 1:
             yield heading
-        yield from flatten(heading.children)
+        yield from list_headings(heading.children)
 
 
 def on_post_build(config: Any, **_: Any) -> None:
     """Write the headings for the site's search page, and remove files that no page uses.
 
-    The site's search replaces that of the theme, which works from a server only and finds nothing outside the documentation.
+    The site's search replaces that of the theme, which works only from a server and finds nothing outside the documentation.
     """
     index = Path(config["site_dir"]) / INDEX
     index.parent.mkdir(exist_ok=True)
     index.write_text(json.dumps({"docs": HEADINGS}, ensure_ascii=False), encoding="utf-8")
-    scripts = Path(config["site_dir"]) / "assets"
-    for path in scripts.rglob("*.map"):
+    assets = Path(config["site_dir"]) / "assets"
+    for path in assets.rglob("*.map"):
         path.unlink()
-    for folder in ("lunr", "workers"):
-        shutil.rmtree(scripts / "javascripts" / folder, ignore_errors=True)
+    for folder in ("lunr", "workers"):  # of the search of the theme
+        shutil.rmtree(assets / "javascripts" / folder, ignore_errors=True)
 
 
 def write_grammar() -> str:
     """Return the guide to linkage files from its complete example of a file to the end."""
     text = GUIDE.read_text(encoding="utf-8")
-    return text[text.index(BEGINS) :]
+    return text[text.index(START) :]
 
 
 def write_commands(page: str) -> str:
-    """Return the page of commands with summary and help of each verb."""
+    """Return `page`, which has examples of commands, with summary and help of each verb."""
     os.environ["COLUMNS"] = "100"  # width of the help
-    start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)  # then names and examples in turn
+    # `rest` has the names of verbs and their examples in turn
+    start, *rest = re.split(r"^## ([\w-]+)\n", page, flags=re.MULTILINE)
     lines = [start]
     for name, example in zip(rest[::2], rest[1::2], strict=True):
-        verb, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), VERBS[name]["help"]
-        add_options(verb, VERBS[name])
+        parser, summary = argparse.ArgumentParser(prog=f"gauss-bench {name}"), VERBS[name]["help"]
+        add_options(parser, VERBS[name])
         lines += [f"## {name}", "", f"{summary[0].upper()}{summary[1:]}.", example]
-        lines += ["```text", verb.format_help().rstrip(), "```", ""]
+        lines += ["```text", parser.format_help().rstrip(), "```", ""]
     return "\n".join(lines)
 
 
 def write_formats() -> str:
     """Return the Markdown of a table of all JSON Schemas, with links to their files."""
     rows = [f"| [{name}](formats/{name}.json) | {meaning} |" for name, meaning in list_formats().items()]
-    return "\n".join(["| schema | of |", "| --- | --- |", *rows, ""])
+    return "\n".join(["| schema | content |", "| --- | --- |", *rows, ""])

@@ -21,7 +21,7 @@ from gauss_bench.report.summary import summary
 from gauss_bench.tables import TABLES, files_of, read_environment, read_table, refuse_foreign
 from gauss_bench.untrusted import BadInput
 
-# texts by which a summary and a site of this suite are recognised
+# texts by which a summary and a site of this suite are recognised, before they are overwritten
 HEADING, TITLE = "# Closed-loop planar linkages, engines side by side", "gauss_bench</title>"
 FAULTS = "findings"  # folder beside the tables, with reports on faults in engines' libraries
 
@@ -38,11 +38,11 @@ def read_run(folder: Path) -> Run:
         TableError: a file is damaged, or has a later format than this version reads.
         ChangedRows: a table was changed after the run.
     """
-    run, *beside = map(read_one, folders_of(folder))
+    run, *beside = map(read_folder, folders_of(folder))
     return replace(run, beside=beside[0]) if beside else run
 
 
-def read_one(folder: Path) -> Run:
+def read_folder(folder: Path) -> Run:
     """Return the run in a folder, without that in its subfolder `field`; errors are those of `read_run`."""
     names = [name for name in TABLES if name != "baseline"]
     if not any(files_of(name, folder) for name in names):
@@ -66,7 +66,7 @@ def refuse_pages_of_others(folder: Path) -> None:
     """Check that a report would overwrite no page that another program or a person wrote.
 
     Raises:
-        FileExistsError: a page there is not one of an earlier report; the message names it.
+        FileExistsError: a page there is not that of an earlier report; the message names it.
     """
     refuse_foreign({folder / "README.md": HEADING, folder / SITE / "index.html": TITLE})
 

@@ -11,7 +11,7 @@ from gauss_bench.report.rows import METHOD, Row, first_number, group_by, is_know
 
 MEASURED_ERRORS = ("measured_error_t05", "measured_error_t1", "measured_error_t2")  # errors after 0.5, 1 and 2 s
 SAME_ACCELERATION = 1e-6  # median: 100 times the error of numerical differentiation (1e-8), far below that of a soft loop (1e-2)
-OWN_STEPS = 0.02  # relative difference of the number of steps from duration / step, beyond which the integrator chose its steps
+OWN_STEPS = 0.02  # if the number of steps differs more than this share from duration / step, the integrator chose its steps
 
 
 def has_ended(row: Row) -> bool:
@@ -35,7 +35,7 @@ def measured_name(rows: Iterable[Row]) -> str:
 
 
 def measured_unit(rows: Iterable[Row]) -> str:
-    """Return the unit of the measured coordinate, "rad" or "m"; "rad or m" if the rows have different units or none."""
+    """Return the unit of the measured coordinate, "rad" or "m"; "rad or m" if rows have different units, or no unit."""
     units = {row["measured_unit"] for row in rows if row.get("measured_unit")}
     return units.pop() if len(units) == 1 else "rad or m"
 
@@ -46,7 +46,7 @@ def measured_head(rows: Sequence[Row]) -> str:
 
 
 def end_column(row: Row) -> str:
-    """Return the column of the latest measured error, at 0.5, 1 or 2 s, that the row has."""
+    """Return the column with the latest measured error that the row has, at 0.5, 1 or 2 s; the first if it has none."""
     return next((column for column in reversed(MEASURED_ERRORS) if is_known(row.get(column))), MEASURED_ERRORS[0])
 
 
@@ -56,7 +56,7 @@ def end_error(row: Row) -> float:
 
 
 def error_bar(row: Row, column: str) -> float:
-    """Return the reference's error bar of the error in `column`, else that of positions, else 0."""
+    """Return the reference's error bar of the error in `column`; if unknown, that of positions; else 0."""
     return first_number(number(row, column.replace("error", "error_bar")), number(row, "position_error_bar"), 0.0)
 
 
@@ -73,17 +73,17 @@ def is_below_reference(row: Row) -> bool:
 def chose_steps(row: Row) -> bool:
     """Tell whether the integrator chose its own steps; the row's step is then only the spacing of samples."""
     step = number(row, "step")
-    equal_steps = number(row, "t_end") / step if step > 0 else math.nan  # number of steps of the given length
+    equal_steps = number(row, "t_end") / step if step > 0 else math.nan  # number of steps of this length
     return not is_known(equal_steps) or abs(number(row, "steps") - equal_steps) > max(OWN_STEPS * equal_steps, 1.0)
 
 
 def run_time(row: Row) -> float:
-    """Return the time [s] of a run: its number of steps times the time of a step, in the engine's own loop if it has one."""
+    """Return the time [s] of a run: its number of steps times the time of a step, in the engine's own loop if that was timed."""
     return first_number(number(row, "native_step_time"), number(row, "step_time")) * number(row, "steps")
 
 
 def setting_words(row: Row, *columns: str) -> str:
-    """Return the texts of a row in some columns, by default those of METHOD; "default" and "none" are left out.
+    """Return the texts of a row in some columns, separated by spaces, without "default" and "none".
 
     Args:
         columns: names of the columns to print; by default settings, integrator and stabilization.
@@ -98,7 +98,7 @@ def describe_case(row: Row) -> str:
 
 
 def acceleration_rows(rows: Iterable[Row]) -> list[Row]:
-    """Return a row for each linkage, engine and settings, with their acceleration error."""
+    """Return one row for each linkage, engine and setting whose acceleration error is known."""
     groups = group_by(with_number(rows, "acceleration_error_median"), "mechanism", "engine", "settings")
     return [_merge(group) for group in groups.values()]
 
@@ -113,9 +113,9 @@ def cost_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def _merge(group: Sequence[Row]) -> Row:
-    """Return the first row of the group, with each missing number from the next row that has it."""
+    """Return the first row of the group; each missing number is taken from the next row that has it."""
     merged = dict(group[0])
     for column in merged:
-        numbers = (row[column] for row in group if is_known(row.get(column)))
-        merged[column] = next(numbers, merged[column])
+        numbers = [row[column] for row in group if is_known(row.get(column))]
+        merged[column] = numbers[0] if numbers else merged[column]
     return merged

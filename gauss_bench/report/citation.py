@@ -1,6 +1,6 @@
-"""The identifiers of the published rows in CITATION.cff: their checksums, and the commits that measured them.
+"""Renew the identifiers of the published rows in CITATION.cff: the checksums of the rows, and the commits of the code that ran.
 
-`python -m gauss_bench.report.citation reports CITATION.cff` renews the identifiers; `make publish` and `make field` call it.
+`make publish` and `make field` call it by `python -m gauss_bench.report.citation reports CITATION.cff`.
 """
 
 import re
@@ -16,19 +16,20 @@ IDENTIFIERS = re.compile(r"(?m)^identifiers:\n(?:  .*\n)+")
 
 
 def describe_rows(folder: Path, name: str = "reports") -> str:
-    """Return lines of CITATION.cff that identify the rows in a folder by checksum; `name` is the folder's path in the project."""
+    """Return the entry of CITATION.cff that identifies the rows in a folder; `name` is the path of the folder in the project."""
     environment = read_environment(folder)
     commit, date, cpu = (environment[key] for key in ("commit", "date", "cpu"))
-    words = f"rows in {name}/, measured by commit {commit} (version {environment['versions']['gauss-bench']}) on {date}, {cpu}"
-    checksum = checksum_of_run(read_checksums(folder))
-    words += f"; checksum of the lines of {name}/{FILE}, as sha256sum prints them"
-    return f'  - type: other\n    value: "sha256:{checksum}"\n    description: "{words}"\n'
+    version, checksum = environment["versions"]["gauss-bench"], checksum_of_run(read_checksums(folder))
+    description = f"rows in {name}/, measured by commit {commit} (version {version}) on {date}, {cpu}"
+    description += f"; checksum of the lines of {name}/{FILE}, as sha256sum prints them"
+    return f'  - type: other\n    value: "sha256:{checksum}"\n    description: "{description}"\n'
 
 
 def renew(text: str, folder: Path) -> str:
     """Return the text of CITATION.cff with the checksums of the runs in a folder and in its subfolder `field`."""
     identifiers = "identifiers:\n" + "".join(describe_rows(x, str(x.relative_to(folder.parent))) for x in folders_of(folder))
-    renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)  # a function, since a text would be searched for \1
+    # a function, because `subn` would interpret backslashes in a text
+    renewed, count = IDENTIFIERS.subn(lambda _: identifiers, text)
     assert count == 1, "CITATION.cff has one list of identifiers"
     return renewed
 

@@ -1,4 +1,4 @@
-"""Content of a report section, for Markdown and for the site: sentences, lists, tables and figures.
+"""Content of a report section for Markdown and for the site: sentences, lists, tables and figures.
 
 `layouts.toml` defines each column of a printed table: its heading, the kind of its cells, and the column of the stored rows whose
 values the cells print.
@@ -33,7 +33,7 @@ class Cell:
     Attributes:
         sort: sort key in the browser, where numbers come before text.
         tone: "", "engine", "below", "bad", "warn" or "good", which set the colour, or "formula", which a page typesets.
-        why: the reason for which the cell has no value, if its text is NOTHING.
+        why: the reason why the cell has no value, if its text is NOTHING.
     """
 
     text: str
@@ -129,11 +129,12 @@ class Chart:
         """Return the table of numbers below the figure: those of `listed` or, if it is None, those of `rows`."""
         numeric = {c for c in self.head if any(isinstance(row.get(c), (int, float)) for row in self.rows)}
         columns = [(words, ".4g" if c in numeric else "text", c) for c, words in self.head.items()]
-        return make_table(f"{self.title}: numbers", columns, self.rows if self.listed is None else self.listed, note=self.note)
+        rows = self.rows if self.listed is None else self.listed
+        return make_table(f"{self.title}: numbers", columns, rows, note=self.note)
 
     def data(self) -> dict[str, Any]:
         """Return the data from which a script of the page draws the figure."""
-        return {"spec": self.spec, "lines": pack(self.rows), "shown": list(self.shown or self.toggles)}
+        return {"spec": self.spec, "lines": pack_rows(self.rows), "shown": list(self.shown or self.toggles)}
 
 
 Block = Text | Bullets | Table | Chart
@@ -149,8 +150,8 @@ class Section:
     parts: Sequence["Section"] = ()
 
 
-def pack(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Compress rows for a page: consecutive rows that differ in numbers alone share one entry.
+def pack_rows(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Compress rows for a page: consecutive rows that differ only in numbers share one entry.
 
     Returns:
         A list of entries. Each entry is a dictionary with the key "same", the values that all rows of the entry share, and the key
@@ -191,9 +192,9 @@ def print_as(form: str) -> Callable[[float], str]:
     return FORMS.get(form) or (lambda x: format(x, form))
 
 
-FORMS: Mapping[str, Callable[[float], str]] = {
+FORMS: Mapping[str, Callable[[float], str]] = {  # name of a number format in `layouts.toml` -> function that formats a number
     "error": error_text,
-    "exact": lambda x: error_text(x) if x else "0",
+    "exact": lambda x: error_text(x) if x else "0",  # an error that can be zero exactly
     "times": ratio_text,
     "time": time_text,
     "percent": lambda x: f"{100 * x:.0f} %",
@@ -203,8 +204,8 @@ FORMS: Mapping[str, Callable[[float], str]] = {
 
 
 def make_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
-    """Return the cell of a row's value, with the reason if it is missing; arguments as in `_print_value`."""
-    cell = _print_value(row, kind, key, bar)
+    """Return the cell of a row's value, with the reason if it is missing; arguments as in `_value_cell`."""
+    cell = _value_cell(row, kind, key, bar)
     return replace(cell, why=missing_reason(row, key)) if cell.text == NOTHING else cell
 
 
@@ -231,7 +232,7 @@ def missing_reason(row: Row, key: str) -> str:
     return str(reasons["ended"].get(key, UNMEASURED))
 
 
-def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
+def _value_cell(row: Row, kind: str, key: str, bar: str = "") -> Cell:
     """Return the cell that shows a value of a row; the text of the cell is NOTHING if the value is missing.
 
     Args:
@@ -262,8 +263,8 @@ def _print_value(row: Row, kind: str, key: str, bar: str = "") -> Cell:
             return text_cell("yes", "good") if value else text_cell("no", "bad")
         case ["step"]:
             # the integrator chose its steps if the row has no positive step, or if its number of steps does not fit the step
-            chosen = key in row and (not number(row, key) > 0 or (has_ended(row) and chose_steps(row)))
-            return Cell("own", 0.0) if chosen else make_cell(row, "g", key)
+            is_fixed = number(row, key) > 0 and not (has_ended(row) and chose_steps(row))
+            return make_cell(row, "g", key) if is_fixed or key not in row else Cell("own", 0.0)
         case ["range", form]:
             low, high = number(row, f"{key}_low"), number(row, f"{key}_high")
             if not (is_known(low) and is_known(high)):
@@ -288,9 +289,9 @@ def status_cell(row: Row) -> Cell:
 
 @cache
 def layouts() -> dict[str, Any]:
-    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction, note, and whether it is folded.
+    """Return `layouts.toml`: name of a table -> its title, columns and, if given, introduction (`words`), note, and whether folded.
 
-    Its tables `texts` and `notes` have sentences by name, `bias` a text and its list of items.
+    `empty` is the text for a table without rows. `texts` and `notes` have sentences by name; `missing_reason` describes `reasons`.
     """
     return tomllib.loads(Path(__file__).with_name("layouts.toml").read_text(encoding="utf-8"))
 
@@ -316,13 +317,13 @@ def lay_out(name: str, rows: Iterable[Row], /, title: str = "", note: str = "", 
     layout = layouts()[name]
     folded = more.pop("folded", layout.get("folded", False))
     columns = [(head.format(**more), *cell) for head, *cell in layout["columns"]]
-    # the layout's note is a text, or a key of the texts in `notes`
-    note = note or layouts()["notes"].get(layout.get("note"), layout.get("note", ""))
+    own_note = layout.get("note", "")  # a text, or a key of the texts in `notes`
+    note = note or layouts()["notes"].get(own_note, own_note)
     return make_table(title or layout["title"].format(**more), columns, rows, folded, note)
 
 
 def blocks_of(name: str, rows: Sequence[Row], /, **more: Any) -> list[Block]:
-    """Return the introduction of a table and the table, by the layout `name`; arguments as in `lay_out`."""
+    """Return introduction and table of rows by the layout `name`; without rows, only its text `empty`, if it has one."""
     layout = layouts()[name]
     if not rows:
         return [Text(layout["empty"])] if "empty" in layout else []

@@ -1,6 +1,6 @@
 """Find the run of the suite `field`, which is stored in the subfolder `field` of another run's folder.
 
-`python -m gauss_bench.report.field_run reports/field` removes from it the tables that no page reads; `make field` calls this.
+`make field` calls `python -m gauss_bench.report.field_run reports/field`, which removes the tables of this run that no page reads.
 """
 
 import sys
@@ -11,7 +11,8 @@ from gauss_bench.checksums import FILE, with_files
 from gauss_bench.tables import TABLES, files_of, write_schema
 
 FOLDER = "field"
-READ = ("field", "results", "search_winners", "search_times", "search_ladder", "search_space", "search_knobs")  # tables for pages
+# tables that pages read
+READ = ("field", "results", "search_winners", "search_times", "search_ladder", "search_space", "search_knobs")
 
 
 def folders_of(folder: Path) -> list[Path]:

@@ -22,37 +22,38 @@ BEGIN, END = "<!-- first table, written by make publish -->", "<!-- end of the f
 
 
 def loop_of(engine: str, settings: str) -> str:
-    """Return the engine's name; for Pinocchio also whether its loop over the steps is compiled."""
+    """Return the name of a row: the engine, for Pinocchio with its loop, such as "pinocchio, compiled"."""
     if engine != "pinocchio":
         return engine
     return f"{engine}, {'compiled' if settings.startswith('compiled') else 'called from Python'}"
 
 
 def group_by_loop(settings: Iterable[Setting]) -> dict[str, list[Setting]]:
-    """Return name by `loop_of` -> the settings with this name."""
+    """Return name of a row (`loop_of`) -> its settings."""
     return group_by(settings, lambda x: loop_of(x.engine, x.settings))
 
 
 def cheapest_loops(run: Run, mechanism: str, position: float) -> dict[str, Setting]:
-    """Return name by `loop_of` -> its cheapest setting on a linkage with a position error of at most `position` [m]."""
+    """Return name of a row (`loop_of`) -> its cheapest setting on a linkage with a position error of at most `position` [m]."""
     groups = group_by_loop(all_settings(run).get(mechanism, [])).items()
     # `cheapest` returns one setting at most, because each group has one engine
-    found = {loop: setting for loop, settings in groups for setting in cheapest(settings, position).values()}
-    return found | {loop_of(x.engine, x.settings): x for x in cheapest_stored(run, mechanism, position).values()}
+    searched = {loop: setting for loop, settings in groups for setting in cheapest(settings, position).values()}
+    # settings of a race at exactly this accuracy replace others
+    return searched | {loop_of(x.engine, x.settings): x for x in cheapest_stored(run, mechanism, position).values()}
 
 
 def mark_own(run: Run, loop: str) -> str:
-    """Mark a name by `loop_of` with " (own)" if the authors of the suite wrote the engine."""
+    """Mark the name of a row (`loop_of`) with " (own)" if the authors of the suite wrote the engine."""
     return f"{loop} (own)" if loop.partition(",")[0] in run.own_engines else loop
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results on one linkage, each by `loop`.
+    """The results on one linkage, each by the name of a row (`loop_of`).
 
     Attributes:
-        tried: rows of the table `search_ladder`.
-        leaders: the cheapest setting within FIRST, of those that reach FIRST.
+        tried: the row's trials in the table `search_ladder`.
+        leaders: the cheapest setting with a position error of at most FIRST, if there is one.
         multiples: time of the leader divided by that of the fastest leader; without unknown times.
     """
 
@@ -61,7 +62,7 @@ class Results:
     multiples: Mapping[str, float]
 
     def cells(self, loop: str) -> list[Cell]:
-        """Return error, time and multiple, or why there are none."""
+        """Return error, time and multiple of a row; without a leader, the reason and two dashes."""
         leader = self.leaders.get(loop)
         if leader is None:
             why = explain_missing(self.tried.get(loop, []), FIRST)
@@ -84,30 +85,31 @@ def collect_results(run: Run) -> dict[str, Results]:
 
 
 def first_table(run: Run) -> Table | None:
-    """Return the table of the engines that reach the accuracy FIRST [m], or None if none does."""
+    """Return the table of the searched engines and what each needs to hold FIRST [m]; None if no engine holds FIRST."""
     results = collect_results(run)
     if not any(x.leaders for x in results.values()):
         return None
+    # the linkages with error, time and multiple: those of SHOWN or, without them, the first two
     shown = [name for name in SHOWN if name in results] or list(results)[:2]
     loops = {loop for x in results.values() for loop in (*x.tried, *x.leaders)}
-    over = {loop: [x.multiples[loop] for x in results.values() if loop in x.multiples] for loop in loops}
+    multiples_of = {loop: [x.multiples[loop] for x in results.values() if loop in x.multiples] for loop in loops}
     lines = []
-    # the engine with the smallest middle multiple comes first, engines without a multiple last
-    for loop in sorted(loops, key=lambda x: (median(over[x] or [math.inf]), x)):
-        holds = sum(loop in x.leaders for x in results.values())
-        multiple = Cell(range_text(over[loop])) if over[loop] else Cell(NOTHING, why="holds on none")
+    # the engine with the smallest median of its multiples comes first, engines without a multiple last
+    for loop in sorted(loops, key=lambda x: (median(multiples_of[x] or [math.inf]), x)):
+        holds = sum(loop in x.leaders for x in results.values())  # number of linkages
+        over = multiples_of[loop]
+        multiple = Cell(range_text(over)) if over else Cell(NOTHING, why="holds on none")
         figures = [cell for name in shown for cell in results[name].cells(loop)]
         lines.append([text_cell(mark_own(run, loop)), *figures, Cell(f"{holds} of {len(results)}"), multiple])
     heads = [f"{name}: {figure}" for name in shown for figure in ("error [m]", "time", "multiple")]
     head = ("engine", *heads, "holds on", "multiples")
-    title = f"Within {limit_text(FIRST)} m of position {search_span(run)}"
-    return Table(title, head, lines, range(1, len(head)))
+    return Table(f"Within {limit_text(FIRST)} m of position {search_span(run)}", head, lines, range(1, len(head)))
 
 
 def explain_missing(rows: Iterable[Row], position: float) -> str:
     """Return in a few words why an engine has no time within `position` [m] on a linkage, from its rows of `search_ladder`.
 
-    Either no run met the accuracy, or none of those that met it was in a timed comparison.
+    Either no trial met the accuracy, or no trial that met it was timed in a race.
     """
     variants = group_by(rows, "settings", "integrator", "stabilization").values()
     trials = [[trial_of(row) for row in variant] for variant in variants]

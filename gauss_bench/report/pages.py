@@ -12,22 +12,22 @@ SENTENCE = re.compile(r"(?<=[.*])\s+(?=[A-Z`\"*])")  # the space between two sen
 MARKED = re.compile(r"(\*\*[^*]+\*\*|`[^`]+`)")
 
 
-def plain(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Escape a text for Markdown, except for `code` and **strong**, and replace line breaks by spaces."""
-    parts = MARKED.split(" ".join(text.split()))
-    return "".join(part if MARKED.fullmatch(part) else _quote(part) for part in parts)
+    parts = MARKED.split(" ".join(text.split()))  # every second part is `code` or **strong**
+    return "".join(part if MARKED.fullmatch(part) else _escape_part(part) for part in parts)
 
 
-def _quote(text: str) -> str:
+def _escape_part(text: str) -> str:
     """Escape the characters that Markdown would read as markup."""
-    text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")
-    text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)
-    return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)
+    text = re.sub(r"([\\`*#])", r"\\\1", text).replace("](", "]\\(")  # `](` would make a link
+    text = re.sub(r"(?<!\w)_|_(?!\w)", r"\\_", text)  # an underscore inside a word is no markup
+    return re.sub(r"<(?=[A-Za-z/!?])", r"&lt;", text)  # `<` before these characters would begin HTML
 
 
 def markdown_cell(cell: Cell) -> str:
     """Return the Markdown of a table's cell; vertical bars `|` are escaped, and values with the tone "bad" are bold."""
-    text = plain(cell.text).replace("|", "\\|")
+    text = escape_markdown(cell.text).replace("|", "\\|")
     return f"**{text}**" if cell.tone == "bad" else text
 
 
@@ -42,35 +42,37 @@ def make_environment(package: str, autoescape: bool = True) -> jinja2.Environmen
     )
 
 
-def facts(run: Run) -> list[str]:
+def list_facts(run: Run) -> list[str]:
     """Return suite, date, commit and processor of a run, as far as it recorded them."""
     environment = run.environment
     suite = f"suite {environment['suite']}" if "suite" in environment else ""
     changes = " with changes" if environment.get("dirty") else ""  # the working tree had uncommitted changes
     commit = f"commit {environment['commit'][:10]}{changes}" if environment.get("commit") else ""
-    return [str(x) for x in (suite, environment.get("date"), commit, environment.get("cpu")) if x]
+    facts = (suite, environment.get("date"), commit, environment.get("cpu"))
+    return [str(fact) for fact in facts if fact]
 
 
-def markdown_page(run: Run, content: Sequence[Section]) -> str:
-    """Return the Markdown of a page with the facts of a run and with sections."""
+def markdown_page(run: Run, sections: Sequence[Section]) -> str:
+    """Return the Markdown of a page: the facts of a run in a line, then sections."""
     environment = make_environment("gauss_bench.report", autoescape=False)  # the filter `plain` escapes texts for Markdown
-    environment.filters |= {"plain": plain, "md_cell": markdown_cell}
-    text = environment.get_template("page.md").render(sections=content, facts=facts(run))
+    environment.filters |= {"plain": escape_markdown, "md_cell": markdown_cell}
+    text = environment.get_template("page.md").render(sections=sections, facts=list_facts(run))
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
-def faults_of(faults: Mapping[str, str], engine: str) -> list[Section]:
-    """Return a section for each report on a fault in an engine's library, sorted by the names of the reports.
+def fault_sections(faults: Mapping[str, str], engine: str) -> list[Section]:
+    """Return a section for each report on a fault in the library of an engine, sorted by the names of the reports.
 
     Args:
-        faults: name of a report, which begins with that of the engine and an underscore -> its text in Markdown, which has only
-            paragraphs, lists and tables. The first line is the title, and empty lines separate blocks.
+        faults: name of a report -> its text in Markdown. A name begins with that of the engine and an underscore. A text has a
+            title in its first line, then paragraphs, lists and tables, separated by empty lines.
     """
     sections = []
     for name, text in sorted(faults.items()):
         if name.startswith(f"{engine}_"):
             title, _, rest = text.partition("\n")
-            sections.append(Section(title.removeprefix("# "), name, [read_block(x) for x in rest.strip().split("\n\n")]))
+            blocks = [read_block(block) for block in rest.strip().split("\n\n")]
+            sections.append(Section(title.removeprefix("# "), name, blocks))
     return sections
 
 
@@ -81,7 +83,7 @@ def read_block(text: str) -> Block:
     if not text.startswith("|"):
         return Text(" ".join(text.split()))
     # `rule` is the second line of a table in Markdown; there `--:` marks a column that is aligned right, which has numbers
-    head, rule, *lines = [[x.strip() for x in line.strip("|").split("|")] for line in text.splitlines()]
-    numeric = [i for i, x in enumerate(rule) if x.endswith(":")]
-    # the title of the table lists its columns but the first
-    return Table(", ".join(head[1:]), head, [[text_cell(x) for x in line] for line in lines], numeric)
+    head, rule, *lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    numeric = [i for i, mark in enumerate(rule) if mark.endswith(":")]
+    # the title of the table lists the heads of its columns except the first
+    return Table(", ".join(head[1:]), head, [[text_cell(cell) for cell in line] for line in lines], numeric)

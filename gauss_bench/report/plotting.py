@@ -22,7 +22,7 @@ def panels(columns: int, rows: int = 1, height: float = 3.3) -> tuple[Figure, li
     Args:
         height: height of a panel and its labels [inch].
     """
-    size = max(columns * 3.0, 5.2) + 2.85, rows * height + 0.6  # [inch]
+    size = max(columns * 3.0, 5.2) + 2.85, rows * height + 0.6  # [inch]; 2.85 at the right for a legend
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained")
         return figure, figure.subplots(rows, columns, squeeze=False).tolist()
@@ -44,7 +44,7 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
+def draw_legend(figure: Figure, entries: Mapping[str, Mapping[str, Any]]) -> None:
     """Draw a legend at the right of all panels; `entries` maps the name of a line to its style."""
     handles = [Line2D([], [], label=name, **style) for name, style in entries.items()]
     with matplotlib.rc_context(STYLE):

@@ -17,8 +17,8 @@ Key = TypeVar("Key", bound=Hashable)
 
 KEYS = ("mechanism", "scenario", "engine", "settings", "integrator", "stabilization", "step", "t_end")  # identify a case
 METHOD = ("engine", "settings", "integrator", "stabilization")  # identify a variant of an engine
-VALID_ACCELERATION = 1e-2  # limit of a valid run's median acceleration error, for runs that did not record it
-OWN_ENGINES = (  # of the runs that did not record them; engines that came later are not listed
+VALID_ACCELERATION = 1e-2  # limit of a valid case's median acceleration error, for runs that did not record the limit
+OWN_ENGINES = (  # for runs that did not record them; later own engines are not in this list
     *("gauss", "gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16"),
     *("gauss-native", "lagrange-native", "minimal", "by_hand"),
 )
@@ -73,14 +73,14 @@ class Run:
         """The largest median relative error of accelerations that a valid run may have."""
         return float(self.environment.get("gates", {}).get("acceleration", VALID_ACCELERATION))
 
-    def of(self, mechanism: str) -> tuple[Row, ...]:
+    def cases_of(self, mechanism: str) -> tuple[Row, ...]:
         """Return the rows of all cases of a linkage."""
         return tuple(row for row in self.results if row["mechanism"] == mechanism)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A measured number with the range in which a second measurement would lie; NaN where it is unknown."""
+    """A measured number and the range in which a second measurement would lie; NaN where it is unknown."""
 
     value: float
     low: float
@@ -97,13 +97,13 @@ def is_known(x: Any) -> bool:
 
 
 def number(row: Row, column: str) -> float:
-    """Return the number in a column, NaN if it is missing."""
+    """Return the number in a column; NaN if it is missing or not finite."""
     x = row.get(column, math.nan)
     return float(x) if is_known(x) else math.nan
 
 
 def spread(row: Row, column: str) -> Spread:
-    """Return the number in a column with its range in `column`_low and `column`_high."""
+    """Return the number in a column, with its range in `column`_low and `column`_high."""
     return Spread(*(number(row, column + end) for end in ENDS))
 
 
@@ -118,7 +118,7 @@ def of_engine(rows: Iterable[Row], engine: str) -> list[Row]:
 
 
 def first_number(*values: float) -> float:
-    """Return the first finite number, NaN if none is finite."""
+    """Return the first finite number; NaN if none is finite."""
     return next(filter(is_known, values), math.nan)
 
 
@@ -137,9 +137,9 @@ def group_by(items: Iterable[Item], *keys: str | Callable[[Item], Any]) -> dict[
 
 
 def search_span(run: Run) -> str:
-    """Return the duration of the longest run in the searches in words, such as "over 1 s"."""
-    ends = [row["until"] for row in with_number(run.table("search_ladder"), "until")]
-    return f"over {max(ends):g} s" if ends else "over the whole run"
+    """Return the duration of the longest run in the searches in words, such as "over 1 s"; "over the whole run" if unknown."""
+    durations = [row["until"] for row in with_number(run.table("search_ladder"), "until")]
+    return f"over {max(durations):g} s" if durations else "over the whole run"
 
 
 def sort_key(row: Row) -> tuple[Any, ...]:

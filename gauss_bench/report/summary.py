@@ -1,4 +1,4 @@
-"""The summary of a run as a page of Markdown, for reviewers of changed rows; it is kept in git beside them.
+"""The summary of a run as a page of Markdown, for reviewers of changed rows; it is kept in git beside the rows.
 
 Findings in which the suite's own engines lose come first. Accuracy and times have tables of their own, so that a repeated run
 changes few lines.
@@ -13,27 +13,26 @@ from gauss_bench.report.content import Block, Bullets, Cell, Finding, Section, T
 from gauss_bench.report.first_table import first_table, mark_own
 from gauss_bench.report.pages import SENTENCE
 from gauss_bench.report.rows import Row, Run, group_by, is_known, search_span, with_number
-from gauss_bench.report.sections.search import TRIED, answer_of
+from gauss_bench.report.sections.search import TRIED, reach_of_row
 from gauss_bench.report.site.settings import race_multiples
-from gauss_bench.report.site.write import SITE
 from gauss_bench.report.words import NOTHING, count, itemise, ratio_text
 
-BOLD = "**"  # mark around bold text: findings print in bold where the suite's own engines lose
-DEFEAT = "slower"  # word of sentences without bold text in which the suite's own engines lose
+BOLD = "**"  # mark around bold text: findings print in bold the sentences in which the suite's own engines lose
+DEFEAT = "slower"  # word by which other sentences in which the suite's own engines lose are recognised
 SHORT, LONGEST = 40, 800  # [characters] a shorter first sentence says too little alone; longest summary of a finding
 
 
 def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
-    """Return the sections of the page; sections for which the run has no rows are left out."""
+    """Return the sections of the summary; sections for which the run has no rows are left out."""
     # findings in bold come first, then those with the word DEFEAT
     ordered = sorted(findings, key=lambda f: (BOLD not in f.text, DEFEAT not in f.text))
     lost = [shorten(f) for f in ordered if f.tone in ("bad", "warn")]
     others = [shorten(f) for f in ordered if f.tone not in ("bad", "warn")]
-    table, cheapest, texts = first_table(run), multiple_tables(run), layouts()["texts"]
+    table, multiples, texts = first_table(run), multiple_tables(run), layouts()["texts"]
     linkages = []
     for name in run.linkages:
-        rows = run.of(name)
-        least = [least_error(cases) for cases in group_by(rows, "engine", "settings").values()]
+        rows = run.cases_of(name)
+        least = [find_least_error(cases) for cases in group_by(rows, "engine", "settings").values()]
         title = ", ".join(sorted({r["scenario"] for r in rows}))
         linkages.append(Section(name, name, (lay_out("least", least, title, unit=measured_head(rows)),)))
     sections = [
@@ -41,23 +40,19 @@ def summary(run: Run, findings: Iterable[Finding]) -> list[Section]:
         Section("What holding an accuracy costs", "first", (Text(texts["first"]), table)) if table else None,
         Section("Where it loses, and what failed", "lost", (Bullets(lost),)) if lost else None,
         Section("What else was found", "found", (Bullets(others),)) if others else None,
-        Section("The cheapest setting of each engine", "cheapest", (Text(texts["cheapest"]), *cheapest)) if cheapest else None,
+        Section("The cheapest setting of each engine", "cheapest", (Text(texts["cheapest"]), *multiples)) if multiples else None,
         Section("Accuracy", "accuracy", (Text(texts["accuracy"]),), linkages) if linkages else None,
     ]
     return [section for section in sections if section is not None]
 
 
 def describe_run(run: Run) -> list[Block]:
-    """Return the paragraphs on who wrote the report, what was run, and where the rows are."""
+    """Return the paragraphs on the suite's authors, the cases that were run, and the files of the rows."""
     ended = sum(has_ended(row) for row in run.results)
     linkages = itemise(f"`{name}`" for name in run.linkages)
     cases = f"{count(len(run.results), 'case')} on {linkages}; {ended} ended with a motion."
-    where = (
-        "The rows are beside this page, each table in its own file. `times` has the measured times, `tables.json` the unit and "
-        "meaning of each column, and `environment.json` date and machine. `gauss-bench report` builds the site, "
-        f"`{SITE}/index.html`, from the rows; it is not kept in git."
-    )
-    return [Text(layouts()["texts"]["authors"]), *([Text(cases)] if run.results else []), Text(where)]
+    texts = layouts()["texts"]
+    return [Text(texts["authors"]), *([Text(cases)] if run.results else []), Text(texts["where"])]
 
 
 def shorten(finding: Finding) -> str:
@@ -78,10 +73,10 @@ def shorten(finding: Finding) -> str:
     return f"**{finding.title}.** {text.replace(BOLD, '')}"
 
 
-def least_error(rows: Sequence[Row]) -> Row:
-    """Return the valid case with the least error of one engine and setting, as a row of the layout `least`.
+def find_least_error(rows: Sequence[Row]) -> Row:
+    """Return the case with the least error among the usable cases of one engine and setting, as a row of the layout `least`.
 
-    The column `by` has the integrator and stabilisation of the valid case. If no case is valid, `by` has the statuses of all cases.
+    Its column `by` has integrator and stabilisation; if no usable case has an error, `by` has the statuses of all cases.
     """
     usable = [r for r in rows if may_rank(r)]
     errors = [r["acceleration_error_median"] for r in with_number(rows, "acceleration_error_median")]
@@ -110,11 +105,11 @@ def multiple_tables(run: Run) -> list[Table]:
                 row, multiple = race_of.get((name, engine)), multiples.get((name, required, accuracy, engine))
                 if row is None:
                     cells.append(Cell(NOTHING))
-                elif multiple is None:  # what came of the search: in full if the engine ran, else only its kind
-                    reach = answer_of(run, row)
-                    cells.append(Cell(reach.words if reach.kind in TRIED else str(reach.kind)))
-                else:
+                elif multiple is not None:
                     cells.append(Cell(ratio_text(multiple), multiple))
+                else:  # the result of the search in words if the engine ran, else only why it did not run
+                    reach = reach_of_row(run, row)
+                    cells.append(Cell(reach.words if reach.kind in TRIED else str(reach.kind)))
             lines.append(cells)
         title = f"Within {accuracy:.0e} {unit} of {ERRORS.get(required, required)} {search_span(run)}"
         tables.append(Table(title, ("engine", *names), lines, range(1, 1 + len(names))))

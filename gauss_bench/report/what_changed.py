@@ -1,4 +1,4 @@
-"""Make sentences on the changes between releases of an engine's library from rows of tables.
+"""Describe the changes between releases of an engine's library in sentences, from rows of the tables NAMES.
 
 The sentences are printed on a terminal, written to the file `what_changed.md`, and shown in the report.
 """
@@ -10,11 +10,11 @@ from itertools import pairwise
 from gauss_bench.report.rows import Row, group_by, is_known, spread
 from gauss_bench.report.words import count
 
-MOST, LONGEST = 3, 80  # names in a sentence, and characters of a reason
+MOST_NAMES, LONGEST = 3, 80  # largest numbers of names in a sentence, and of characters of a reason
 DEFAULT, WORKS, THERE, ABSENT = "default", "works", "there", "not there"  # values of the columns `quantity`, `was` and `now`
 EXCEPTION = re.compile(r"^\w+(Error|Failure|Warning): ")
 PLACE_IN_CODE = re.compile(r" (\(\w+\.py:\d+\)|\[file '[^']*', line \d+\]:?)")
-NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables
+NAMES = ("releases", "release_changes", "release_costs", "release_cost_changes")  # tables on releases
 TITLE = "# What changed between releases"
 RULE = (
     "Each release computes accelerations at the same states, and a run of 1 s at steps of 1 ms. Both are repeated from starts "
@@ -34,12 +34,12 @@ def describe_changes(tables: Mapping[str, Sequence[Row]]) -> list[tuple[str, lis
             continue
         pair = {"engine": after["engine"], "before": before["version"], "after": after["version"]}
         changes = [*tables["release_changes"], *tables["release_cost_changes"]]
-        found = [row for row in changes if pair.items() <= row.items()]
-        heading = f"{pair['engine']} {pair['before']} -> {pair['after']}"
-        late = [
-            f"{int(x['left_out'])} cases of {x['version']} were not asked within the time" for x in (before, after) if x["left_out"]
-        ]
-        parts.append((heading, [*describe_quantities(found), describe_rounding(after), *late]))
+        changed = [row for row in changes if pair.items() <= row.items()]  # rows that agree with all values of `pair`
+        sentences = [*describe_quantities(changed), describe_rounding(after)]
+        for x in (before, after):
+            if x["left_out"]:
+                sentences.append(f"{int(x['left_out'])} cases of {x['version']} were left out for lack of time")
+        parts.append((f"{pair['engine']} {pair['before']} -> {pair['after']}", sentences))
     return parts
 
 
@@ -49,9 +49,9 @@ def describe_unusable(rows: Iterable[Row]) -> list[str]:
 
 
 def describe_quantities(changes: Iterable[Row]) -> list[str]:
-    """Return sentences on changed quantities, changed answers, and changed, new and gone defaults."""
+    """Return sentences on changed numbers, changed answers, and changed, new and gone defaults."""
     numeric = group_by(changes, lambda r: is_known(r.get("difference")) or is_known(r.get("ratio")))
-    figures, others = (numeric.get(key, []) for key in (True, False))
+    figures, others = numeric.get(True, []), numeric.get(False, [])
     defaults = [row for row in others if row["quantity"] == DEFAULT]
     answers = [row for row in others if row["quantity"] != DEFAULT]
     kinds = group_by(defaults, lambda r: "new" if r["was"] == ABSENT else "gone" if r["now"] == ABSENT else "changed")
@@ -62,7 +62,7 @@ def describe_quantities(changes: Iterable[Row]) -> list[str]:
 
 
 def describe_figures(quantity: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on one quantity that differs between two releases."""
+    """Return a sentence on a number that differs: a cost by its ratios, others by the largest difference."""
     if is_known(rows[0].get("ratio")):
         ratios = (spread(row, "ratio").print_with("{:.2f}".format).replace("..", " to ") for row in rows)
         return f"{quantity}: " + "; ".join(f"{place_of(row)} times {ratio}" for row, ratio in zip(rows, ratios, strict=True))
@@ -80,7 +80,7 @@ def describe_answers(was: str, now: str, rows: Sequence[Row]) -> str:
 
 
 def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
-    """Return a sentence on names of the library and on default values that differ between two releases."""
+    """Return a sentence on names and default values of the library that differ; `kind` is "new", "gone" or "changed"."""
     places = [place_of(row) for row in rows]
     if kind == "new":
         places = [x if row["now"] == THERE else f"{x} ({row['now']})" for x, row in zip(places, rows, strict=True)]
@@ -90,9 +90,9 @@ def describe_defaults(kind: str, rows: Sequence[Row]) -> str:
 
 
 def name_some(names: Sequence[str], between: str) -> str:
-    """Return the first MOST names, joined by `between`, and the number of the others."""
-    more = f"{between}and {len(names) - MOST} more" if len(names) > MOST else ""
-    return between.join(names[:MOST]) + more
+    """Return the first MOST_NAMES names, joined by `between`, and the number of the others."""
+    more = f"{between}and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return between.join(names[:MOST_NAMES]) + more
 
 
 def shorten(answer: str) -> str:
@@ -102,7 +102,7 @@ def shorten(answer: str) -> str:
 
 
 def describe_rounding(after: Row) -> str:
-    """Return a sentence on the numbers of a release that equal those of the one before, or but for rounding."""
+    """Return a sentence on the numbers of a release that equal those of the one before, exactly or but for rounding."""
     figures = f"{int(after['rounding'])} of {int(after['compared'])} figures"
     if after["largest_rounding"] == 0:
         return f"equal to the last bit: {figures}"

@@ -14,18 +14,18 @@ def round_digits(x: float, digits: int) -> float:
 
 
 def error_text(x: float) -> str:
-    """Format an error with two digits."""
+    """Format an error with two digits, such as "1.3e-05"; NOTHING if not finite."""
     return f"{x:.1e}" if is_known(x) else NOTHING
 
 
 def ratio_text(x: float) -> str:
-    """Format a ratio with three digits."""
-    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))  # one more for each limit that x is below: 1 for 12.3
+    """Format a ratio with three digits, such as "12.3"; NOTHING if not finite."""
+    decimals = sum(x < limit for limit in (0.01, 0.1, 1, 10, 100))  # the number of limits above x: 1 for 12.3, 2 for 1.23
     return f"{x:.{decimals}f}" if is_known(x) else NOTHING
 
 
 def time_text(seconds: float) -> str:
-    """Format a duration with three digits and a unit."""
+    """Format a duration with three digits and a unit, such as "4.73 ms"; NOTHING if not finite."""
     if not is_known(seconds):
         return NOTHING
     unit, factor = choose_unit(seconds, (("s", 1.0), ("ms", 1e3), ("µs", 1e6), ("ns", 1e9)), least=1.0)
@@ -75,5 +75,6 @@ def list_unmeasured(rows: Sequence[Row], column: str) -> str:
     missing = [r for r in rows if r.get("mechanism") and r["mechanism"] not in measured]
     parts = []
     for reason, group in group_by(missing, lambda r: r.get("message") or "no reason was given").items():
-        parts.append(f"{itemise(dict.fromkeys(r['mechanism'] for r in group))} ({reason})")
+        linkages = dict.fromkeys(r["mechanism"] for r in group)  # each once
+        parts.append(f"{itemise(linkages)} ({reason})")
     return f" Left out: {'; '.join(parts)}." if parts else ""

@@ -12,7 +12,7 @@ from gauss_bench.linkage.errors import LinkageError
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.drawings.drawing import draw
-from gauss_bench.report.drawings.shown import film
+from gauss_bench.report.drawings.shown import encode_film
 from gauss_bench.report.site.view import INTERVALS, VIEW, TooLarge, pack_view
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.studio.autosave import temporary_file
@@ -44,7 +44,7 @@ def export_drawing(text: str, reading: Reading, message: Message) -> dict[str, A
             if kind == "csv":
                 return {"name": f"{name}.csv", "text": table(curves)}
             caption = Caption(mechanism.name, mechanism.scenario, "", mechanism.duration, float(x.t[-1]))
-            gif = film(".gif", caption, curves, whole, links)
+            gif = encode_film(".gif", caption, curves, whole, links)
             return {"name": f"{name}.gif", "base64": base64.b64encode(gif).decode("ascii")}
         case str() if kind in KINDS:
             return _export_model(text, reading, kind, name)

@@ -14,10 +14,10 @@ from gauss_bench.api.telling import Answer, tell
 from gauss_bench.atomic import write_bytes
 from gauss_bench.mechanism.coordinates import motion_of_links
 from gauss_bench.report.drawings.animation import animate
-from gauss_bench.report.drawings.curves import curves
+from gauss_bench.report.drawings.curves import draw_curves
 from gauss_bench.report.drawings.drawing import draw
 from gauss_bench.report.drawings.pose import pose_links
-from gauss_bench.report.drawings.shown import film, picture
+from gauss_bench.report.drawings.shown import encode_curves, encode_film
 from gauss_bench.runs.offers import ChoiceError
 from gauss_bench.verbs.catalogue import Description
 
@@ -47,10 +47,10 @@ def draw_run(result: Simulation, files: Files) -> None:
         if name == "out":
             contents[path] = table(shown)
         elif name == "plot":
-            contents[path] = picture(path.suffix, sentences, shown)
+            contents[path] = encode_curves(path.suffix, sentences, shown)
         else:
             links = motion_of_links(result.model, result.trajectory)
-            contents[path] = film(path.suffix, sentences, shown, result.model.whole, links)
+            contents[path] = encode_film(path.suffix, sentences, shown, result.model.whole, links)
     write(contents)
 
 
@@ -64,7 +64,7 @@ def draw_motion(result: Kinematics, files: Files) -> None:
         raise ChoiceError("--plot: the file observes no point; name some with --point link.point")
     for name, path in files.items():
         if name == "plot":
-            contents[path] = curves(whole, x.t, x.q, x.v, x.a, points)
+            contents[path] = draw_curves(whole, x.t, x.q, x.v, x.a, points)
         elif name == "animate":
             contents[path] = animate(whole, x.t, x.q, points)
         elif path.suffix:  # the option `out` with the path of a file; the last branch is `--out csv`, for stdout

@@ -1,4 +1,4 @@
-"""The canvas of a drawing, which maps metres to pixels, and its parts, which are drawn once in their own frames and then moved."""
+"""The canvas of a drawing, which maps metres to pixels, and its parts, each drawn once in a frame of its own and then moved."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -47,7 +47,7 @@ class Part:
         turn: (k,) angles of the frame [deg], clockwise as in SVG; zeros for a part that stays upright.
         stretch: (k,) factors of lengths along the x axis of the frame.
         reach: (l, 2, 2) line segments [px] in the frame that outline the part; names are placed away from them.
-        name, title: name of a force or driver, drawn beside the part; name of a link, shown as a tooltip.
+        name, title: name of a force or driver, drawn beside the part; name of a link, shown as a tooltip; else empty.
         link: index of the link that moves the part, -1 for none.
         local: (2,) place on this link [px], for a part that moves with the link and stays upright.
     """
@@ -88,14 +88,14 @@ def make_part(shapes: Iterable[str], place: Array, turn: Array | float = 0.0, **
     return Part(tuple(shapes), place, np.broadcast_to(turn, len(place)), stretch, **more)  # type: ignore[arg-type]
 
 
-def path(points: Array, closed: bool = False) -> str:
-    """Return the data of an SVG path through pixels (k, 2)."""
+def path_data(points: Array, closed: bool = False) -> str:
+    """Return the attribute `d` of an SVG path through pixels (k, 2)."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + ("Z" if closed else "")
 
 
 def stroke(style: str, *lines: Array) -> str:
     """Return one SVG element that draws polygonal lines, each (k, 2) [px]; `style` has its attributes."""
-    return f'<path d="{"".join(map(path, lines))}" {style}/>'
+    return f'<path d="{"".join(map(path_data, lines))}" {style}/>'
 
 
 def direction(angle: Array | float) -> Array:
@@ -108,7 +108,7 @@ def turn_left(vector: Array) -> Array:
     return np.array([-vector[1], vector[0]])
 
 
-def page(canvas: Canvas, title: str, parts: Iterable[str]) -> str:
+def make_svg(canvas: Canvas, title: str, parts: Iterable[str]) -> str:
     """Return the text of an SVG file with a background and `parts`, which are SVG elements."""
     size = f'viewBox="0 0 {canvas.width:.0f} {canvas.height:.0f}" width="{canvas.width:.0f}" height="{canvas.height:.0f}"'
     start = f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img" font-family="Helvetica, Arial, sans-serif" font-size="13">'

@@ -9,17 +9,17 @@ from matplotlib.axes import Axes
 from gauss_bench.mechanism.coordinates import acceleration, position, velocity
 from gauss_bench.mechanism.model import Mechanism, Point
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, TRACE
-from gauss_bench.report.plotting import give_title, legend, panels, svg
+from gauss_bench.report.plotting import draw_legend, give_title, panels, svg
 from gauss_bench.terms import Array
 
-COMPONENTS: Mapping[str, Mapping[str, Any]] = {
+COMPONENTS: Mapping[str, Mapping[str, Any]] = {  # name of a component -> style of its line
     "x": {"color": BODY_EDGE, "linestyle": "-"},
     "y": {"color": CRANK_EDGE, "linestyle": "--"},
 }
-ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the path's extent
+ARROW = 0.15  # distance of the arrow from the start of a path, as a share of the extent of the path
 
 
-def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
+def draw_curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points: Sequence[Point]) -> str:
     """Return the SVG of three panels for each point: its path, its velocity and its acceleration.
 
     Args:
@@ -30,18 +30,18 @@ def curves(mechanism: Mechanism, t: Array, q: Array, v: Array, a: Array, points:
         ValueError: `points` is empty, or the shapes of the states do not fit the mechanism and the times.
     """
     if not points or not q.shape == v.shape == a.shape == (len(t), mechanism.n):
-        raise ValueError("needs a point, and a state of the mechanism at every time")
+        raise ValueError("curves need a point, and a state of the mechanism at every time")
     figure, grid = panels(3, len(points), height=3.0)
-    for point, (path, speed, push) in zip(points, grid, strict=True):
-        give_title(path, point.name)
-        draw_path(path, position(q, point))
-        draw_components(speed, t, velocity(q, v, point), "velocity [m/s]")
-        draw_components(push, t, acceleration(q, v, a, point), "acceleration [m/s²]")
+    for point, (left, middle, right) in zip(points, grid, strict=True):
+        give_title(left, point.name)
+        draw_path(left, position(q, point))
+        draw_components(middle, t, velocity(q, v, point), "velocity [m/s]")
+        draw_components(right, t, acceleration(q, v, a, point), "acceleration [m/s²]")
     for axes in grid[-1][1:]:
         axes.set_xlabel("time [s]")
     figure.align_ylabels()
-    begin = {"color": TRACE, "linestyle": "", "marker": "o"}
-    legend(figure, {**COMPONENTS, "start of the path": begin})
+    marker = {"color": TRACE, "linestyle": "", "marker": "o"}
+    draw_legend(figure, {**COMPONENTS, "start of the path": marker})
     return svg(figure)
 
 
@@ -54,7 +54,8 @@ def draw_path(axes: Axes, points: Array) -> None:
     axes.set_ylabel("y [m]")
     axes.locator_params(nbins=5)
     travelled = np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))  # (k,) [m] arc length
-    head = int(np.searchsorted(travelled, ARROW * np.hypot(*np.ptp(points, axis=0))))  # index of the point at the arrow's head
+    extent = np.hypot(*np.ptp(points, axis=0))  # [m]
+    head = int(np.searchsorted(travelled, ARROW * extent))  # index of the point at the head of the arrow
     if travelled[-1] > 0:  # a point at rest has no direction
         look = {"arrowstyle": "-|>", "color": TRACE, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 14}
         axes.annotate("", points[head], points[head - 1], arrowprops=look)
@@ -62,8 +63,8 @@ def draw_path(axes: Axes, points: Array) -> None:
 
 def draw_components(axes: Axes, t: Array, values: Array, label: str) -> None:
     """Draw both components of vectors (k, 2) against times t (k,)."""
-    for (_, look), component in zip(COMPONENTS.items(), values.T, strict=True):
-        axes.plot(t, component, **look)
+    for style, component in zip(COMPONENTS.values(), values.T, strict=True):
+        axes.plot(t, component, **style)
     axes.set_xlim(t[0], t[-1])
     axes.set_ylabel(label)
     axes.locator_params(axis="y", nbins=6)

@@ -1,4 +1,4 @@
-"""Draw a linkage as SVG: links as rounded bars, pins as circles, slides as blocks on their guides, the ground hatched.
+"""Draw a linkage as SVG: links are rounded bars, pins are circles, slides are blocks on their guides, the ground is hatched.
 
 A link is drawn once, in its own frame, with its guides and blocks. Pixels are rounded, so that equal states give equal files.
 """
@@ -11,16 +11,16 @@ from scipy.spatial import ConvexHull
 
 from gauss_bench.mechanism.coordinates import position, value
 from gauss_bench.mechanism.model import GROUND, Link, Mechanism, Point, Prismatic, Revolute
-from gauss_bench.report.drawings.canvas import MARGIN, Canvas, Part, direction, make_part, page, path, stroke, turn_left
+from gauss_bench.report.drawings.canvas import MARGIN, Canvas, Part, direction, make_part, make_svg, path_data, stroke, turn_left
 from gauss_bench.report.drawings.forces import attachments, force_parts
-from gauss_bench.report.drawings.lettering import box_of, distance, lettering
+from gauss_bench.report.drawings.lettering import box_of, distance, draw_names
 from gauss_bench.report.palette import BODY, BODY_EDGE, CRANK, CRANK_EDGE, INK, MUTED, PAPER, TRACE
 from gauss_bench.terms import Array
 
 WIDTH, LONGEST = 640.0, 500.0  # page width and largest drawing height [px]
 BAR = 13.0  # width of a link [px]
 BEYOND = 36.0  # length of a guide beyond the travel of its block [px]
-FLAT = 1e-6  # relative to a link's length: points that are closer to one line have no hull
+FLAT = 1e-6  # relative to a link's size: points that are closer than this to one line have no hull
 ON_PIN = 0.5  # [px] an observed point that stays this near to a pin gets a smaller dot, inside the pin
 ROUND = (1e-3, 1e-2, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # lengths of the scale bar [m]
 PIN = f'<circle r="4.5" fill="{PAPER}" stroke="{INK}" stroke-width="1.6"/>'
@@ -37,17 +37,17 @@ def draw(mechanism: Mechanism, q: Array | None = None, trace: Array | None = Non
         trace: states (k, n) over which the paths of observed points are drawn.
     """
     q = mechanism.q0 if q is None else q
-    canvas = fit(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
+    canvas = fit_canvas(mechanism, q[None] if trace is None else np.vstack([q[None], trace]))
     parts = [*linkage_parts(mechanism, q[None], trace, canvas)]
     scale, taken, ends = place_scale(canvas, np.vstack([part.lines() for part in parts]))
-    letters = [*lettering(mechanism, q, canvas, parts, taken, ends), *scale]
-    return page(canvas, mechanism.title or mechanism.name, [*draw_shapes(mechanism, trace, canvas, parts), *letters])
+    names = draw_names(mechanism, q, canvas, parts, taken, ends)
+    return make_svg(canvas, mechanism.title or mechanism.name, [*draw_shapes(mechanism, trace, canvas, parts), *names, *scale])
 
 
 def draw_at(mechanism: Mechanism, q: Array, trace: Array, canvas: Canvas) -> str:
     """Return one picture of an animation as SVG: state q (n,), no names, and paths of observed points over `trace` (k, n)."""
     parts = linkage_parts(mechanism, q[None], trace, canvas)
-    return page(canvas, mechanism.title or mechanism.name, draw_shapes(mechanism, trace, canvas, parts))
+    return make_svg(canvas, mechanism.title or mechanism.name, draw_shapes(mechanism, trace, canvas, parts))
 
 
 def draw_shapes(mechanism: Mechanism, trace: Array | None, canvas: Canvas, parts: Iterable[Part]) -> list[str]:
@@ -62,7 +62,7 @@ def place_scale(canvas: Canvas, avoid: Array) -> tuple[list[str], Array, Array]:
     Returns:
         Its SVG elements, the box (4,) [px] of its text, and both ends of the bar (2, 2) [px].
     """
-    length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])
+    length = max(x for x in ROUND if x * canvas.scale < 120 or x == ROUND[0])  # [m]
     half = np.array([length * canvas.scale / 2, 0.0])
     middle = free_corner(canvas, float(half[0]), avoid)
     ends = np.array([middle - half, middle + half])
@@ -74,14 +74,11 @@ def place_scale(canvas: Canvas, avoid: Array) -> tuple[list[str], Array, Array]:
 
 
 def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
-    """Return the middle (2,) [px] of a line in the corner of the picture farthest from given segments.
+    """Return the middle (2,) [px] of a horizontal line in the corner of the picture that is farthest from given segments.
 
     Args:
         half: half the length of the line [px].
         avoid: segments (k, 2, 2) [px].
-
-    Returns:
-        The middle of the line (2,) [px].
     """
     # middles of the line, for margins of 20 px at the sides, 18 px at the bottom and 26 px at the top
     corners = [np.array([x, y]) for y in (canvas.height - 18, 26) for x in (canvas.width - 20 - half, 20 + half)]
@@ -95,13 +92,13 @@ def free_corner(canvas: Canvas, half: float, avoid: Array) -> Array:
     return max(corners, key=room)
 
 
-def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
-    """Return a canvas that contains all named points, and `points`, at all states (k, n)."""
+def fit_canvas(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Canvas:
+    """Return a canvas that contains the points of links, the used points of the ground, and `points`, at all states (k, n)."""
     named = [mechanism.point(i, name) for i, link in enumerate(mechanism.links) for name in link.points]
     ends = [p for j in mechanism.joints for p in j.ends]
     ground = [p for p in (*ends, *attachments(mechanism)) if p.link == GROUND]
-    everything = np.vstack([position(states, p) for p in (*named, *ground, *points)])
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    positions = np.vstack([position(states, p) for p in (*named, *ground, *points)])  # (..., 2) [m]
+    low, high = positions.min(axis=0), positions.max(axis=0)
     span = np.maximum(high - low, 1e-9)
     scale = float(min((WIDTH - 2 * MARGIN) / span[0], (LONGEST - 2 * MARGIN) / span[1]))
     width, height = np.maximum(span * scale + 2 * MARGIN, 200.0).round().tolist()
@@ -109,11 +106,11 @@ def fit(mechanism: Mechanism, states: Array, points: Sequence[Point] = ()) -> Ca
 
 
 def canvas_of(mechanism: Mechanism, states: Array) -> Canvas:
-    """Return a canvas that contains a linkage with its guides at all states (k, n)."""
+    """Return a canvas that contains a linkage, its observed points and the guides on its links, at all states (k, n)."""
     slides = [joint for joint in mechanism.joints if isinstance(joint, Prismatic) and joint.guide.link != GROUND]
     # guides on the ground are left out: the canvas contains their blocks, and may cut what is longer
-    ends = [end for joint in slides for end in guide_ends(joint, states, more=0.0)]
-    return fit(mechanism, states, (*mechanism.observed_points, *ends))
+    ends = [end for joint in slides for end in guide_ends(joint, states, extension=0.0)]
+    return fit_canvas(mechanism, states, (*mechanism.observed_points, *ends))
 
 
 def linkage_parts(
@@ -143,14 +140,15 @@ def ground_parts(mechanism: Mechanism, states: Array, canvas: Canvas) -> Iterato
         states: (k, n) states of the motion. At each end, a guide is drawn BEYOND [px] longer than its block travels in them.
     """
     ends = [end for joint in mechanism.joints if isinstance(joint, Revolute) for end in (joint.a, joint.b)]
-    held = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
-    for where in dict.fromkeys(tuple(p.local.tolist()) for p in held):
+    fixed = [point for point in (*ends, *attachments(mechanism)) if point.link == GROUND]
+    for place in dict.fromkeys(tuple(point.local.tolist()) for point in fixed):  # each place once
         # [px] a hatched line of 40 px under the triangle FOOT, and three lines through both for `reach`
         shapes = (FOOT, *hatch(np.array([-20.0, 22.0]), np.array([20.0, 22.0])))
-        yield make_part(shapes, canvas.at(np.array(where)), reach=np.array([[(0.0, 0.0), (x, 26.0)] for x in (-14.0, 0.0, 14.0)]))
+        yield make_part(shapes, canvas.at(np.array(place)), reach=np.array([[(0.0, 0.0), (x, 26.0)] for x in (-14.0, 0.0, 14.0)]))
     for joint in mechanism.joints:
         if isinstance(joint, Prismatic) and joint.guide.link == GROUND:
             line = np.array([canvas.at(end.local) for end in guide_ends(joint, states, BEYOND / canvas.scale)])
+            # the line is in pixels of the picture, so that the part stands at (0, 0)
             yield make_part([*hatch(*lines_beside(line)[0]), stroke(GUIDE, line)], np.zeros(2), reach=lines_beside(line))
 
 
@@ -158,7 +156,7 @@ def point_parts(mechanism: Mechanism, states: Array, canvas: Canvas, letters: Ma
     """Yield the drawn symbols of pins and observed points at states (k, n)."""
     pins = [joint.a for joint in mechanism.joints if isinstance(joint, Revolute)]
     tracks = [canvas.at(position(states, pin)) for pin in pins]  # pixels (k, 2) of each pin
-    # a pin through several links consists of several joints at one place: draw it once
+    # a pin through several links consists of several joints that begin at one place: draw it once
     distinct = {tuple(np.round(track[0], 1)): (pin, track) for pin, track in zip(pins, tracks, strict=True)}
     for pin, track in distinct.values():
         yield make_part([PIN], track, link=pin.link, local=canvas.offset(pin.local))
@@ -189,7 +187,7 @@ def link_part(mechanism: Mechanism, i: int, states: Array, canvas: Canvas) -> Pa
     fill, edge = (CRANK, CRANK_EDGE) if i == mechanism.crank else (BODY, BODY_EDGE)
     outline = hull(np.array([*corners.values()]))
     if len(outline):
-        shape = f'd="{path(outline, closed=True)}" stroke-linejoin="round"'
+        shape = f'd="{path_data(outline, closed=True)}" stroke-linejoin="round"'
         shapes.append(f'<path {shape} fill="{fill}" fill-opacity="0.45" stroke="{edge}" stroke-opacity="0.35"/>')
     # a bar is a wide line in the colour of its edge with a narrower line over it
     for width, colour in ((BAR, edge), (BAR - 3, fill)) if bars else ():
@@ -205,16 +203,16 @@ def hull(points: Array) -> Array:
 
 
 def bar_ends(link: Link) -> list[tuple[str, str]]:
-    """Return the names of the points that each bar joins; without bars, one joins consecutive points."""
+    """Return the names of both points that each bar of a link joins; without bars, those of consecutive points."""
     return list(link.bars) or list(pairwise(link.points))
 
 
-def guide_ends(joint: Prismatic, states: Array, more: float) -> tuple[Point, Point]:
-    """Return both ends of a guide on its link: the block's travel over states (k, n), longer by `more` [m] at each end."""
+def guide_ends(joint: Prismatic, states: Array, extension: float) -> tuple[Point, Point]:
+    """Return both ends of a guide as points of its link: the travel of the block over states (k, n), extended at each end [m]."""
     travel = value(joint.motion, states)
     axis = direction(joint.angle)
     start = joint.guide.local + joint.offset * turn_left(axis)
-    first, last = (Point(joint.guide.link, start + x * axis, "") for x in (travel.min() - more, travel.max() + more))
+    first, last = (Point(joint.guide.link, start + x * axis, "") for x in (travel.min() - extension, travel.max() + extension))
     return first, last
 
 
@@ -229,8 +227,8 @@ def hatch(a: Array, b: Array) -> list[str]:
     length = float(np.hypot(*(b - a)))
     along = (b - a) / length
     slant = 7 * turn_left(along) - 5 * along  # y points down in pixels: `turn_left` turns right on the screen
-    starts = a + np.arange(6.0, length, 8.0)[:, None] * along
-    strokes = [np.array([s, s + slant]) for s in starts]
+    starts = a + np.arange(6.0, length, 8.0)[:, None] * along  # (strokes, 2), 8 px apart
+    strokes = [np.array([start, start + slant]) for start in starts]
     return [stroke(f'stroke="{INK}" stroke-width="1.5"', np.array([a, b])), stroke(f'stroke="{MUTED}"', *strokes)]
 
 

@@ -1,4 +1,4 @@
-"""Symbols of forces and drivers, as parts that move and turn with the linkage.
+"""Draw the symbols of forces and drivers, as parts that move and turn with the linkage.
 
 spring                zigzag between its points; with a damper both side by side
 damper                dashpot between its points; a dotted ring around a pin whose turning is damped
@@ -16,26 +16,26 @@ import numpy as np
 
 from gauss_bench.mechanism import model
 from gauss_bench.mechanism.coordinates import position, value
-from gauss_bench.report.drawings.canvas import Canvas, Part, direction, make_part, path, stroke
+from gauss_bench.report.drawings.canvas import Canvas, Part, direction, make_part, path_data, stroke
 from gauss_bench.report.palette import BODY_EDGE, CRANK_EDGE, INK, PAPER
 from gauss_bench.terms import Array
 
-WIDE = 6.0  # [px] half width of a spring
+HALF = 6.0  # [px] half width of a spring
 SIDE = 8.0  # [px] offset of a spring and a damper from the line between their points if both act
 LOAD = 38.0  # [px] length of a force's arrow
 BARREL = 0.55  # length of the barrel as a share of the cylinder's shortest length
-KEPT = 'vector-effect="non-scaling-stroke"'
-LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {KEPT}'
+UNSCALED = 'vector-effect="non-scaling-stroke"'  # keeps the width of lines in a stretched part
+LINE = f'fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round" stroke-linecap="round" {UNSCALED}'
 PUSH = f'fill="none" stroke="{CRANK_EDGE}" stroke-width="2" stroke-linecap="round"'
 LEAD = 0.14  # share of the length at either end before spring and damper separate
 # points of a spring and of a damper's pot and piston are (share of the length, px beside the line)
-COILS = np.stack([np.linspace(0.2, 0.8, 29)[1::2], WIDE * (-1.0) ** np.arange(14)], axis=-1)  # (14, 2)
+COILS = np.stack([np.linspace(0.2, 0.8, 29)[1::2], HALF * (-1.0) ** np.arange(14)], axis=-1)  # (14, 2)
 POT = (((0.62, -6), (0.4, -6), (0.4, 6), (0.62, 6)), ((0.52, -4), (0.52, 4)))
 RING = f'<circle r="9" fill="none" stroke="{BODY_EDGE}" stroke-width="2.4" stroke-dasharray="2.2 2.5"/>'
 MOTOR = f'<circle r="9" {PUSH}/>'
 SPIRAL = np.linspace(6.5, 13.5, 40)[:, None] * direction(-np.linspace(0, 4.5 * np.pi, 40))  # radius from 6.5 to 13.5 px
 COIL = stroke(LINE, SPIRAL)
-LEFT = (  # three quarters of a circle of 21 px with a head, open below
+LEFT = (  # an arrow along three quarters of a circle with a radius of 21 px, open below
     f'<path d="M16.1 13.5A21 21 0 1 0 -19.7 7.2" {PUSH}/>',
     f'<path d="M-16.7 15.6L-24.2 8.8L-15.2 5.5Z" fill="{CRANK_EDGE}"/>',
 )
@@ -70,7 +70,7 @@ def force_parts(mechanism: model.Mechanism, states: Array, canvas: Canvas) -> It
                 foot = canvas.at(position(states, item.point) - along_axis[:, None] * axis)
                 yield from spring_damper(item.name, foot, at(item.point), item.k, item.c)
             case model.RotationalSpringDamper():
-                shapes = [COIL] * bool(item.k) + [RING] * bool(item.c)  # a spiral for stiffness, a dotted ring for damping
+                shapes = [shape for shape, factor in ((COIL, item.k), (RING, item.c)) if factor]  # of the spring, of the damper
                 yield ring_part(item.name, shapes, at(_pin(mechanism, item.a, item.b)), 14.0, -np.degrees(angle(item.b)))
             case model.JointDamping():
                 for pair in item.pairs[:1]:
@@ -92,7 +92,7 @@ def force_parts(mechanism: model.Mechanism, states: Array, canvas: Canvas) -> It
 
 
 def _sense(driver: model.AngleDriver | model.SlideDriver) -> float:
-    """Return the sign of the driver's first nonzero rate."""
+    """Return the sign of the driver's first nonzero rate at 0, 1 ms and 100 ms; 1 if all three are zero."""
     rates = (driver.law(t)[1] for t in (0.0, 1e-3, 0.1))
     return next((float(np.sign(rate)) for rate in rates if rate), 1.0)
 
@@ -103,15 +103,15 @@ def _pin(mechanism: model.Mechanism, a: int, b: int) -> model.Point:
     The point is the first pin that joins a and b; without such a pin, the first pin that joins b to the ground; without either, the
     centre of mass of b (of a if b is the ground).
     """
-    # reversed: of several pins between the same links, the first in the file is stored last and stays
+    # reversed, so that the first of several pins between the same links replaces the others
     pins = {frozenset((j.a.link, j.b.link)): j.a for j in reversed(mechanism.joints) if isinstance(j, model.Revolute)}
     centre = model.Point(b if b != model.GROUND else a, np.zeros(2), "")
     return pins.get(frozenset((a, b))) or pins.get(frozenset((model.GROUND, b)), centre)
 
 
 def ring_part(name: str, shapes: Iterable[str], centre: Array, radius: float = 24.0, turn: Array | float = 0.0) -> Part:
-    """Return a symbol of fixed size around a centre (k, 2) [px]; names keep away from a circle of this radius [px]."""
-    corners = radius * direction(np.linspace(0, 2 * np.pi, 7))
+    """Return a symbol of fixed size around a centre (k, 2) [px]; names keep away from a circle of the given radius [px]."""
+    corners = radius * direction(np.linspace(0, 2 * np.pi, 7))  # a hexagon
     return make_part(shapes, centre, turn, name=name, reach=np.stack([corners[:-1], corners[1:]], axis=1))
 
 
@@ -146,7 +146,7 @@ def spring_damper(name: str, a: Array, b: Array, k: float, c: float) -> Iterator
         lines += [[(x, -side), (x, side)] for x in ends] + [[(0, 0), (LEAD, 0)], [(1 - LEAD, 0), (1, 0)]]
     shape = stroke(LINE, *(np.array(line) * (length, 1) for line in lines))
     # names keep away from the middle line and from both sides of the symbol
-    reach = np.array([[(0.0, y), (length, y)] for y in (0.0, side + WIDE, -side - WIDE)])
+    reach = np.array([[(0.0, y), (length, y)] for y in (0.0, side + HALF, -side - HALF)])
     yield make_part([shape], **motion, name=name, reach=reach)
     yield from (make_part([PIN], x) for x in (a, b))
 
@@ -158,16 +158,16 @@ def cylinder(name: str, a: Array, b: Array) -> Iterator[Part]:
     BARREL times the smallest distance of a and b.
     """
     length, motion = motion_along(a, b)
-    rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {KEPT}/>'
+    rod = f'<path d="M0 0H{length:.1f}" fill="none" stroke="{CRANK_EDGE}" stroke-width="4" {UNSCALED}/>'
     yield make_part([rod], **motion, name=name, reach=np.array([[(0.0, 0.0), (length, 0.0)]]))
-    wide = BARREL * length * float(motion["stretch"].min())
-    box = f'x="8" y="-7.5" width="{wide:.1f}" height="15" rx="2.5" fill="{PAPER}" stroke="{CRANK_EDGE}" stroke-width="1.8"'
+    barrel = BARREL * length * float(motion["stretch"].min())  # [px]
+    box = f'x="8" y="-7.5" width="{barrel:.1f}" height="15" rx="2.5" fill="{PAPER}" stroke="{CRANK_EDGE}" stroke-width="1.8"'
     yield make_part([f"<rect {box}/>"], a, motion["turn"])
     yield from (make_part([PIN], x) for x in (a, b))
 
 
 def arrow(start: float, end: float, sense: float = 1.0) -> list[str]:
-    """Return the SVG elements of an arrow along the x axis from `start` to `end` [px]; a negative sense mirrors it."""
+    """Return the SVG elements of an arrow along the x axis from `start` to `end` [px]; the sense -1 mirrors it at x = 0."""
     line = f'<path d="M{sense * start:.1f} 0H{sense * (end - 8):.1f}" {PUSH}/>'
-    head = path(np.array([(end, 0), (end - 9, 4.5), (end - 9, -4.5)]) * (sense, 1), closed=True)
+    head = path_data(np.array([(end, 0), (end - 9, 4.5), (end - 9, -4.5)]) * (sense, 1), closed=True)
     return [line, f'<path d="{head}" fill="{CRANK_EDGE}"/>']

@@ -1,4 +1,4 @@
-"""Plot a run as a column of panels over time. Lines have names at their ends; times in which the run is not trusted are shaded."""
+"""Plot the curves of a run over time, in a column of panels; lines have their names at their ends."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -21,15 +21,15 @@ from gauss_bench.trajectory import Caption, Curve, Group, History
 WIDTH, PANEL, HEAD, FOOT = 6.0, 1.12, 0.38, 0.5  # [inch]: width; heights of a panel, its title, the time axis
 MORE, FEW = 0.13, 4  # [inch] further height of a panel for each line beyond FEW
 LEFT, RIGHT = 0.72, 1.5  # [inch] at the sides of the panels, for numbers and names
-NAMED = 8  # lines of a panel that have a colour and a name; the others are grey
+NAMED = 8  # largest number of lines of a panel that have a colour and a name; the others are grey
 SAMPLES = 800  # largest number of drawn samples of a curve, more than its width in pixels
-LETTERS = 78  # characters in a line of the head
+LETTERS = 78  # characters in a line of the texts above the panels
 GAP = 10.5  # [pt] smallest distance of two names
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a panel: its name, its values (k,), the index of its colour, and whether it is dashed, as y components are."""
+    """A line of a panel: its name, its values (k,), the index of its colour, and whether it is dashed, as for y components."""
 
     name: str
     values: Array
@@ -47,67 +47,67 @@ class Panel:
 
     @property
     def height(self) -> float:
-        """Height [inch] with the title."""
+        """Height [inch], with the title."""
         return HEAD + PANEL + MORE * max(0, min(len(self.lines), NAMED) - FEW)
 
 
 def panels_of(history: History) -> list[Panel]:
-    """Return the panels of a history that have lines; speeds and joint forces are drawn as magnitudes."""
+    """Return the panels of a history that have lines; speeds are magnitudes of velocities."""
     energies = history.of(Group.ENERGY)
     joints, motors = history.of(Group.JOINT), history.of(Group.MOTOR)
     torques = [x for x in motors if x.unit == "N m"] + [x for x in joints if x.key == "moment"]
     panels = [
-        Panel("angle [rad]", _lines(x for x in history.of(Group.LINK) if x.key == "theta")),
-        Panel("position [m]", _components(history.of(Group.POINT))),
-        Panel("speed [m/s]", _magnitudes(history.of(Group.POINT), "vx", "vy")),
-        Panel("energy [J]", _lines((x for x in energies if x.key != "gained"), by_key=True)),
-        Panel("energy gained beyond the work done [J]", _lines((x for x in energies if x.key == "gained"), by_key=True)),
-        Panel("joint force [N]", _lines(x for x in joints if x.key in ("force", "normal"))),
-        Panel("torque: motors, moments of slides [N m]", _lines(torques)),
-        Panel("driving force [N]", _lines(x for x in motors if x.unit == "N")),
-        Panel("transmission angle [deg]", _lines(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
+        Panel("angle [rad]", _curve_lines(x for x in history.of(Group.LINK) if x.key == "theta")),
+        Panel("position [m]", _component_lines(history.of(Group.POINT))),
+        Panel("speed [m/s]", _magnitude_lines(history.of(Group.POINT), "vx", "vy")),
+        Panel("energy [J]", _curve_lines((x for x in energies if x.key != "gained"), by_key=True)),
+        Panel("energy gained beyond the work done [J]", _curve_lines((x for x in energies if x.key == "gained"), by_key=True)),
+        Panel("joint force [N]", _curve_lines(x for x in joints if x.key in ("force", "normal"))),
+        Panel("torque: motors, moments of slides [N m]", _curve_lines(torques)),
+        Panel("driving force [N]", _curve_lines(x for x in motors if x.unit == "N")),
+        Panel("transmission angle [deg]", _curve_lines(history.of(Group.TRANSMISSION)), (0.0, 92.0)),
     ]
     return [panel for panel in panels if panel.lines]
 
 
-def _lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
-    """Return a line for each curve, named by its key, or by the link, point, joint or motor that it describes."""
+def _curve_lines(curves: Iterable[Curve], by_key: bool = False) -> tuple[Line, ...]:
+    """Return a line for each curve, named by its key or, by default, by its link, point, joint or motor."""
     return tuple(Line(x.key if by_key else x.of, x.values, i) for i, x in enumerate(curves))
 
 
-def _components(curves: Sequence[Curve]) -> tuple[Line, ...]:
+def _component_lines(curves: Sequence[Curve]) -> tuple[Line, ...]:
     """Return two lines for each point, its x and its dashed y, in the colour of the point."""
-    names = list(dict.fromkeys(x.of for x in curves))
+    points = list(dict.fromkeys(x.of for x in curves))
     places = [x for x in curves if x.key in ("x", "y")]
-    return tuple(Line(f"{x.of} {x.key}", x.values, colour=names.index(x.of), dashed=x.key == "y") for x in places)
+    return tuple(Line(f"{x.of} {x.key}", x.values, colour=points.index(x.of), dashed=x.key == "y") for x in places)
 
 
-def _magnitudes(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
-    """Return for each point the magnitude of the vector with components `first` and `second`."""
+def _magnitude_lines(curves: Sequence[Curve], first: str, second: str) -> tuple[Line, ...]:
+    """Return a line for each point: the magnitude of its vector with the components `first` and `second`."""
     values = {(x.of, x.key): x.values for x in curves}
     names = dict.fromkeys(x.of for x in curves)
     return tuple(Line(name, np.hypot(values[name, first], values[name, second]), i) for i, name in enumerate(names))
 
 
 def plot(history: History, caption: Caption, head: bool = True) -> Figure:
-    """Return the plot of all curves of a run, in panels one below the other."""
+    """Return the plot of all curves of a run, in panels one below the other, below the caption's texts if `head`."""
     panels = panels_of(history)
     texts = [(line, MUTED) for line in textwrap.wrap(caption.how, LETTERS)]
     texts += [(line, CRANK_EDGE) for line in textwrap.wrap(caption.verdict, LETTERS)]
     # [inch] below: 0.36 for the title, 0.165 for each line of the other texts, 0.12 for the left margin; the baseline of the title
     # is 0.25 from the top, that of the first line 0.45
     top = 0.36 + 0.165 * len(texts) if head else 0.0  # height of the texts
-    tall = top + sum(panel.height for panel in panels) + FOOT  # [inch]
+    height = top + sum(panel.height for panel in panels) + FOOT  # [inch]
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, tall))
+        figure = Figure(figsize=(WIDTH, height))
         if head:
-            figure.text(0.12 / WIDTH, 1 - 0.25 / tall, caption.title, fontsize=12, fontweight="bold", color=INK)
+            figure.text(0.12 / WIDTH, 1 - 0.25 / height, caption.title, fontsize=12, fontweight="bold", color=INK)
             for i, (line, colour) in enumerate(texts):
-                figure.text(0.12 / WIDTH, 1 - (0.45 + 0.165 * i) / tall, line, fontsize=8.5, color=colour)
-        low = tall - top
+                figure.text(0.12 / WIDTH, 1 - (0.45 + 0.165 * i) / height, line, fontsize=8.5, color=colour)
+        low = height - top  # [inch] lower edge of the panel above
         for panel in panels:
             low -= panel.height
-            axes = figure.add_axes((LEFT / WIDTH, low / tall, (WIDTH - LEFT - RIGHT) / WIDTH, (panel.height - HEAD) / tall))
+            axes = figure.add_axes((LEFT / WIDTH, low / height, (WIDTH - LEFT - RIGHT) / WIDTH, (panel.height - HEAD) / height))
             _draw_panel(axes, panel, history.t, caption)
             axes.tick_params(labelbottom=panel is panels[-1], labelsize=8, length=2)
         axes.set_xlabel("time [s]", fontsize=9)
@@ -115,17 +115,17 @@ def plot(history: History, caption: Caption, head: bool = True) -> Figure:
 
 
 def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
-    """Draw the lines of a panel with their names, and mark what is not trusted and what is missing.
+    """Draw the lines of a panel with their names; shade the times at which the run is not trusted, and mark an early end.
 
     Args:
         t: times (k,) of the samples [s].
     """
     until, trusted = caption.until, caption.trusted
     # (k,) whether a sample is trusted: the judge has no objection to the run up to the time of the sample
-    sure = t <= (until if trusted is None else max(trusted, float(t[0])))
+    is_trusted = t <= (until if trusted is None else max(trusted, float(t[0])))
     # values that are not trusted do not affect the limits of the axis
-    low, high = panel.limits or _limits([x.values[sure] for x in panel.lines])
-    colours = _choose_colours(panel, sure)
+    low, high = panel.limits or _axis_limits([x.values[is_trusted] for x in panel.lines])
+    colours = _choose_colours(panel, is_trusted)
     shown = np.unique(np.linspace(0, len(t) - 1, SAMPLES).round().astype(int))  # indices of the drawn samples
     ends = []
     for x in panel.lines:
@@ -134,9 +134,9 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
             # far outside the axis, values are clipped: a diverged run would overflow the drawing library
             values = np.clip(x.values[shown], low - 9 * (high - low), high + 9 * (high - low))
         style = "--" if x.dashed else "-"
-        axes.plot(t[shown], values, color=colour, linestyle=style, linewidth=1.3, zorder=2 + (x in colours))
+        axes.plot(t[shown], values, color=colour, linestyle=style, linewidth=1.3, zorder=3 if x in colours else 2)
         if x in colours:
-            ends.append((x.name, colour, float(np.clip(x.values[sure][-1], low, high))))
+            ends.append((x.name, colour, float(np.clip(x.values[is_trusted][-1], low, high))))
     axes.set_ylim(low, high)
     axes.set_xlim(float(t[0]), until)
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 3, 5, 10]))
@@ -154,52 +154,52 @@ def _draw_panel(axes: Axes, panel: Panel, t: Array, caption: Caption) -> None:
         axes.set_title(remainder, fontsize=7.5, loc="right", color=CONTROL, y=1.0, pad=4)
 
 
-def _choose_colours(panel: Panel, sure: NDArray[np.bool_]) -> dict[Line, int]:
-    """Return line -> index of its colour; of more than NAMED lines only the largest trusted ones get one.
+def _choose_colours(panel: Panel, is_trusted: NDArray[np.bool_]) -> dict[Line, int]:
+    """Return line -> index of its colour; of more than NAMED lines, only the NAMED lines with the largest trusted values.
 
     Args:
-        sure: (k,) whether a sample is trusted, because the judge has no objection to the run up to the time of the sample.
+        is_trusted: (k,) whether a sample is trusted.
     """
     if len(panel.lines) <= NAMED:
         return {x: x.colour for x in panel.lines}
-    largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[sure]).max(initial=0.0)))[:NAMED]
+    largest = sorted(panel.lines, key=lambda x: -float(np.abs(x.values[is_trusted]).max(initial=0.0)))[:NAMED]
     return {x: i for i, x in enumerate(sorted(largest, key=panel.lines.index))}
 
 
-def _limits(values: Sequence[Array]) -> tuple[float, float]:
+def _axis_limits(values: Sequence[Array]) -> tuple[float, float]:
     """Return limits (low, high) of an axis around all finite values, with a margin."""
-    every = np.concatenate([np.ravel(x) for x in values])
-    every = every[np.isfinite(every)]
-    low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
-    room = 0.07 * (high - low) or 0.5 * abs(high) or 1.0
-    return low - room, high + room
+    numbers = np.concatenate([np.ravel(x) for x in values])
+    finite = numbers[np.isfinite(numbers)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    margin = 0.07 * (high - low) or 0.5 * abs(high) or 1.0  # the last two for a constant, and for a constant of zero
+    return low - margin, high + margin
 
 
 def label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Write names beside the ends of lines, moved apart and joined to their ends by thin lines."""
+    """Write the names of lines beside their `ends` (name, colour, value), moved apart and joined to the ends by thin lines."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    tall = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt]
+    height = axes.get_position().height * float(figure.get_size_inches()[1]) * 72  # [pt] of the panel
     low, high = axes.get_ylim()
-    wanted = np.array([(y - low) / (high - low) * tall for _, _, y in ends])
-    for (name, colour, _), end, place in zip(ends, wanted, move_apart(wanted, GAP, tall), strict=True):
+    wanted = np.array([(y - low) / (high - low) * height for _, _, y in ends])  # [pt]
+    for (name, colour, _), end, place in zip(ends, wanted, move_apart(wanted, GAP, height), strict=True):
         text = name if len(name) <= 20 else f"{name[:19]}…"
         look: dict[str, Any] = {"transform": axes.transAxes, "color": colour}
-        axes.plot([1.0, 1.035], [end / tall, place / tall], linewidth=0.7, clip_on=False, **look)
-        axes.text(1.045, place / tall, text, fontsize=8, va="center", ha="left", **look)
+        axes.plot([1.0, 1.035], [end / height, place / height], linewidth=0.7, clip_on=False, **look)
+        axes.text(1.045, place / height, text, fontsize=8, va="center", ha="left", **look)
 
 
-def move_apart(wanted: Array, gap: float, tall: float) -> Array:
-    """Return heights (k,) for labels, between 0 and `tall`, at least `gap` apart and nearest to `wanted` in least squares.
+def move_apart(wanted: Array, gap: float, top: float) -> Array:
+    """Return heights (k,) for labels, between 0 and `top`, at least `gap` apart and nearest to `wanted` in least squares.
 
-    The heights are in the same order as the wanted heights. If `tall` is too small for k labels, the heights are exactly `gap`
-    apart around the middle `tall` / 2.
+    The heights are in the same order as the wanted heights. If `top` is too small for k labels, the heights are exactly `gap`
+    apart around the middle `top` / 2.
     """
-    # with x_i = y_i + i gap, places x_i are at least `gap` apart if the y_i do not decrease: this is isotonic regression
+    # heights x_i = y_i + i gap are at least `gap` apart if the y_i do not decrease; isotonic regression finds the best such y_i
     order = np.argsort(wanted, kind="stable")
     offsets = gap * np.arange(len(wanted))
     flat = isotonic_regression(wanted[order] - offsets).x if len(wanted) else np.zeros(0)
-    room = tall - gap * (len(wanted) - 1)
+    room = top - gap * (len(wanted) - 1)  # largest y_i
     flat = np.clip(flat, 0.0, room) if room >= 0 else np.full(len(flat), room / 2)
     places = np.empty(len(wanted))
     places[order] = flat + offsets

@@ -2,6 +2,7 @@
 
 import hashlib
 import tomllib
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,8 +20,8 @@ from gauss_bench.terms import Array
 from gauss_bench.untrusted import parse_toml
 
 POSE_DEG = 60.0  # crank angle of the drawings, at which no built-in linkage is stretched or folded
-TURN = 120  # states of a full turn
-KEPT = "linkages"  # key of a run's environment, under which it has name -> text of the file
+INTERVALS = 120  # equal intervals of a full turn
+FILES = "linkages"  # key of a run's environment: name of a linkage -> text of its file
 
 
 def pose_links(name_or_path: str | Path, crank_deg: float = POSE_DEG) -> tuple[Mechanism, Array, Array | None]:
@@ -41,23 +42,22 @@ def pose_document(
     driver = {"link": crank, "law": "constant", "start_deg": crank_deg, "speed": 2 * np.pi}
     scenarios = {"turn": {"duration": 1.0, "driver": driver, "forces": list(document.get("forces", {}))}}
     if crank is not None:
-        try:
+        with suppress(LinkageError):  # if the crank cannot reach the pose, draw the file's own start
             mechanism = load_document(document | {"scenarios": scenarios}, "turn", str(path), digest)
             return replace(mechanism, drivers=()), mechanism.q0, full_turn(mechanism)
-        except LinkageError:  # the crank cannot reach the pose: draw the file's own start
-            pass
     mechanism = load_document(document, None, str(path), digest)
     return mechanism, mechanism.q0, None
 
 
 def full_turn(mechanism: Mechanism) -> Array | None:
-    """Return states (TURN + 1, n) of a full turn of the driver in 1 s, None if the linkage does not close everywhere."""
-    constraints, still = Constraints(mechanism), np.zeros(mechanism.n)
+    """Return states (INTERVALS + 1, n) of a full turn of the driver in 1 s; None if the linkage does not close everywhere."""
+    constraints, no_speed = Constraints(mechanism), np.zeros(mechanism.n)
     q, states = mechanism.q0, [mechanism.q0]
-    for t in np.linspace(0.0, 1.0, TURN + 1)[1:]:
+    for t in np.linspace(0.0, 1.0, INTERVALS + 1)[1:]:
 
         def residual(x: Array, t: float = float(t)) -> tuple[Array, Array]:
-            rows = constraints(t, x, still)
+            """Return the residuals of the constraints, and their Jacobian."""
+            rows = constraints(t, x, no_speed)
             return rows.phi, rows.J
 
         q, error = gauss_newton(q, residual)
@@ -81,20 +81,20 @@ def crank_angles(mechanism: Mechanism, states: Array) -> Array:
 
 
 def document_in(run: Run, name: str) -> tuple[dict[str, Any], str, Path]:
-    """Return the document, digest and path of a linkage of a run.
+    """Return document, digest and path of a linkage of a run: of its stored file, else of the built-in one.
 
     Raises:
         LinkageError: the linkage is neither built in nor stored, or is damaged.
     """
-    kept = run.environment.get(KEPT)
-    text = kept.get(name) if isinstance(kept, dict) else None
+    stored = run.environment.get(FILES)
+    text = stored.get(name) if isinstance(stored, dict) else None
     if isinstance(text, str):
         try:
             return parse_toml(text), hashlib.sha256(text.encode()).hexdigest(), Path(f"{name}.toml")
         except tomllib.TOMLDecodeError as error:
-            raise LinkageError(name, [Fault("", f"as the run kept it, no TOML: {error}")]) from error
+            raise LinkageError(name, [Fault("", f"the file that the run stored is no TOML: {error}")]) from error
     if name not in built_in():
-        raise LinkageError(name, [Fault("", "the run did not keep its file")])
+        raise LinkageError(name, [Fault("", "the run did not store its file")])
     return document_of(name)
 
 

@@ -7,5 +7,5 @@ from types import ModuleType
 
 def all_sections() -> list[ModuleType]:
     """Return the modules of this package, sorted by the number PLACE of each module, then by name."""
-    modules = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]
+    modules = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
     return sorted(modules, key=lambda module: (module.PLACE, module.__name__))

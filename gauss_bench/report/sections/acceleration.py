@@ -18,7 +18,7 @@ from gauss_bench.report.sections.trajectories import list_cases
 from gauss_bench.report.words import count, error_text, itemise, range_text
 
 PLACE = 11
-SHRINKS = 2.0  # an error that falls by a smaller factor while the step falls 4-fold is not caused by the step
+SHRINKS = 2.0  # while the step falls 4-fold, an error that falls by a smaller factor than this is not caused by the step
 ERROR = "acceleration_error_median"  # column of the relative error
 
 
@@ -63,18 +63,18 @@ def find_other_models(run: Run, rows: Sequence[Row]) -> Iterator[Finding]:
                 f"`{name}` (settings {settings}) computes another acceleration at the same state: median relative error {span} on "
                 f"{itemise(row['mechanism'] for row in off)}. A smaller step cannot change that"
             )
-            flat, behind = _show_flat_error(run, off)
-            yield Finding("Soft, or another model", f"{text}{flat}", "warn", behind=(list_errors(off), *behind))
+            ending, behind = _show_flat_error(run, off)
+            yield Finding("Soft, or another model", f"{text}{ending}", "warn", behind=(list_errors(off), *behind))
 
 
 def _show_flat_error(run: Run, off: Sequence[Row]) -> tuple[str, list[Table]]:
     """Return the end of the sentence "A smaller step cannot change that", and a list with the table of the cases that show it.
 
-    Among series of runs whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by the
-    smallest factor, if this factor is below SHRINKS.
+    Among series of cases whose step falls at least 4-fold, the end of the sentence names the one whose trajectory error falls by
+    the smallest factor, if this factor is below SHRINKS.
 
     Returns:
-        End of the sentence, and list. The two are "." and an empty list if in every series the error falls by SHRINKS or more.
+        End of the sentence, and list; "." and an empty list if in every series the error falls by SHRINKS or more.
     """
     models = {(row["mechanism"], row["engine"], row["settings"]) for row in off}
     rows = [r for r in run.results if has_ended(r) and not chose_steps(r) and is_known(end_error(r))]

@@ -1,4 +1,4 @@
-"""How the suite may favour its authors' engines, and how much effort went into each engine, counted from the rows of the tables."""
+"""The section on possible biases: how the suite may favour its authors' engines, and the effort that went into each engine."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ def describe_authorship(run: Run) -> str:
 
 
 def count_effort(run: Run) -> Mapping[str, Row]:
-    """Return engine -> a row of counts of searched settings, runs of searches, cases and valid cases; own engines first."""
+    """Return engine -> a row with its numbers of searched variants, runs of searches, cases and valid cases; own engines first."""
     tables = {"variants": run.table("search_space"), "evaluations": run.table("search_ladder"), "cases": run.results}
     counts = {column: Counter(row["engine"] for row in rows) for column, rows in tables.items()}
     counts["valid"] = Counter(r["engine"] for r in run.results if has_ended(r) and r["valid"])

@@ -8,7 +8,7 @@ from gauss_bench.report.rows import Row, Run, group_by, number, with_number
 from gauss_bench.report.words import count, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 20
-RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # prefix of a race's columns -> name
+RACES = {"": "a step", "projected_": "a step with projection", "batch_": "a step in a batch"}  # prefix of columns -> what is timed
 
 
 def section(run: Run) -> Section:
@@ -37,7 +37,7 @@ def findings(run: Run) -> Iterator[Finding]:
         return
     verdicts = {r.get(f"{race}verdict", "") for r in rows for race in RACES} - {""}
     answer = answer_in_part("holds" in verdicts, verdicts == {"holds"})
-    groups = group_by(rows, lambda r: number(r, "unknowns_gauss") > 1)
+    groups = group_by(rows, lambda r: number(r, "unknowns_gauss") > 1)  # False: linkages with one free coordinate
     parts = [f"with {_count_freedoms(group)} {_compare_races(group)}" for _, group in sorted(groups.items())]
     processes = range_text([number(r, "processes") for r in rows]).replace(".00", "")  # whole numbers without decimals
     text = (
@@ -56,7 +56,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def answer_in_part(holds_once: bool, holds_always: bool) -> str:
-    """Return "Yes" for a claim that is true in all cases, "In part" if it is true in at least one, else "No"."""
+    """Return "Yes" for a claim that holds in all cases, "In part" if it holds in some, and else "No"."""
     if holds_always:
         return "Yes"
     return "In part" if holds_once else "No"
@@ -71,8 +71,8 @@ def compare_formula(run: Run) -> tuple[str, dict[str, float]]:
     """
     rows = [r for r in cost_rows(run.results) if is_unstabilised(r) and r["integrator"] == "rk4"]
     steps = {(r["engine"], r["mechanism"]): r["step_ratio"] for r in with_number(rows, "step_ratio")}
-    both = [x for engine, x in steps if engine == "gauss_pinv" and ("lagrange", x) in steps]
-    ratios = {x: steps["gauss_pinv", x] / steps["lagrange", x] for x in both}
+    linkages = [x for engine, x in steps if engine == "gauss_pinv" and ("lagrange", x) in steps]  # with times of both
+    ratios = {x: steps["gauss_pinv", x] / steps["lagrange", x] for x in linkages}
     if not ratios:
         return "", {}
     faster = [x <= 1 for x in ratios.values()]

@@ -18,8 +18,8 @@ def findings(run: Run) -> Iterator[Finding]:
         ratios = divide_costs(run, quantity)
         if not ratios:
             continue
-        longer = sum(x.value > 1 for x in ratios.values())
-        slower = sum(first_number(x.low, x.value) > 1 for x in ratios.values())  # beyond the range, if it is known
+        above = sum(x.value > 1 for x in ratios.values())
+        slower = sum(first_number(x.low, x.value) > 1 for x in ratios.values())  # by the whole range, if the range is known
         level = sum(x.low <= 1 <= x.high for x in ratios.values())
         undecided = f", not told apart in {level}" if level else ""
         listed = itemise(f"{name} {x.print_with(ratio_text)}" for name, x in ratios.items())
@@ -28,25 +28,26 @@ def findings(run: Run) -> Iterator[Finding]:
             f"Cost of {OWN} against {RIVAL}",
             f"{subject} of `{OWN}` takes this multiple of the time of `{RIVAL}`: {listed}; slower in {slower} of {len(ratios)}"
             f"{undecided}.",
-            "warn" if longer > len(ratios) / 2 else "good",
+            "warn" if above > len(ratios) / 2 else "good",
             f"{subject} of `{OWN}` takes {range_text([x.value for x in ratios.values()])} times as long as one of `{RIVAL}`.",
             (lay_out("behind_cost", lines, own=OWN, rival=RIVAL),),
         )
 
 
 def divide_costs(run: Run, quantity: str) -> dict[str, Spread]:
-    """Return for each linkage the ratio of the cost of the engine OWN to that of RIVAL; for costs of a step, also by integrator.
+    """Return linkage -> time of the engine OWN divided by that of RIVAL; for a step, linkage and integrator -> this ratio.
 
     Args:
         quantity: "step" or "acceleration".
     """
     rows = [row for row in cost_rows(run.results) if is_unstabilised(row)]
+    # reversed: the first of several rows replaces the others
     rivals = {_place(row): row for row in reversed(rows) if row["engine"] == RIVAL}
     ratios: dict[str, Spread] = {}
     for row in of_engine(rows, OWN):
         rival = rivals.get(_place(row), {})
         ratio = _divide(run, spread(row, f"{quantity}_ratio"), spread(rival, f"{quantity}_ratio"))
-        # an acceleration has no integrator, so that the first row of a linkage counts
+        # an acceleration has no integrator: the first row of a linkage counts
         name = f"{row['mechanism']} {row['integrator']}" if quantity == "step" else row["mechanism"]
         if is_known(ratio.value):
             ratios.setdefault(name, ratio)
@@ -59,15 +60,15 @@ def _place(row: Row) -> tuple[str, ...]:
 
 
 def _divide(run: Run, own: Spread, rival: Spread) -> Spread:
-    """Return the time of OWN divided by that of RIVAL.
+    """Return the time of OWN divided by that of RIVAL; NaN if it is unknown.
 
-    Returns:
-        The quotient own / rival. If RIVAL is the baseline, the quotient is `own`; if OWN is the baseline, the quotient is 1 /
-        `rival`. Only in these two cases the range of the quotient is known.
+    Both times are multiples of the time of the run's baseline engine. The range of the quotient is known only if one of the two
+    engines is the baseline: the quotient is then `own`, or 1 / `rival`.
     """
     baseline = run.environment.get("baseline_engine")
     if baseline == RIVAL and rival.value == 1 and is_known(own.low) and is_known(own.high):
         return own
     if baseline == OWN and own.value == 1 and rival.low > 0 and rival.high > 0:
         return Spread(1 / rival.value, 1 / rival.high, 1 / rival.low)
-    return Spread(own.value / rival.value if rival.value > 0 else math.nan, math.nan, math.nan)
+    quotient = own.value / rival.value if rival.value > 0 else math.nan
+    return Spread(quotient, math.nan, math.nan)

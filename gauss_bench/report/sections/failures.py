@@ -15,12 +15,13 @@ NONE = "None: every case of the run ended and is valid."
 
 def section(run: Run) -> Section:
     """Return the section with tables of failed, skipped and invalid cases, and of costs that could not be measured."""
-    lost = [row for row in run.results if not has_ended(row)]
+    stopped = [row for row in run.results if not has_ended(row)]
     invalid = [row for row in run.results if has_ended(row) and not row["valid"]]
+    # the judge's reason is the message of an invalid case
     judged: list[Row] = [{**row, "message": row.get("flag", ""), "status": "not valid"} for row in invalid]
     kinds: dict[str, list[Row]] = {
-        "Failed": [row for row in lost if row["status"] != "skip"],
-        "Skipped: not modelled, with the adapter's reason": [row for row in lost if row["status"] == "skip"],
+        "Failed": [row for row in stopped if row["status"] != "skip"],
+        "Skipped: not modelled, with the adapter's reason": [row for row in stopped if row["status"] == "skip"],
         "Ended, but not valid: the judge's reason": judged,
     }
     tables = [list_reasons(title, rows) for title, rows in kinds.items() if rows]
@@ -30,7 +31,7 @@ def section(run: Run) -> Section:
 
 
 def list_reasons(title: str, rows: Sequence[Row]) -> Table:
-    """Return a table with a line for each engine, status and message; messages that differ in numbers alone share a line."""
+    """Return a table with a line for each engine, status and message; messages that differ only in numbers share a line."""
     lines = []
     for group in group_by(rows, lambda r: (r["engine"], r["status"], NUMBER.sub("#", r["message"]))).values():
         line = {**group[0], "where": describe_cases(group), "cases": len(group)}

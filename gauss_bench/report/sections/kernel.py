@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from gauss_bench.report.content import Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, spread, with_number
-from gauss_bench.report.site.charts import points
+from gauss_bench.report.site.charts import specify_points
 from gauss_bench.report.words import count, error_text, itemise, list_unmeasured, range_text, ratio_text
 
 PLACE = 30
@@ -29,10 +29,11 @@ FACTS = ("cpu", "cores", "python", "date", "commit")  # keys of the rows of `ker
 def section(run: Run) -> Section | None:
     """Return the chapter with a section for each table that the run filled, or None if it filled none."""
     agreement = group_by(run.table("kernel_agreement"), lambda r: (r.get("mechanism"), r.get("formulation")))
+    # the rows that a reader sees first; a folded table has the others
     shown = {
-        # MuJoCo with its settings as shipped is left out: of each engine the best settings are shown
+        # without MuJoCo's settings as shipped, because the best settings of each engine are compared
         "kernel_steps": [r for r in run.table("kernel_steps") if r.get("settings") != "default"],
-        "kernel_rhs": [r for r in run.table("kernel_rhs") if _call(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
+        "kernel_rhs": [r for r in run.table("kernel_rhs") if _calls(r) in (IN_LOOP, CALLED) or r["status"] != "ok"],
         # the largest difference for each linkage and formulation
         "kernel_agreement": [max(rows, key=lambda r: number(r, "error")) for rows in agreement.values()],
     }
@@ -42,13 +43,13 @@ def section(run: Run) -> Section | None:
     return Section("The native kernel", "kernel", (), filled) if filled else None
 
 
-def _call(row: Row) -> tuple[str, str]:
-    """Return the words in a row of `kernel_rhs` that tell how the kernel was called, and how Pinocchio was called."""
+def _calls(row: Row) -> tuple[str, str]:
+    """Return how the kernel was called and how Pinocchio was called, in the words of a row of `kernel_rhs`."""
     return row.get("own", ""), row.get("rival", "")
 
 
 def table_section(name: str, rows: Sequence[Row], shown: Sequence[Row]) -> Section | None:
-    """Return the section of the chapter on the kernel with the rows `shown` of the table `name`; None if the table has no rows."""
+    """Return the section of the table `name`: a table of `shown` and, if there are more `rows`, a folded one; None without rows."""
     if not rows:
         return None
     title = layouts()[name]["title"]
@@ -69,19 +70,19 @@ def size_section(run: Run) -> Section | None:
 
 
 def size_charts(rows: Sequence[Row]) -> list[Chart]:
-    """Return a list with the chart of the time of a right-hand side against the number of windows of a chain linkage."""
-    shown = []
+    """Return a list with the chart of the time of a right-hand side against the size of a chain of windows; empty without times."""
+    drawn = []
     for row in sorted(rows, key=lambda r: (r["engine"], r["quantity"], number(r, "size"))):
         name = f"{row['engine']}, {row['quantity']}"
         if number(row, "seconds") > 0:
-            shown.append({"engine": row["engine"], "line": name, "name": name, "x": number(row, "size"), "y": row["seconds"]})
-    if not shown:
+            drawn.append({"engine": row["engine"], "line": name, "name": name, "x": number(row, "size"), "y": row["seconds"]})
+    if not drawn:
         return []
-    engines = list(dict.fromkeys(r["engine"] for r in shown))
+    engines = list(dict.fromkeys(r["engine"] for r in drawn))
     head = {"name": "engine, and how it is called", "x": "windows", "y": "time [s]"}
     words = "Time of a right-hand side of a chain of windows. Lines of one colour are one engine, called in several ways."
-    spec = points(shown, "windows of the chain", "one right-hand side [s]", 380)
-    return [Chart("kernel-size-figure", "Time against size", words, spec, shown, head, engines)]
+    spec = specify_points(drawn, "windows of the chain", "one right-hand side [s]", 380)
+    return [Chart("kernel-size-figure", "Time against size", words, spec, drawn, head, engines)]
 
 
 def limit_section(run: Run) -> Section | None:
@@ -96,7 +97,7 @@ def limit_section(run: Run) -> Section | None:
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on missed targets, on failed measurements, on times of steps, and one on each table that SENTENCES lists."""
+    """Yield findings on missed targets, failed measurements and times of steps, and one on each table that SENTENCES lists."""
     yield from find_missed_targets(run)
     yield from find_failures(run)
     yield from find_steps(run)
@@ -117,7 +118,7 @@ def find_missed_targets(run: Run) -> Iterator[Finding]:
     for table in WORDS:
         for row in with_number(run.table(table), "target"):
             column = next((x for x in VALUES if is_known(row.get(x))), "")  # empty if the value was not measured
-            reached, wanted = _print(row[column]) if column else "", _print(row["target"])
+            reached, wanted = (_print(row[column]) if column else ""), _print(row["target"])
             lines.append({**row, "what": WORDS[table], "where": _name_row(row), "reached": reached, "wanted": wanted})
             if not row.get("met"):
                 outcome = f"{reached}, {wanted} wanted" if column else "not measured"
@@ -161,11 +162,11 @@ def find_steps(run: Run) -> Iterator[Finding]:
     """Yield, for each stabilisation, a finding on the time of a compiled step against that of MuJoCo at its fastest setting."""
     steps = [r for r in run.table("kernel_steps") if r.get("formulation") == "gauss"]
     for stabilization, group in group_by(with_number(steps, "ratio"), "stabilization").items():
-        least = [min(some, key=lambda r: number(r, "ratio")) for some in group_by(group, "mechanism").values()]
+        least = [min(rows, key=lambda r: number(r, "ratio")) for rows in group_by(group, "mechanism").values()]
         kind = "with projection" if stabilization == "projection" else "without stabilisation"
         start, rival = f"A compiled Runge-Kutta step {kind} is", "times faster than MuJoCo's at the faster of its settings"
-        rest = list_unmeasured([r for r in steps if r["stabilization"] == stabilization], "ratio")
-        text = f"{start} this many {rival}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{rest}"
+        unmeasured = list_unmeasured([r for r in steps if r["stabilization"] == stabilization], "ratio")
+        text = f"{start} this many {rival}: {_list_ratios(least)}. Steps are equal here, accuracy is not.{unmeasured}"
         short = f"{start} {range_text([r['ratio'] for r in least])} {rival}; steps are equal here, accuracy is not."
         behind = lay_out("behind_steps", sorted(group, key=lambda r: (r["mechanism"], r["ratio"])))
         yield Finding("A step in its own loop", text, short=short, behind=(behind,))
@@ -186,16 +187,16 @@ def describe_batch(rows: Sequence[Row]) -> str:
 
 
 def describe_right_hand_sides(rows: Sequence[Row]) -> str:
-    """Return sentences that compare the times of a right-hand side by Pinocchio and by the compiled kernel."""
-    by_call = group_by(rows, _call)
+    """Return sentences that compare the times of a right-hand side by Pinocchio and by the kernel; empty without both calls."""
+    by_call = group_by(rows, _calls)
     if IN_LOOP not in by_call or CALLED not in by_call:
         return ""
-    inner, outer = (range_text([r["ratio"] for r in by_call[call]]) for call in (IN_LOOP, CALLED))
+    in_loop, called = (range_text([r["ratio"] for r in by_call[call]]) for call in (IN_LOOP, CALLED))
     slower = itemise(sorted({r["mechanism"] for r in by_call[CALLED] if r["ratio"] < 1}))
     exception = f": there the kernel is slower on {slower}" if slower else ""
     return (
-        f"Pinocchio's right-hand side, without its call from Python, takes {inner} times as long as the kernel's in its own loop. "
-        f"Called from Python for one state, it takes {outer} times as long{exception}."
+        f"Pinocchio's right-hand side, without its call from Python, takes {in_loop} times as long as the kernel's in its own "
+        f"loop. Called from Python for one state, it takes {called} times as long{exception}."
     )
 
 
@@ -217,27 +218,27 @@ def describe_long_runs(rows: Sequence[Row]) -> str:
 
 def describe_growth(rows: Sequence[Row]) -> str:
     """Return a sentence on the exponents p, with ranges, of the growth N^p of each engine's time on chains of N four-bars."""
-    # of an engine that has a loop of its own only the times in this loop are given
+    # if an engine has a loop of its own, the sentence has its times in this loop alone
     looped = {r["engine"] for r in rows if r["quantity"] == "in its own loop"}
-    shown = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
+    chosen = [r for r in rows if r["quantity"] == "in its own loop" or r["engine"] not in looped]
     parts = []
-    for r in shown:
+    for r in chosen:
         p = spread(r, "exponent")
         exponent = p.print_with("{:.2f}".format) if is_known(p.low) else f"{p.value:.2f} (of one process)"
         parts.append(f"`{r['engine']}` {exponent}")
-    start = f"The time of a right-hand side of N windows grows like N^p from {number(shown[0], 'from'):g} on, with p of"
+    start = f"The time of a right-hand side of N windows grows like N^p from {number(chosen[0], 'from'):g} on, with p of"
     return f"{start} {itemise(parts)}."
 
 
 def describe_kinematics(rows: Sequence[Row]) -> str:
     """Return a sentence on the rates of the compiled kinematics and their largest error; empty if no rate has a target."""
-    aimed = with_number(rows, "target")
-    if not aimed:
+    with_target = with_number(rows, "target")
+    if not with_target:
         return ""
-    rates = itemise(f"{r['rate']:.3g} on {r['mechanism']}" for r in aimed)
-    off = max(number(r, f"{x}_error") for r in aimed for x in ("position", "velocity", "acceleration"))
+    rates = itemise(f"{r['rate']:.3g} on {r['mechanism']}" for r in with_target)
+    largest_error = max(number(r, f"{x}_error") for r in with_target for x in ("position", "velocity", "acceleration"))
     text = "On one core the compiled kinematics compute this many positions a second, with velocities and accelerations"
-    return f"{text}: {rates}; errors are at most {error_text(off)}."
+    return f"{text}: {rates}; errors are at most {error_text(largest_error)}."
 
 
 def describe_limits(rows: Sequence[Row]) -> str:

@@ -1,4 +1,4 @@
-"""Kinematics computed in three independent ways, and the positions at which a linkage reverses."""
+"""The section on kinematics: three independent methods, and the positions at which a linkage reverses."""
 
 from collections.abc import Sequence
 

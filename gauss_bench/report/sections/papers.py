@@ -16,18 +16,19 @@ VERDICTS = {
 
 
 def section(run: Run) -> Section:
-    """Return the section with three tables for each paper: causes of its errors, its formulas with errors, and its right formulas.
+    """Return the section with three tables for each paper: causes of errors, lines that are not right as printed, and right lines.
 
-    A line of the audit is a formula or a statement of a paper. The last table has the lines about numbers in the paper's example.
+    A line of the audit is a formula or a statement of a paper. The last table has the lines with numbers to check by hand.
     """
     audit = run.table("audit")
     if not audit:
         return Section("The papers, audited", "papers", (Text("The run audited no paper."),))
     blocks: list[Block] = [Text(summarise(audit)), Text(layouts()["audit"]["introduction"])]
     for paper, rows in group_by(audit, "paper").items():
+        # `stands`: the measurement agrees with the verdict
         right = [row for row in rows if row["verdict"] == "ok" and row["stands"]]
         others = [row for row in rows if row not in right]
-        source = [rows[0][key] for key in ("cited", "assumed") if rows[0].get(key)]
+        source = [rows[0][key] for key in ("cited", "assumed") if rows[0].get(key)]  # sentences on the whole paper
         blocks.append(Text(f"**{paper}.** {' '.join(source)}"))
         blocks += blocks_of("audit_causes", list_causes(others), paper=paper)
         blocks += blocks_of("audit", [mark_contradiction(row) for row in others], paper=paper)
@@ -37,7 +38,7 @@ def section(run: Run) -> Section:
 
 
 def summarise(rows: Sequence[Row]) -> str:
-    """Return sentences which state for each paper how many audited lines have which verdict."""
+    """Return sentences on the number of audited lines with each verdict, paper by paper, and on contradicted verdicts."""
     papers = group_by(rows, "paper")
     parts = [f"{paper}: {count(len(group), 'line')}; {count_verdicts(group)}." for paper, group in papers.items()]
     contradicted = [f"{row['paper']} {row['equation']} ({row['name']}: {row['faults']})" for row in rows if not row["stands"]]
@@ -52,7 +53,7 @@ def mark_contradiction(row: Row) -> Row:
 
 
 def list_causes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for each cause of errors: how many audited lines are wrong for this cause, and their equation numbers."""
+    """Return a row for each cause of errors, with the number of audited lines that it makes wrong, and their equation numbers."""
     causes: list[Row] = []
     for group in group_causes(rows).values():
         verdict = group[0]["verdict"]
@@ -68,7 +69,7 @@ def group_causes(rows: Iterable[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 def count_verdicts(rows: Iterable[Row]) -> str:
-    """Count the audited lines for each verdict, and their causes, in words: "3 right as printed and 4 misprinted (2 causes)"."""
+    """Return in words the numbers of lines with each verdict, and of causes: "3 right as printed and 4 misprinted (2 causes)"."""
     parts = []
     for verdict, group in group_by(rows, "verdict").items():
         causes = len(group_causes(group))

@@ -16,7 +16,7 @@ PLACE = 50
 def section(run: Run) -> Section:
     """Return the section with tables of references, certificates, closed forms and published values."""
     certificates = run.table("certificates")
-    exact = with_number(certificates, "taylor_off_closed_form")
+    exact = with_number(certificates, "taylor_off_closed_form")  # of motions that are known in closed form
     early = []  # sentences on certificates that end early
     for row in certificates:
         if row["status"] != "ok" or row["complete"] is False:

@@ -5,7 +5,7 @@ from gauss_bench.report.rows import Row, Run, group_by, with_number
 from gauss_bench.report.what_changed import NAMES, RULE, describe_changes, describe_unusable, newest_first
 
 PLACE = 85
-# entries of a row that are printed instead of missing values, as `content.missing_reason` takes them
+# reasons for missing values of a row, by the keys that `content.missing_reason` reads
 NO_VALUE = {"missing": "no earlier release to compare with", "why_message": "it answered all questions"}
 NO_TIME = {"missing": "one of both was not timed", "why_verdict": "the others are compared with it"}
 TITLE, ANCHOR = "What changed between releases", "releases"
@@ -28,8 +28,7 @@ def engine_section(run: Run, engine: str, releases: list[Row]) -> Section:
     blocks: list[Block] = []
     for heading, sentences in reversed(describe_changes(tables)):
         blocks += [Text(f"**{heading}**"), Bullets(sentences)]
-    unusable = describe_unusable(ordered)
-    if unusable:
+    if unusable := describe_unusable(ordered):
         blocks += [Text("**without answers**"), Bullets(unusable)]
     blocks += blocks_of("releases", [{**row, **NO_VALUE} for row in ordered], engine=engine)
     blocks += blocks_of("release_changes", with_number(tables["release_changes"], "difference"), engine=engine)

@@ -1,11 +1,11 @@
-"""The section on the crank-slider example of Yuan & Ge (2016), computed again; all numbers in its sentences are computed."""
+"""The section on the crank-slider example of Yuan & Ge (2016), computed again; each number in its sentences is computed."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from gauss_bench.report.content import Block, Bullets, Chart, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number
-from gauss_bench.report.site.charts import over_time, place_names
+from gauss_bench.report.site.charts import place_names, specify_lines
 from gauss_bench.report.words import NOTHING, error_text, itemise
 
 PLACE = 60
@@ -44,8 +44,12 @@ def list_quantities(rows: Sequence[Row]) -> list[Row]:
 
 
 def describe_example(rows: Mapping[str, Row]) -> list[Block]:
-    """Return the verdict on the paper's statement that its linkage stops, and sentences with values of the run."""
-    values = {key: f"{print_value(row)} {row['unit']}" for key, row in rows.items()}
+    """Return the verdict on the paper's statement that its linkage stops, and sentences with values of the run.
+
+    Args:
+        rows: key of a quantity -> its row of the table `reproduction`.
+    """
+    values = {key: f"{print_value(row)} {row['unit']}" for key, row in rows.items()}  # for the {names} in the layout's texts
     at_rest = [row for key, row in rows.items() if key.startswith("rest_at_")]
     values["rests"] = itemise(f"{print_value(row)} rad ({row['quantity'].removeprefix('comes to rest ')})" for row in at_rest)
     values |= {"stops": rows["stops"]["quantity"], "assumed": list_assumed(rows)}
@@ -56,13 +60,13 @@ def describe_example(rows: Mapping[str, Row]) -> list[Block]:
 
 
 def print_value(row: Row) -> str:
-    """Format a value with at most DIGITS digits, as its uncertainty `bracket` allows; "0" if it is not larger than `bracket`."""
+    """Format a value with the digits that its uncertainty `bracket` leaves, from 1 to DIGITS; "0" if `bracket` is as large."""
     x, bracket = number(row, "value"), number(row, "bracket")
     if not is_known(x):
         return NOTHING
     if abs(x) <= bracket:
         return "0"
-    certain = math.floor(math.log10(abs(x) / bracket)) if bracket > 0 and x else DIGITS  # number of digits
+    certain = math.floor(math.log10(abs(x) / bracket)) if bracket > 0 else DIGITS  # number of digits
     return f"{x:.{max(1, min(DIGITS, certain))}g}"
 
 
@@ -72,7 +76,7 @@ def paper_figures(rows: Sequence[Row]) -> list[Chart]:
     for column, title, axis in CURVES if rows else ():
         line = [{"engine": "reference", "line": "reference", "name": "", "x": r["t"], "y": r[column]} for r in rows]
         drawn = place_names([line], logarithmic=False)
-        spec = over_time(drawn, axis, logarithmic=False, height=220)
+        spec = specify_lines(drawn, axis, logarithmic=False, height=220)
         charts.append(Chart(f"paper-{column}", title, CAPTION, spec, drawn, {"x": "time [s]", "y": axis}))
     return charts
 
@@ -97,7 +101,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 
 def list_assumed(rows: Mapping[str, Row]) -> str:
-    """Return a sentence on the numbers that the example needs and the paper does not give."""
+    """Return a sentence on the numbers that the paper does not give, with the assumed ones."""
     left_out = [rows[key] for key in ("inertias", "gravity") if key in rows]
     assumed = itemise(f"the {row['quantity']} ({row['statement'].partition(';')[0]})" for row in left_out)
     return f"The paper does not give {assumed}."

@@ -8,13 +8,13 @@ from gauss_bench.reach import BY_AUTHORS, ERRORS, Kind, Reach, Requirement
 from gauss_bench.report.cases import setting_words
 from gauss_bench.report.content import Block, Finding, Section, Text, blocks_of, lay_out, layouts
 from gauss_bench.report.rows import Row, Run, first_number, group_by, is_known, number, search_span, spread, with_number
-from gauss_bench.report.site.settings import answer, race_multiples
+from gauss_bench.report.site.settings import race_multiples, reach_of_search
 from gauss_bench.report.words import count, itemise, itemise_code, limit_text, range_text, ratio_text
 
 PLACE = 15
-TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of answer (`gauss_bench.reach`) for an engine that ran
+TRIED = (Kind.TIMED, Kind.UNTIMED, Kind.NOT_REACHED)  # kinds of `gauss_bench.reach.Reach` of an engine that ran
 KINDS = ("position", "end", "angle", "force")  # kinds of error in the order of the findings
-OK = "ok"
+OK = "ok"  # status of a row with a raced setting
 
 
 def section(run: Run) -> Section | None:
@@ -22,11 +22,8 @@ def section(run: Run) -> Section | None:
     rows = [r for r in run.table("search_winners") if r["required"]]
     if not rows:
         return None
-    scope = (
-        f"Each variant had {describe_effort(rows)}. **Not reached** means that no variant of these adapters reached the "
-        "requirement within these limits."
-    )
-    blocks: list[Block] = [Text(layouts()["search"]["words"]), Text(scope)]
+    layout = layouts()["search"]
+    blocks: list[Block] = [Text(layout["words"]), Text(layout["scope"].format(effort=describe_effort(rows)))]
     for kind, group in group_by(rows, "required").items():
         winners = list_winners(run, group)
         # tables of other errors than that of positions are folded; "end" is the position at the end of the run
@@ -39,7 +36,7 @@ def section(run: Run) -> Section | None:
 
 
 def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
-    """Return rows of the table `search_winners` with further columns for the layout `search`.
+    """Return rows of `search_winners`, sorted by linkage and accuracy, with further columns for the layout `search`.
 
     Marks in the column `name`: "own" if the authors of this suite wrote the engine, "base" if ratios of times are relative to it,
     and BY_AUTHORS if the authors of the engine own the settings.
@@ -53,15 +50,16 @@ def list_winners(run: Run, rows: Sequence[Row]) -> list[Row]:
         more: dict[str, Any] = {
             "within": f"{limit_text(row['accuracy'])} {row['unit']}",
             "name": f"{row['engine']} ({', '.join(marks)})" if marks else row["engine"],
-            "size": first_number(number(row, "step"), number(row, "tolerance")),
+            "size": first_number(number(row, "step"), number(row, "tolerance")),  # [s] or tolerance
             "over": multiples.get((row["mechanism"], row["required"], row["accuracy"], row["engine"]), math.nan),
         }
         if row["status"] == OK:
             more["remark"] = f"in Python: {row['in_python']}" if row.get("in_python") else ""
         else:
-            reach = answer_of(run, row)
+            reach = reach_of_row(run, row)
             more |= {"remark": reach.words, "remark_tone": "warn", "missing": str(reach.kind)}
         winners.append({**row, **more})
+    # untimed engines come last
     return sorted(winners, key=lambda row: (row["mechanism"], -row["accuracy"], first_number(number(row, "seconds"), math.inf)))
 
 
@@ -75,26 +73,27 @@ def list_owned(rows: Sequence[Row]) -> list[Row]:
         place = {k: row[k] for k in ("mechanism", "required")} | {"within": f"{limit_text(row['accuracy'])} {row['unit']}"}
         ours = {k.removeprefix("our_"): x for k, x in row.items() if k.startswith("our_")}
         their_name = {"name": f"{row['engine']}, {BY_AUTHORS}", "owner": row["owner"]}
-        for found, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
-            size = first_number(number(found, "step"), number(found, "tolerance"))  # the step, or the tolerance if there is no step
-            words = setting_words(found) if is_known(number(found, "seconds")) else ""
-            lines.append({**place, **found, **names, "size": size, "words": words, "remark": found.get("message", "")})
+        for setting, names in ((row, their_name), (ours, {"name": row["engine"], "owner": ""})):
+            size = first_number(number(setting, "step"), number(setting, "tolerance"))  # step [s], or tolerance
+            words = setting_words(setting) if is_known(number(setting, "seconds")) else ""
+            lines.append({**place, **setting, **names, "size": size, "words": words, "remark": setting.get("message", "")})
     return lines
 
 
 def describe_effort(rows: Sequence[Row]) -> str:
     """Return in words the largest allowed numbers of evaluations of a variant and of steps of a run; ranges if linkages differ."""
-    evaluations, steps = (range_text([r[x] for r in with_number(rows, x)], "{:.0f}".format) for x in ("budget", "most_steps"))
+    limits = ([r[column] for r in with_number(rows, column)] for column in ("budget", "most_steps"))
+    evaluations, steps = (range_text(numbers, "{:.0f}".format) for numbers in limits)
     return f"{evaluations} evaluations and {steps} steps of a run at most"
 
 
-def answer_of(run: Run, row: Row) -> Reach:
-    """Return whether the engine of a row of `search_winners` meets the requirement of the row, and if not, how close it comes."""
-    return answer(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
+def reach_of_row(run: Run, row: Row) -> Reach:
+    """Return whether the engine of a row of `search_winners` meets the requirement of the row and, if not, how close it comes."""
+    return reach_of_search(run, row["mechanism"], row["engine"], [Requirement(row["required"], row["accuracy"])])
 
 
 def findings(run: Run) -> Iterator[Finding]:
-    """Yield findings on the searches."""
+    """Yield findings on lost races, on settings by engines' authors, and on all engines' times at each requirement."""
     unsearched = [r for r in run.table("search_winners") if not r["required"]]
     if unsearched:
         reasons = "; ".join(f"{r['mechanism']}: {r['message']}" for r in unsearched)
@@ -104,12 +103,12 @@ def findings(run: Run) -> Iterator[Finding]:
     groups = group_by((r for r in run.table("search_winners") if r["required"]), "required", "accuracy")
     # kinds in the order of KINDS, other kinds after them; larger errors first
     for kind, accuracy in sorted(groups, key=lambda x: ([*KINDS, x[0]].index(x[0]), -x[1])):
-        group = over_the_cheaper(groups[kind, accuracy])
+        group = divide_by_ours(groups[kind, accuracy])
         lost = [*name_defeats(run, group)]
-        rivals = [r for r in group if r["engine"] not in run.own_engines and answer_of(run, r).kind in TRIED]
-        ratios = [
-            f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}" for engine, rows in group_by(rivals, "engine").items()
-        ]
+        rivals = [r for r in group if r["engine"] not in run.own_engines and reach_of_row(run, r).kind in TRIED]
+        ratios = []
+        for engine, rows in group_by(rivals, "engine").items():
+            ratios.append(f"`{engine}` {itemise(_print_ratio(run, r) for r in rows)}")
         if ratios:
             ours = itemise_code(r["engine"] for r in group if r.get("ours"))
             text = (
@@ -140,7 +139,7 @@ def _place(row: Row) -> str:
 
 
 def compare_best(run: Run, group: Sequence[Row]) -> str:
-    """Return a sentence on the times of all engines at one required accuracy, relative to this suite's compiled formulations."""
+    """Return a sentence on all engines' times at one requirement over those of our compiled formulations; empty without times."""
     raced = count(len({r["mechanism"] for r in with_number(group, "ratio")}), "linkage")
     faster = group_by(list_faster(group), "engine").items()
     wins = itemise(f"{_mark_engine(run, engine)} is faster on {len(rows)}" for engine, rows in faster)
@@ -158,29 +157,29 @@ def _mark_engine(run: Run, engine: str) -> str:
 def _print_ratio(run: Run, row: Row) -> str:
     """Return in words the linkage of a row, and the engine's time divided by this suite's, or why this ratio is missing."""
     if row["status"] != OK:
-        return f"{row['mechanism']} {answer_of(run, row).words}"
+        return f"{row['mechanism']} {reach_of_row(run, row).words}"
     ratio = spread(row, "ratio")  # unknown if our own engines do not meet the requirement
     words = ratio.print_with(ratio_text) if is_known(ratio.value) else f"(ours {Kind.NOT_REACHED})"
     return f"{row['mechanism']} {words}"
 
 
-def over_the_cheaper(group: Sequence[Row]) -> list[Row]:
-    """Return rows of `search_winners` with ratios to the fastest of this suite's compiled engines on each linkage.
+def divide_by_ours(group: Sequence[Row]) -> list[Row]:
+    """Return rows of `search_winners` whose ratios are times over that of the fastest of this suite's compiled engines there.
 
     Rows of these engines have the entry `ours`. The denominator of the stored ratios may be another of them, as fast within the
-    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1.
+    spread; after division by the smallest ratio of these engines, the fastest has the ratio 1. If none has a ratio, all are NaN.
     """
     compiled = group_by((r for r in with_number(group, "ratio") if r.get("ours")), "mechanism")
     least = {linkage: min(r["ratio"] for r in rows) for linkage, rows in compiled.items()}
-    rows: list[Row] = []
+    divided: list[Row] = []
     for row in group:
-        ours, stored = least.get(row["mechanism"], math.nan), spread(row, "ratio")
-        rows.append({**row, "ratio": stored.value / ours, "ratio_low": stored.low / ours, "ratio_high": stored.high / ours})
-    return rows
+        ours, ratio = least.get(row["mechanism"], math.nan), spread(row, "ratio")
+        divided.append({**row, "ratio": ratio.value / ours, "ratio_low": ratio.low / ours, "ratio_high": ratio.high / ours})
+    return divided
 
 
 def list_faster(group: Sequence[Row]) -> list[Row]:
-    """Return the rows of engines that are faster than the suite's compiled formulations: their ratio's whole range is below 1."""
+    """Return the rows of engines that are faster than the suite's compiled ones: the whole range of the ratio is below 1."""
     return [r for r in group if not r.get("ours") and number(r, "ratio_high") < 1]
 
 
@@ -190,7 +189,7 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
     These engines are slower than others, do not meet the requirement on a linkage, or lead by less than the target.
 
     Args:
-        group: rows that `over_the_cheaper` returns, at one requirement.
+        group: rows that `divide_by_ours` returns, at one requirement.
     """
     if faster := [f"{_mark_engine(run, r['engine'])} on {_print_ratio(run, r)}" for r in list_faster(group)]:
         yield f"**Slower than {itemise(faster)}.** "
@@ -198,18 +197,19 @@ def name_defeats(run: Run, group: Sequence[Row]) -> Iterator[str]:
         ours = [r for r in rows if r.get("ours")]
         if any(r["status"] == OK for r in ours):
             continue
-        if any(answer_of(run, r).kind is Kind.NOT_REACHED for r in ours):  # others were skipped or not tried
+        # engines that were skipped or not tried do not count as defeated
+        if any(reach_of_row(run, r).kind is Kind.NOT_REACHED for r in ours):
             others = itemise(f"`{r['engine']}`" for r in rows if r["status"] == OK)
             yield f"**Our own engines do not reach it on {linkage}**{f', {others} does' if others else ''}. "
     missed = [r for r in with_number(group, "target") if not r["met"]]
-    if near := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
-        yield f"**Our lead misses its target** over {itemise(near)}. "
+    if short := [f"`{r['engine']}` on {_print_ratio(run, r)} instead of {ratio_text(r['target'])}" for r in missed]:
+        yield f"**Our lead misses its target** over {itemise(short)}. "
 
 
 def name_left_out(run: Run, group: Sequence[Row]) -> Iterator[str]:
-    """Yield sentences on the engines that do not run a linkage, one for each reason, and on linkages without a search."""
-    missing = [r for r in group if r["status"] != OK and answer_of(run, r).kind not in TRIED]
-    for words, rows in group_by(missing, lambda r: answer_of(run, r).words).items():
+    """Yield sentences on the engines that did not run on a linkage, one for each reason, and on linkages without a search."""
+    missing = [r for r in group if r["status"] != OK and reach_of_row(run, r).kind not in TRIED]
+    for words, rows in group_by(missing, lambda r: reach_of_row(run, r).words).items():
         engines = itemise_code(r["engine"] for r in rows)
         yield f" Left out: {engines} on {itemise(sorted({r['mechanism'] for r in rows}))} ({words})."
     if rest := sorted(set(run.linkages) - {r["mechanism"] for r in group}):

@@ -29,7 +29,7 @@ OWN = "gauss"
 NUMBERS = r"( by)? \d\S*( rad| m| J)?( \(m or rad\))?( where \S+ J move)?(?= |,|;|$)"  # numbers in the judge's sentences
 SHUT = 1e-4  # [m, rad] loops with a smaller gap look closed
 LOST = 1.0  # [rad or m] a motion with a larger error is another motion
-MOST_DRIFT = 20  # cases in the table of the largest drift
+MOST_DRIFT = 20  # number of cases in the table of the largest drift
 TIED = 0.05  # relative difference within which engines are equally good
 
 
@@ -42,7 +42,7 @@ def all_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
 
 
 def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
-    """Return the table of the most accurate case of each engine and settings.
+    """Return the table of the most accurate valid case of each engine and setting, the most accurate first.
 
     Cases with errors below the reference's error bar count as equally accurate; of these the case with the largest step is taken.
     """
@@ -53,10 +53,9 @@ def best_cases(name: str, scenario: str, rows: Sequence[Row]) -> Table:
         return (False, 0.0, step) if is_below_reference(row) else (True, end_error(row), step)
 
     usable = [row for row in rows if may_rank(row) and is_known(end_error(row))]
-    most_accurate = [min(group, key=rank) for group in group_by(usable, "engine", "settings").values()]
-    least = sorted(most_accurate, key=rank)
+    most_accurate = sorted((min(group, key=rank) for group in group_by(usable, "engine", "settings").values()), key=rank)
     title = f"Most accurate case of each engine and setting, {scenario}"
-    return replace(all_cases(name, scenario, least), title=title, folded=False, note=layouts()["notes"]["below"])
+    return replace(all_cases(name, scenario, most_accurate), title=title, folded=False, note=layouts()["notes"]["below"])
 
 
 def findings(run: Run) -> Iterator[Finding]:
@@ -70,7 +69,7 @@ def findings(run: Run) -> Iterator[Finding]:
 
 def find_best(run: Run, name: str) -> Iterator[Finding]:
     """Yield, for each scenario of a linkage, a finding on the most accurate case, and on the cheapest within each of TARGETS."""
-    usable = [row for row in run.of(name) if may_rank(row) and is_known(end_error(row))]
+    usable = [row for row in run.cases_of(name) if may_rank(row) and is_known(end_error(row))]
     for scenario, rows in group_by(usable, "scenario").items():
         sentences = [name_most_accurate(rows)]
         for target in TARGETS:
@@ -97,7 +96,7 @@ def _name_loop(row: Row) -> str:
 
 
 def _name_cheapest(rows: Sequence[Row], loop: str) -> str:
-    """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest one by `gauss`."""
+    """Return in words the cheapest of the given cases with its run time, and the run time of the cheapest case of `gauss`."""
     cheapest = min(rows, key=run_time)
     text = f"{describe_case(cheapest)}, {run_time(cheapest) * 1e3:.3g} ms {loop}"
     own = [row for row in rows if row["engine"] == OWN]
@@ -132,7 +131,7 @@ def name_tied(rows: Sequence[Row], best: Row, value: Callable[[Row], float]) -> 
 
 
 def find_wrong_motion(run: Run) -> Iterator[Finding]:
-    """Yield a finding on the case with the largest error among those with a right model and closed loops."""
+    """Yield a finding on the case with the largest error of those with closed loops and right accelerations, if above LOST."""
     closed = [row for row in run.results if has_ended(row) and not row["control"] and number(row, "position_drift") < SHUT]
     rows = [r for r in closed if number(r, "acceleration_error_median") <= run.acceleration_gate and end_error(r) > LOST]
     if rows:
@@ -168,6 +167,7 @@ def find_invalid(run: Run) -> Iterator[Finding]:
 
 def _list_flags(group: Sequence[Row]) -> str:
     """Return a list in words of the reasons why the given cases were judged invalid, the most frequent first."""
+    # without numbers, so that sentences that differ only in numbers count as one reason
     flags = (re.sub(r" \S+ m from", " away from", row.get("flag") or "no reason given") for row in group)
     frequency = Counter(re.sub(NUMBERS, "", flag) for flag in flags)
     return itemise(sorted(frequency, key=lambda flag: (-frequency[flag], flag)))

@@ -1,4 +1,4 @@
-"""Pages that are made of sections: papers, kernel, releases and method; and the page of all findings."""
+"""The pages that consist of sections (papers, kernel, releases and method), and the page of all findings."""
 
 from collections.abc import Iterable, Sequence
 from types import ModuleType
@@ -14,8 +14,9 @@ TONES = ("bad", "warn", "", "good")  # tones of findings in the order of their p
 
 
 def make_sections(run: Run, modules: Iterable[ModuleType]) -> list[Section]:
-    """Return the sections that modules make; a module without a section, or without rows for it, is left out."""
-    return [x for module in modules if hasattr(module, "section") and (x := module.section(run)) is not None]
+    """Return the sections that modules make; modules that make none, or have no rows for it, are left out."""
+    sections = [module.section(run) for module in modules if hasattr(module, "section")]
+    return [section for section in sections if section is not None]
 
 
 def chart_data(section: Section) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def chart_data(section: Section) -> dict[str, Any]:
     return data
 
 
-def chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
+def make_chapter(name: str, title: str, lead: str, contents: Sequence[Section], **parts: Any) -> Page:
     """Return a page of sections that has its own entry in the table of contents; `parts` are further arguments of `plain_page`."""
     charts = chart_data(Section(title, name, (), contents))
     return plain_page(name, title, lead, title, charts, sections=contents, **parts)
@@ -37,29 +38,29 @@ def papers_page(run: Run) -> Page | None:
     if not run.table("audit") and not run.table("kernel_claim"):
         return None
     lead = "Three papers claim that fewer unknowns are faster. Each of their lines is computed as printed, and as it should read."
-    return chapter("papers", "Papers", lead, make_sections(run, PAPERS))
+    return make_chapter("papers", "Papers", lead, make_sections(run, PAPERS))
 
 
 def kernel_page(run: Run) -> Page | None:
     """Return the page on speed and accuracy of the compiled formulations, or None if the run did not measure them."""
     content = kernel.section(run)
     lead = "The compiled formulations: the cost of a step, its accuracy, and its distance from the limit of the processor."
-    return chapter("kernel", "Kernel", lead, content.parts) if content else None
+    return make_chapter("kernel", "Kernel", lead, content.parts) if content else None
 
 
 def releases_page(run: Run) -> Page | None:
     """Return the page on the releases of engines' libraries, or None if the run compared none."""
     content = releases.section(run)
     lead = "What changed between the releases of an engine, what is rounding, and what a step costs."
-    return chapter("releases", "What changed", lead, content.parts) if content else None
+    return make_chapter("releases", "What changed", lead, content.parts) if content else None
 
 
 def method_page(run: Run) -> Page:
     """Return the page on the method: an opening text, limitations and biases, then every section that no other page has."""
     lead = "What is compared, what counts as true, what a time is, and where all of this ends."
-    # limitations and biases come first; the others that are left out have pages of their own
+    # limitations and biases come first; the sections that are left out have pages of their own
     others = [x for x in all_sections() if x not in (*PAPERS, kernel, releases, limitations, bias, field)]
-    return chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))
+    return make_chapter("method", "Method", lead, make_sections(run, [limitations, bias, *others]), opening=render("method.html"))
 
 
 def findings_page(findings: Sequence[Finding]) -> Page:

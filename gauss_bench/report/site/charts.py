@@ -1,4 +1,4 @@
-"""Charts as Vega-Lite specifications, made from the templates of `assets/charts.json`.
+"""Specify charts in Vega-Lite, by the templates of `assets/charts.json`.
 
 Colours are names of CSS variables, so that dark mode and printing need no second drawing. A specification contains no data; a
 script of the page adds the rows.
@@ -10,18 +10,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gauss_bench.report.palette import SHAPES, slots
+from gauss_bench.report.palette import SHAPES, assign_hues
 from gauss_bench.report.rows import Row, is_known, number
 
 GRAMMAR: Mapping[str, Any] = json.loads((Path(__file__).parent / "assets" / "charts.json").read_text(encoding="utf-8"))
 VEGA_LITE = "6.4"  # version of the specifications
-MOST_LINES = 6  # largest number of lines that are named at their ends
+MOST_LINES = 6  # largest number of lines that have their names at their ends
 APART = 0.065  # smallest distance of two names, as a share of the height
-FLOOR = 1e-17  # a zero error is drawn here, since logarithmic axes have no zero
+FLOOR = 1e-17  # drawn value of a zero error, because a logarithmic axis has no zero
 
 
 def fill(part: Any, values: Mapping[str, Any]) -> Any:
-    """Return a part of a template, with `values[name]` in place of every text "$name"."""
+    """Return a part of a template in which `values[name]`, filled in as well, replaces every text "$name"."""
     match part:
         case dict():
             return {k: fill(x, values) for k, x in part.items()}
@@ -32,13 +32,13 @@ def fill(part: Any, values: Mapping[str, Any]) -> Any:
     return part
 
 
-def look(engines: Sequence[str]) -> dict[str, Any]:
-    """Return the values "engines", "colours" and "shapes" (of markers, for readers who see no colours) of a template."""
-    colours = [f"var(--{slot})" for slot in slots(engines).values()]
+def style_engines(engines: Sequence[str]) -> dict[str, Any]:
+    """Return the values "engines", "colours" and "shapes" of a template; markers differ too, for readers who see no colours."""
+    colours = [f"var(--{hue})" for hue in assign_hues(engines).values()]
     return {"engines": list(engines), "colours": colours, "shapes": [SHAPES[i % len(SHAPES)] for i in range(len(engines))]}
 
 
-def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequence[str] = ()) -> dict[str, Any]:
+def specify_points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequence[str] = ()) -> dict[str, Any]:
     """Return the specification of a chart of points on two logarithmic axes, joined by lines.
 
     Args:
@@ -46,11 +46,11 @@ def points(rows: Sequence[Row], x: str, y: str, height: int = 340, engines: Sequ
         x, y: titles of the axes.
         engines: engines in the order of the legend; by default they are sorted by name.
     """
-    values = look(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
+    values = style_engines(engines or sorted({str(r["engine"]) for r in rows})) | {"x": x, "y": y, "height": height}
     return dict(fill(GRAMMAR["points"], values))
 
 
-def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int = 300) -> dict[str, Any]:
+def specify_lines(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int = 300) -> dict[str, Any]:
     """Return the specification of a chart of lines against time, each with its name at its end.
 
     Args:
@@ -59,19 +59,19 @@ def over_time(rows: Sequence[Row], y: str, logarithmic: bool = True, height: int
         height: height of the chart [px].
     """
     kind = "log" if logarithmic else "linear"
-    values = look(list(dict.fromkeys(str(r["engine"]) for r in rows)))
+    values = style_engines(list(dict.fromkeys(str(r["engine"]) for r in rows)))
     values |= {"last": max((number(r, "x") for r in rows), default=1.0), "y": y, "height": height}
     values |= {"level": GRAMMAR["levels"][kind], "names": GRAMMAR["levels"][f"{kind} names"]}
     return dict(fill(GRAMMAR["over_time"], values))
 
 
 def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool = True) -> list[dict[str, Any]]:
-    """Return the rows of all lines of a chart, with the places of the lines' names.
+    """Return the rows of all lines of a chart, with the places of the lines' names; no rows if no value is finite.
 
     The last row of a line also has `end`, and `label_y`, the value on the vertical axis at which the line's name is written.
 
     Args:
-        lines: for each line its rows, with x and y; the names of the first MOST_LINES must not overlap.
+        lines: for each line its rows, with x and y. The names of the first MOST_LINES lines are kept apart.
     """
 
     def height(y: float) -> float:
@@ -94,12 +94,13 @@ def place_names(lines: Sequence[Sequence[Mapping[str, Any]]], logarithmic: bool 
     return rows
 
 
-def bars(
+def specify_bars(
     rows: Sequence[Row], x: str, logarithmic: bool = False, rule: float | None = None, number_format: str = ""
 ) -> dict[str, Any]:
-    """Return the specification of a chart with a bar for each row.
+    """Return the specification of a chart with a bar for each row, from 0 to its `y`.
 
-    Dots replace the bars if the axis is logarithmic, or if rows have low and high, which are drawn as ranges.
+    Dots replace the bars if the axis is logarithmic, or if rows have `low` and `high`, which are drawn as ranges.
+    `rule` is the value of a dashed line.
     """
     ranged = any(is_known(r.get("low")) for r in rows)
     shown = {"rule": rule is not None, "range": ranged, "dots": ranged or logarithmic, "bars": not (ranged or logarithmic)}

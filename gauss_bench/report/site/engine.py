@@ -7,9 +7,9 @@ from statistics import geometric_mean
 
 from gauss_bench.reach import ERRORS
 from gauss_bench.report.cases import SAME_ACCELERATION, has_ended, setting_words
-from gauss_bench.report.content import Table, lay_out
+from gauss_bench.report.content import Table, lay_out, layouts
 from gauss_bench.report.first_table import FIRST
-from gauss_bench.report.pages import facts, faults_of
+from gauss_bench.report.pages import fault_sections, list_facts
 from gauss_bench.report.rows import Row, Run, group_by, is_known, number, of_engine, with_number
 from gauss_bench.report.sections import field
 from gauss_bench.report.sections.search import list_owned
@@ -20,7 +20,6 @@ from gauss_bench.report.site.settings import (
     USUAL,
     Setting,
     all_settings,
-    answer_of,
     cheapest_stored,
     describe_setting,
     describe_size,
@@ -28,11 +27,12 @@ from gauss_bench.report.site.settings import (
     fastest_first,
     make_setting,
     race_multiples,
+    reach_of_engine,
     scenarios,
 )
 from gauss_bench.report.words import count, error_text, itemise, limit_text, ratio_text
 
-TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracies in the table of an engine's best settings
+TABLED = sorted({*POSITIONS[1::2], USUAL, FIRST}, reverse=True)  # [m] accuracies for which tables have an engine's best settings
 
 
 def engine_names(run: Run) -> list[str]:
@@ -42,7 +42,7 @@ def engine_names(run: Run) -> list[str]:
 
 
 def runs_of_engines(run: Run) -> dict[str, Run]:
-    """Return a dictionary, sorted by name: engine -> the run whose rows the engine's page shows."""
+    """Return engine -> the run whose rows the engine's page shows, sorted by name: this run if it has the engine."""
     runs = dict.fromkeys(engine_names(run.field_run), run.field_run) | dict.fromkeys(engine_names(run), run)
     return dict(sorted(runs.items()))
 
@@ -52,31 +52,28 @@ def engine_page(run: Run, name: str) -> Page:
     its_run = runs_of_engines(run).get(name, run)
     rows = of_engine(its_run.results, name)
     installed = its_run.environment.get("engines", {}).get(name, {})
-    field_answers = field.answers(run, name)  # results of the same tests for all engines, from the suite `field`
-    options = None  # the method page has the options of this run's own engines
+    field_results = field.list_results(run, name)  # results of the same tests for all engines, from the suite `field`
+    options = None  # the method page has the options of the engines in this run
     if its_run is not run:
         options = lay_out("settings", list_options(its_run, name), title="Its settings in full", folded=True)
-    home = ""
+    environment = ""
     if installed.get("environment"):
-        home = (
-            f"It lives in an environment of its own: {installed['environment']}. `gauss-bench engines install {name}` installs it; "
-            "`gauss-bench engines` shows its licence and size."
-        )
+        environment = layouts()["texts"]["environment"].format(where=installed["environment"], name=name)
     body = render(
         "engine.html",
         name=name,
-        asked=lay_out("field", field_answers, title="Its answers"),
-        costs=lay_out("field_costs", field.costs(run, name), title="Its costs"),
-        apart=field.describe_run(run) if field_answers and its_run is not run.field_run else "",
-        home=home,
+        results=lay_out("field", field_results, title="Its results"),
+        costs=lay_out("field_costs", field.list_costs(run, name), title="Its costs"),
+        field_run=field.describe_run(run) if field_results and its_run is not run.field_run else "",
+        environment=environment,
         settings=options,
         commands=list_commands(its_run, name),
         cases=lay_out("engine_cases", list_cases(rows)),
-        bests=cheapest_table(its_run, name),
+        cheapest=cheapest_table(its_run, name),
         races=list_races(its_run, name),
         why=explain_time(its_run, name),
-        broken=list_failures(its_run, name),
-        faults=faults_of(run.faults, name),
+        failures=list_failures(its_run, name),
+        faults=fault_sections(run.faults, name),
         atlas=atlas_table(of_engine(run.table("atlas"), name)),
         owned=lay_out("search_owned", list_owned(of_engine(its_run.table("search_owned"), name))),
         releases=len(of_engine(run.table("releases"), name)),
@@ -86,11 +83,11 @@ def engine_page(run: Run, name: str) -> Page:
     lead = f"{installed.get('version') or name}: as shipped, as set here, and with the best settings found."
     if any(r["control"] for r in rows):
         lead = "A negative control, wrong on purpose: it must never pass."
-    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(facts(its_run)))
+    return Page(f"engine-{file_name(name)}", name, lead, body, facts=tuple(list_facts(its_run)))
 
 
 def list_commands(run: Run, name: str) -> list[tuple[str, str]]:
-    """Return (purpose, command to paste) for the engine's cheapest setting on each linkage at each of the accuracies TABLED.
+    """Return (purpose, command) for the engine's cheapest setting on each linkage at each of the accuracies TABLED.
 
     If no setting of the engine meets any of the accuracies, the list has the command of the last case with default settings. A
     command that serves several purposes is listed once, with the first of these purposes.
@@ -128,17 +125,17 @@ def list_cases(rows: Sequence[Row]) -> Iterator[Row]:
 
 
 def cheapest_table(run: Run, name: str) -> Table:
-    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED."""
+    """Return the table of the engine's cheapest setting for each linkage at each of the accuracies TABLED, or why it has none."""
     lines: list[Row] = []
-    # linkages on which the search ran the engine, and linkages with a stored setting of the engine
+    # linkages on which the search ran the engine, and linkages with a stored setting of it; without the latter the table is empty
     searched = [linkage for linkage in scenarios(run) if name in engines_of(run, linkage)]
-    known = [linkage for linkage, settings in all_settings(run).items() if any(x.engine == name for x in settings)]
-    for linkage in sorted({*searched, *known}) if known else ():
+    stored = [linkage for linkage, settings in all_settings(run).items() if any(x.engine == name for x in settings)]
+    for linkage in sorted({*searched, *stored}) if stored else ():
         for position in TABLED:
             place = {"mechanism": linkage, "within": position}
             setting = cheapest_stored(run, linkage, position).get(name)
             if setting is None:
-                reach = answer_of(run, linkage, name, position)
+                reach = reach_of_engine(run, linkage, name, position)
                 lines.append(place | {"words": reach.words, "words_tone": "warn", "missing": str(reach.kind)})
             else:
                 lines.append(vars(setting) | place | {"words": describe_setting(run, setting), "size": describe_size(setting)})
@@ -186,8 +183,8 @@ def list_races(run: Run, name: str) -> Table:
         if r["required"] and race in multiples:
             what = f"{ERRORS.get(r['required'], r['required'])} within {limit_text(r['accuracy'])} {r['unit']}"
             lines.append({**r, "what": what, "words": describe_setting(run, make_setting(r)), "multiple": multiples[race]})
-    inside = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
-    python = f" These times contain Python code of the suite: {inside}." if inside else ""
+    code = itemise(dict.fromkeys(r["in_python"] for r in lines if r.get("in_python")))
+    python = f" These times contain Python code of the suite: {code}." if code else ""
     note = f"The multiple is the engine's time divided by that of the fastest engine at the same accuracy.{python}"
     return lay_out("engine_races", lines, note=note)
 
@@ -212,13 +209,14 @@ def list_failures(run: Run, name: str) -> list[str]:
     failed = [r for r in rows if not has_ended(r) and r["status"] != "skip"]
     # negative controls are left out: they are invalid on purpose
     invalid = [r for r in rows if has_ended(r) and not r["valid"] and not r["control"]]
-    ladder = of_engine(run.table("search_ladder"), name)
+    ladder = of_engine(run.table("search_ladder"), name)  # its trials in the search
     early = [r for r in ladder if r["status"] not in ("ok", "skip")]
     sentences = []
     if failed:
         statuses, places = (itemise(sorted({r[k] for r in failed})) for k in ("status", "mechanism"))
         sentences.append(f"{count(len(failed), 'case')} of {len(rows)} ended without a motion: {statuses}, on {places}.")
     if invalid:
+        # if no drift is known, the first case is named
         worst = max(with_number(invalid, "position_drift") or invalid[:1], key=lambda r: number(r, "position_drift"))
         sentences.append(
             f"{count(len(invalid), 'case')} of {len(rows)} ended and may not be used; the loosest opened a loop "
@@ -226,11 +224,10 @@ def list_failures(run: Run, name: str) -> list[str]:
             f"{worst['integrator']} at step {worst['step']:g} s)."
         )
     if early:
-        smallest = min((r["step"] for r in with_number(early, "step")), default=0)
-        sentences.append(
-            f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early, most of them at steps "
-            f"that are too large; the smallest such step was {smallest:.2g} s."
-        )
+        steps = [r["step"] for r in with_number(early, "step")]
+        # runs with a tolerance have no step
+        large = f", most of them at steps that are too large; the smallest such step was {min(steps):.2g} s" if steps else ""
+        sentences.append(f"In the search {len(early)} of {count(len(ladder), 'evaluation')} ended early{large}.")
     tried = (*rows, *of_engine(run.table("search_winners"), name))
     skipped = sorted({r["message"] for r in tried if r["status"] == "skip"} - {""})
     sentences += [f"Cannot be modelled: {x.removeprefix('cannot be modelled: ')}." for x in skipped[:4]]
@@ -257,19 +254,19 @@ def list_inexact(run: Run, name: str) -> list[str]:
 
 
 def atlas_table(rows: Sequence[Row]) -> Table:
-    """Return the table that tells up to where the engine works as a linkage gets harder in one respect, such as stiffness.
+    """Return the table of the engine's limits: the values up to which it works as linkages get harder in one respect.
 
     Args:
-        rows: the engine's rows of the table `atlas`, one for each axis, which is a respect in which linkages get harder.
+        rows: the engine's rows of the table `atlas`, one for each axis: a respect in which linkages get harder, such as stiffness.
     """
     lines = []
     for r in rows:
         ends = {k: f"{r[k]:g} {r['unit']}".strip() if is_known(r.get(k)) else "" for k in ("passes_to", "breaks_at")}
         setting = setting_words(r, "settings", "stabilization") or "default"
-        if_empty = "fails at the easiest" if not ends["passes_to"] else "passes to the end"  # reason of a dash in either column
+        missing = "fails at the easiest" if not ends["passes_to"] else "passes to the end"  # reason of a dash in either column
         if r["last"] == "cannot":  # the engine cannot model the next linkage of the axis
-            if_empty = "not run further"
-        lines.append({**r, "way": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": if_empty})
+            missing = "not run further"
+        lines.append({**r, "setting": setting, "passes": ends["passes_to"], "breaks": ends["breaks_at"], "missing": missing})
     commits = itemise(sorted({r["commit"] for r in rows} - {""}))
     note = f"Each axis is run from easy to hard, one thing changed at a time{f'; by the code of {commits}' if commits else ''}."
     return lay_out("engine_atlas", lines, note=note)
@@ -277,16 +274,16 @@ def atlas_table(rows: Sequence[Row]) -> Table:
 
 def engines_page(run: Run) -> Page:
     """Return the page that lists all engines, with their results in the tests of the suite `field`."""
-    lines = []
+    entries = []
     for name, its_run in runs_of_engines(run).items():
         rows = of_engine(its_run.results, name)
         if rows:
             valid = sum(bool(r["valid"]) for r in rows)
             words = f"{valid} of {count(len(rows), 'case')} valid" + ("" if its_run is run else " (suite `field`)")
         else:
-            reasons = (r["message"] for r in of_engine(its_run.table("field"), name) if r["message"])
-            words = next(reasons, "in the search alone, in no accuracy case")
-        lines.append({"page": f"engine-{file_name(name)}.html", "name": name, "said": words})
+            reasons = [r["message"] for r in of_engine(its_run.table("field"), name) if r["message"]]
+            words = reasons[0] if reasons else "in the search alone, in no accuracy case"
+        entries.append({"page": f"engine-{file_name(name)}.html", "name": name, "words": words})
     lead = "Each engine as shipped, as set here, and with the best settings found."
-    asked = field.section(run)
-    return plain_page("engines", "Engines", lead, "Engines", engines=lines, sections=[asked] if asked else [])
+    tests = field.section(run)
+    return plain_page("engines", "Engines", lead, "Engines", engines=entries, sections=[tests] if tests else [])

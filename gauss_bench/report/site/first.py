@@ -15,11 +15,11 @@ from gauss_bench.report.cases import end_error, has_ended, is_unstabilised, may_
 from gauss_bench.report.content import Chart, Finding, layouts
 from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.first_table import first_table
-from gauss_bench.report.palette import slots
+from gauss_bench.report.palette import assign_hues
 from gauss_bench.report.rows import Row, Run, group_by, is_known, with_number
 from gauss_bench.report.sections import bias
 from gauss_bench.report.sections.trajectories import name_most_accurate
-from gauss_bench.report.site.charts import FLOOR, bars
+from gauss_bench.report.site.charts import FLOOR, specify_bars
 from gauss_bench.report.site.engine import explain_time
 from gauss_bench.report.site.page import Page, file_name, render, sentence_of
 from gauss_bench.report.site.settings import (
@@ -28,8 +28,8 @@ from gauss_bench.report.site.settings import (
     USUAL,
     Setting,
     all_settings,
-    answers,
     cheapest_stored,
+    collect_choices,
     describe_setting,
     describe_size,
     fastest_first,
@@ -37,40 +37,39 @@ from gauss_bench.report.site.settings import (
 )
 from gauss_bench.report.words import count, error_text, ratio_text
 
-HOLDS = 1e-4  # [m, rad] a loop that opens by less, a tenth of a millimetre, counts as closed
+HOLDS = 1e-4  # [m, rad] a loop that opens by no more than this, a tenth of a millimetre, counts as closed
 CARD = tomllib.loads((Path(__file__).parent / "assets" / "cards.toml").read_text(encoding="utf-8"))  # name of a card -> its texts
 STEP = 1e-3  # [s] step at which engines are compared as shipped
-
-
-Card = dict[str, Any]  # contents of a card: its texts of CARD with `sentence`, `number` and `chart` (None without a figure)
 CLAIM = "The paper's claim"  # title of the finding on Gauss against Lagrange
-
-
+Card = dict[str, Any]  # contents of a card: its texts of CARD with `sentence`, `number` and `chart` (None without a figure)
 Question = dict[str, str]  # a question, its answer in one sentence, and the address of the page with the rows behind it
-LEAD = (
-    "This page finds the engine and the settings that simulate a closed-loop linkage accurately enough at the least cost. Errors "
-    "are measured against a motion that is known to far more digits."
-)
 Programs = Callable[[list[tuple[Any, ...]]], Mapping[tuple[Any, ...], str]]  # list of `Setting.choice` -> program of each
 
 
 def make_card(name: str, sentence: str, number: str, rows: list[dict[str, Any]], unit: str = "", **chart_options: Any) -> Card:
-    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart."""
+    """Return a card, which is a framed box of the first page: a question, its answer, and a small bar chart.
+
+    Each of `rows` is a bar, with `name`, `y` and perhaps `low` and `high`.
+    """
     words, chart = CARD[name], None
     if rows:
-        head = {"name": words["rows"], "y": words["column"]} | ({"low": "least", "high": "largest"} if "low" in rows[0] else {})
-        spec = bars(rows, words["axis"], **chart_options)
+        heads = {"name": words["rows"], "y": words["column"], "low": "least", "high": "largest"}
+        head = {key: text for key, text in heads.items() if key in rows[0]}  # rows without a range have neither `low` nor `high`
+        spec = specify_bars(rows, words["axis"], **chart_options)
         chart = Chart(f"card-{name}", words["title"], words["description"], spec, rows, head, small=True)
     return {**words, "sentence": sentence, "number": number, "unit": unit or words["unit"], "chart": chart}
 
 
 def drift_as_shipped(run: Run) -> dict[str, Row]:
-    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP."""
+    """Return engine -> its case with the largest drift, among cases with default settings, no stabilisation and a step of STEP.
+
+    Of several integrators, that with the smallest such drift counts.
+    """
     ended = [r for r in with_number(run.results, "position_drift") if has_ended(r) and not r["control"]]
     shipped = [r for r in ended if r["settings"] == "default" and is_unstabilised(r) and abs(r["step"] - STEP) < 1e-9]
     drift = itemgetter("position_drift")
     worst = [max(cases, key=drift) for cases in group_by(shipped, "engine", "integrator").values()]
-    return {engine: min(cases, key=drift) for engine, cases in group_by(worst, "engine").items()}  # of the best integrator
+    return {engine: min(cases, key=drift) for engine, cases in group_by(worst, "engine").items()}
 
 
 def loops_card(run: Run) -> Card | None:
@@ -92,7 +91,7 @@ def loops_card(run: Run) -> Card | None:
 
 
 def claim_card(run: Run) -> Card | None:
-    """Return the card that compares the time of a compiled step by Gauss's principle with that by Lagrange's multipliers."""
+    """Return the card that compares a compiled step by Gauss with one by Lagrange multipliers; None without rows."""
     rows = sorted(with_number(run.table("kernel_claim"), "ratio"), key=lambda r: -r["ratio"])
     if not rows:
         return None
@@ -104,8 +103,8 @@ def claim_card(run: Run) -> Card | None:
         f"{verdicts['open']}; the middle ratio of times is {middle}."
     )
     columns = {"name": "mechanism", "y": "ratio", "low": "ratio_low", "high": "ratio_high"}
-    shown = [{k: r.get(x, math.nan) for k, x in columns.items()} for r in rows]
-    return make_card("gauss", sentence, middle, shown, logarithmic=True, rule=1.0, number_format="~g")
+    ratios = [{key: r.get(column, math.nan) for key, column in columns.items()} for r in rows]
+    return make_card("gauss", sentence, middle, ratios, logarithmic=True, rule=1.0, number_format="~g")
 
 
 def paper_card(run: Run) -> Card | None:
@@ -119,8 +118,8 @@ def paper_card(run: Run) -> Card | None:
         f"computed, {verdicts['ok']} are right as printed "
         f"and {verdicts['wrong']} wrong as statements; the others are slips, left out, loose, or unreadable in the extracted text."
     )
-    shown = [{"name": "right as printed" if kind == "ok" else kind, "y": n} for kind, n in verdicts.most_common()]
-    return make_card("paper", sentence, f"{verdicts['ok']} of {len(rows)}", shown)
+    numbers = [{"name": "right as printed" if verdict == "ok" else verdict, "y": n} for verdict, n in verdicts.most_common()]
+    return make_card("paper", sentence, f"{verdicts['ok']} of {len(rows)}", numbers)
 
 
 def trust_card(run: Run) -> Card | None:
@@ -133,8 +132,8 @@ def trust_card(run: Run) -> Card | None:
             f"{count(len(rows), 'scenario')} to at least {loosest['digits']:g} digits, the fewest on {loosest['mechanism']}."
         )
         digits = Counter(sorted((r["digits"] for r in rows), reverse=True))
-        shown = [{"name": f"{x:g} digits", "y": n} for x, n in digits.items()]
-        return make_card("trust", sentence, f"{loosest['digits']:g}", shown)
+        numbers = [{"name": f"{x:g} digits", "y": n} for x, n in digits.items()]
+        return make_card("trust", sentence, f"{loosest['digits']:g}", numbers)
     references = with_number(run.table("references"), "error_bar_q")
     if references:
         worst = max(references, key=itemgetter("error_bar_q"))
@@ -147,8 +146,8 @@ def trust_card(run: Run) -> Card | None:
 CARDS: tuple[Callable[[Run], Card | None], ...] = (loops_card, claim_card, paper_card, trust_card)
 
 
-def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator[Question]:
-    """Yield frequent questions of readers, such as on MuJoCo's settings on the linkage `preferred`, that the rows answer."""
+def list_questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator[Question]:
+    """Yield frequent questions of readers with the answers of the rows; `preferred` is the linkage of the one on MuJoCo."""
     setting = cheapest_stored(run, preferred, USUAL).get("mujoco")
     if setting is not None:
         size = f"step {describe_size(setting)}" if is_known(setting.step) else describe_size(setting)
@@ -159,7 +158,7 @@ def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator
             redundant = pose_in(run, name)[0].redundant
         except LinkageError:
             continue
-        rows = [r for r in run.of(name) if may_rank(r) and is_known(end_error(r))]
+        rows = [r for r in run.cases_of(name) if may_rank(r) and is_known(end_error(r))]
         if redundant > 0 and rows:
             answer = f"{name_most_accurate(rows).rstrip('.')}, on {name}, which has {count(redundant, 'redundant row')}."
             question = "Which engine is the most exact on redundant loops?"
@@ -175,7 +174,7 @@ def questions(run: Run, findings: Sequence[Finding], preferred: str) -> Iterator
 
 def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None) -> Page:
     """Return the site's first page: chooser of engines, first table, cards with charts, questions, main findings."""
-    settings = all_settings(run)
+    settings, texts = all_settings(run), layouts()["texts"]
     names = [x for x in scenarios(run) if x in settings]
     preferred = "four_bar" if "four_bar" in names else next(iter(names), "")
     cards = [card for make in CARDS if (card := make(run)) is not None]
@@ -187,26 +186,26 @@ def first_page(run: Run, findings: Sequence[Finding], programs: Programs | None)
         usual=POSITIONS.index(USUAL),
         forces=[(j, "any" if math.isinf(x) else f"{x:g} N") for j, x in enumerate(FORCES)],
         first=first_answers(run, preferred),
-        asked=list(questions(run, findings, preferred)),
+        questions=list(list_questions(run, findings, preferred)),
         table=first_table(run),
-        said=layouts()["texts"]["first"],
+        introduction=texts["first"],
         cards=cards,
-        # findings where the suite's own engines lose begin in bold; without a tone, which would colour every one of them
+        # findings in which the suite's own engines lose begin in bold; without their tone, because it would colour all of them
         lost=[replace(x, tone="") for x in findings if x.text.startswith("**") and x.tone in ("bad", "warn")],
-        found=len(findings),
-        authors=layouts()["texts"]["authors"],
+        count=len(findings),
+        authors=texts["authors"],
     )
     data: dict[str, Any] = {"charts": {c["chart"].name: c["chart"].data() for c in cards if c["chart"]}}
     later: dict[str, Any] = {}
     if names:
-        form, later = choose(run, names, programs)
+        form, later = make_chooser(run, names, programs)
         data |= form
     scripts = ("chooser.js",) if names else ()
-    return Page("index", "Choose an engine for your linkage", LEAD, body, data, scripts=scripts, later=later)
+    return Page("index", "Choose an engine for your linkage", texts["lead"], body, data, scripts=scripts, later=later)
 
 
 def first_answers(run: Run, name: str) -> list[dict[str, str]]:
-    """Return for each engine, the fastest first, texts on its cheapest setting within USUAL [m] on a linkage."""
+    """Return texts on the cheapest setting within USUAL [m] of each engine on a linkage, the fastest engine first."""
     timed = fastest_first(run, name, USUAL)
     return [
         {
@@ -220,45 +219,45 @@ def first_answers(run: Run, name: str) -> list[dict[str, str]]:
     ]
 
 
-def choose(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[dict[str, Any], dict[str, Any]]:
+def make_chooser(run: Run, names: Sequence[str], programs: Programs | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the data of the web form in which a reader chooses a linkage and a requirement, and the programs that it offers.
 
     The second result maps the name of a file, which a page loads only on demand, to the programs of a linkage: those that
     `programs` returns, or else calls of this package.
     """
-    choices = {name: answers(run, name) for name in names}
+    choices = {name: collect_choices(run, name) for name in names}
     chosen: dict[str, list[Setting]] = {name: data.pop("chosen") for name, data in choices.items()}
-    texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}
+    texts = programs([x.choice for settings in chosen.values() for x in settings]) if programs else {}  # choice -> program
     later = {}
     for name, settings in chosen.items():
         file, page = f"programs-{file_name(name)}", f"linkage-{file_name(name)}.html"
         choices[name] |= {"programs": file, "page": page, "scenario": scenarios(run)[name]}
-        later[file] = {f"programs of {name}": pack([texts.get(x.choice) or write_call(x) for x in settings])}
+        later[file] = {f"programs of {name}": pack_lines([texts.get(x.choice) or write_call(x) for x in settings])}
     with_settings = {x.engine for settings in all_settings(run).values() for x in settings}
     engines = sorted(with_settings.union(*(data["none"] for data in choices.values())))
     data = {
         "choices": choices,
-        "engines": {e: f"engine-{file_name(e)}.html" for e in engines},
-        "own": [x for x in engines if x in run.own_engines],
-        "dots": {e: f"var(--{slot})" for e, slot in slots(engines).items()},
+        "engines": {engine: f"engine-{file_name(engine)}.html" for engine in engines},
+        "own": [engine for engine in engines if engine in run.own_engines],
+        "dots": {engine: f"var(--{hue})" for engine, hue in assign_hues(engines).items()},
         "positions": POSITIONS,
         "forces": [None if math.isinf(x) else x for x in FORCES],
     }
     return data, later
 
 
-def pack(texts: Sequence[str]) -> dict[str, Any]:
+def pack_lines(texts: Sequence[str]) -> dict[str, Any]:
     """Return the distinct lines of texts, and each text as indices of its lines; most lines are shared."""
-    lines: dict[str, int] = {}
+    lines: dict[str, int] = {}  # line -> its index
     indices = [[lines.setdefault(line, len(lines)) for line in text.split("\n")] for text in texts]
     return {"lines": list(lines), "texts": indices}
 
 
 def write_call(x: Setting) -> str:
     """Return a Python program that runs a setting by a call of this package."""
-    named = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
-    given = "".join(f"    {k}={v!a},\n" for k, v in named.items() if v)
-    step = f"{x.step:.10g}" if is_known(x.step) else "0.001"
+    options = {k: getattr(x, k) for k in ("engine", "scenario", "settings", "integrator", "stabilization")}
+    arguments = "".join(f"    {k}={v!a},\n" for k, v in options.items() if v)
+    arguments += "".join(f"    {k}={getattr(x, k):.10g},\n" for k in ("step", "tolerance") if is_known(getattr(x, k)))
     until = f"{x.until:g}" if is_known(x.until) and x.until > 0 else "1"
-    start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {x.mechanism!a},\n{given}"
-    return f"{start}    step={step},\n    at=[0.0, {until}],\n)\nprint(run.to_json())\n"
+    start = f"import gauss_bench\n\nrun = gauss_bench.simulate(\n    {x.mechanism!a},\n{arguments}"
+    return f"{start}    at=[0.0, {until}],\n)\nprint(run.to_json())\n"

@@ -18,7 +18,7 @@ from gauss_bench.report.drawings.pose import pose_in
 from gauss_bench.report.palette import inline
 from gauss_bench.report.rows import Item, Row, Run, group_by, is_known, number, with_number
 from gauss_bench.report.sections.trajectories import all_cases, best_cases, name_most_accurate
-from gauss_bench.report.site.charts import FLOOR, MOST_LINES, over_time, place_names, points
+from gauss_bench.report.site.charts import FLOOR, MOST_LINES, place_names, specify_lines, specify_points
 from gauss_bench.report.site.page import Page, file_name, plain_page, render
 from gauss_bench.report.site.playback import draw_turn, play_pair
 from gauss_bench.report.site.settings import (
@@ -35,10 +35,10 @@ from gauss_bench.report.site.settings import (
 from gauss_bench.report.words import count, ratio_text
 
 STEP = 1e-3  # [s] step of the runs whose drift is drawn
-HELD = 1e-4  # [m] accuracy at which the cheapest engines are named
+NAMED = 1e-4  # [m] accuracy at which the cheapest engines are named
 SAMPLES = 50  # drawn points of a line in a figure
-LISTED = 7  # every 7th drawn point is in the table of a figure's numbers, counted from the last point of a line
-BETTER = 0.98  # a costlier setting is on a Pareto front if its error is smaller by this factor
+LISTED = 7  # every 7th drawn point is in the table of numbers below a figure, counted from the last point of a line
+BETTER = 0.98  # a costlier setting is on a Pareto front if its error is smaller than this share of the error before it
 TITLES = {"accuracy": "What accuracy costs", "drift": "Do the loops stay closed?", "energy": "Energy", "forces": "Joint forces"}
 FIRST = ("gauss-native", "lagrange-native", "mujoco", "pinocchio", "exudyn", "casadi")  # engines whose lines come first
 DRIFT = "Largest residual of the constraints over time, without stabilisation in engines that allow this."
@@ -48,7 +48,7 @@ case_of = itemgetter(*VARIANT, "step")  # values that identify a case in the tab
 
 def linkage_page(run: Run, name: str, scenario: str) -> Page:
     """Return the page of a linkage; parts without rows are left out."""
-    # each is a picture and its data: (SVG, data) and (contents of the page, data), or None
+    # (SVG, data) and (contents of the page, data), each None if there is no such picture
     turn, pair = draw_turn(run, name), play_pair(run, name, scenario)
     lead, still = f"Scenario {scenario}.", None
     with suppress(LinkageError):
@@ -56,21 +56,21 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         mechanism = pose[0]
         still = None if turn else Markup(inline(draw(*pose), "still"))
         # "degree" is last, because "of freedom" follows the list: 1 degree of freedom, 2 degrees of freedom
-        parts = {
+        numbers = {
             "moving link": len(mechanism.links),
             "joint": len(mechanism.joints),
             "loop": mechanism.loops,
             "degree": mechanism.dof,
         }
-        lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in parts.items())} of freedom. Scenario {scenario}."
-    made = (
+        lead = f"{mechanism.title}: {', '.join(count(n, word) for word, n in numbers.items())} of freedom. Scenario {scenario}."
+    candidates = (
         accuracy_chart(all_settings(run).get(name, [])),
         history_chart(run, name, "position_drift", "drift", "Drift of the loops", DRIFT, "residual [m, rad]"),
         history_chart(run, name, "energy_error", "energy", "Error of the energy balance", ENERGY, "energy error [J]"),
         force_chart(run, name),
     )
-    charts = [chart for chart in made if chart is not None]
-    rows = [r for r in run.of(name) if r["scenario"] == scenario]
+    charts = [chart for chart in candidates if chart is not None]
+    rows = [r for r in run.cases_of(name) if r["scenario"] == scenario]
     usable = [r for r in rows if may_rank(r) and is_known(end_error(r))]
     title = name.replace("_", " ")
     body = render(
@@ -78,7 +78,7 @@ def linkage_page(run: Run, name: str, scenario: str) -> Page:
         name=name,
         title=title,
         turn=turn and turn[0],
-        still=None if turn else still,
+        still=still,
         leaders=name_leaders(run, name),
         holding=list_leaders(run, name),
         charts=charts,
@@ -102,7 +102,7 @@ def rows_name(name: str) -> str:
 
 def rows_page(run: Run, name: str) -> Page | None:
     """Return the page with every case of a linkage, or None for a linkage without cases."""
-    scenarios = group_by(run.of(name), "scenario")
+    scenarios = group_by(run.cases_of(name), "scenario")
     if not scenarios:
         return None
     tables = [all_cases(name, scenario, rows) for scenario, rows in scenarios.items()]
@@ -112,24 +112,24 @@ def rows_page(run: Run, name: str) -> Page | None:
 
 
 def name_leaders(run: Run, name: str) -> str:
-    """Return sentences on the fastest engines within HELD [m], and on why others have no time; empty without settings."""
+    """Return sentences on the fastest engines within NAMED [m], and on why others have no time; empty without settings."""
     if name not in all_settings(run):
         return ""
-    timed = fastest_first(run, name, HELD)
-    reasons = {x.engine: str(Kind.UNTIMED) for x in cheapest_stored(run, name, HELD).values() if not is_known(x.seconds)}
-    reasons |= {engine: reach.words for engine, reach in engines_short_of(run, name, HELD).items()}
+    timed = fastest_first(run, name, NAMED)
+    reasons = {x.engine: str(Kind.UNTIMED) for x in cheapest_stored(run, name, NAMED).values() if not is_known(x.seconds)}
+    reasons |= {engine: reach.words for engine, reach in engines_short_of(run, name, NAMED).items()}
     others = "".join(f" `{engine}`: {words}." for engine, words in reasons.items())
     if not timed:
-        return f"No setting that was timed stays within {1e3 * HELD:g} mm.{others}"
+        return f"No setting that was timed stays within {1e3 * NAMED:g} mm.{others}"
     first, *rest = timed
     names = {x.engine: f"`{x.engine}`{' (own)' if x.engine in run.own_engines else ''}" for x in timed}
-    then = ", ".join(f"{names[x.engine]} {ratio_text(x.seconds / first.seconds)} x" for x in rest[:4])
-    text = f"{names[first.engine]} ({describe_setting(run, first)}){f'; then {then}' if then else ''}"
-    return f"Cheapest within {1e3 * HELD:g} mm over {first.until:g} s: {text}.{others}"
+    followers = ", ".join(f"{names[x.engine]} {ratio_text(x.seconds / first.seconds)} x" for x in rest[:4])
+    text = f"{names[first.engine]} ({describe_setting(run, first)}){f'; then {followers}' if followers else ''}"
+    return f"Cheapest within {1e3 * NAMED:g} mm over {first.until:g} s: {text}.{others}"
 
 
 def list_leaders(run: Run, name: str) -> Table | None:
-    """Return the table of each engine's cheapest setting at four accuracies; None if no setting reaches any."""
+    """Return the table of each engine's cheapest setting at four accuracies; None if no timed setting reaches any."""
     lines = []
     for position in POSITIONS[::2][:4]:  # 1e-2, 1e-4, 1e-6 and 1e-8 m
         timed = fastest_first(run, name, position)
@@ -147,7 +147,7 @@ def accuracy_chart(settings: Sequence[Setting]) -> Chart | None:
     if not rows:
         return None
     longest = max(x.until for x in settings)
-    spec = points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
+    spec = specify_points(rows, f"processor time of {longest:g} s of motion [s]", "largest position error [mm]")
     words = (
         f"Largest error of any link's centre of mass over {longest:g} s, against the time of the run. The figure has the settings "
         "of each engine that no other of its settings beats in both, with and without stabilisation."
@@ -193,50 +193,50 @@ def force_chart(run: Run, name: str) -> Chart | None:
         "its variants beats in both. Joint forces follow from the motion, by the same code for all engines."
     )
     head = {"name": "variant", "x": "steps", "y": "error [N]"}
-    spec = points(rows, "steps of the run", "largest error of a joint force [N]")
+    spec = specify_points(rows, "steps of the run", "largest error of a joint force [N]")
     return Chart("forces", "Joint forces", words, spec, rows, head, toggles_of(rows))
 
 
-def histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
-    """Return for each engine a list of rows for a line of a chart over time: the values of `column` in the table `series`.
+def list_histories(run: Run, name: str, column: str) -> list[list[dict[str, Any]]]:
+    """Return for each engine the rows of its line in a chart over time: the values of `column` in the table `series`.
 
     The values of an engine are those of its case with the step nearest to STEP; of several such cases, one without stabilisation is
     preferred, then one with default settings, then one with RK4. Negative controls, which are wrong on purpose, are left out.
     Engines in FIRST come first.
     """
-    of_linkage = [r for r in run.table("series") if r["mechanism"] == name]
-    series = group_by(with_number(of_linkage, column), case_of)
-    chosen = [r for r in run.of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
+    linkage_rows = [r for r in run.table("series") if r["mechanism"] == name]
+    series = group_by(with_number(linkage_rows, column), case_of)
+    cases = [r for r in run.cases_of(name) if has_ended(r) and not r["control"] and case_of(r) in series]
     lines = []
-    order = [*FIRST, *sorted({r["engine"] for r in chosen} - set(FIRST))]
-    by_engine = group_by(chosen, "engine")
+    order = [*FIRST, *sorted({r["engine"] for r in cases} - set(FIRST))]
+    by_engine = group_by(cases, "engine")
     for engine in sorted(by_engine, key=order.index):
         row = min(by_engine[engine], key=_plainness)
         samples = sorted(series[case_of(row)], key=itemgetter("t"))
-        drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})
-        words = {"said": setting_words(row)}
+        drawn = sorted({round(float(x)) for x in np.linspace(0, len(samples) - 1, SAMPLES)})  # indices of samples
+        words = {"settings": setting_words(row)}
         lines.append([chart_row(engine, engine, samples[i]["t"], abs(samples[i][column])) | words for i in drawn])
     return lines
 
 
 def _plainness(row: Row) -> tuple[Any, ...]:
     """Return the sort key of a case: the step nearest to STEP comes first, then no stabilisation, default settings, RK4."""
-    apart = abs(math.log10(number(row, "step") / STEP))
-    return apart, not is_unstabilised(row), row["settings"] != "default", row["integrator"] != "rk4"
+    distance = abs(math.log10(number(row, "step") / STEP))
+    return distance, not is_unstabilised(row), row["settings"] != "default", row["integrator"] != "rk4"
 
 
 def history_chart(run: Run, linkage: str, column: str, name: str, title: str, words: str, axis: str) -> Chart | None:
     """Return the chart of a column of the table `series` over time; None without rows."""
-    lines = histories(run, linkage, column)
+    lines = list_histories(run, linkage, column)
     if not lines:
         return None
     rows = place_names(lines)
-    first = [line[0] for line in lines]
-    shown = [x["engine"] for x in first[:MOST_LINES]]
-    cases = "; ".join(f"{x['engine']} {x['said']}".strip() for x in first)
-    head = {"engine": "engine", "said": "settings", "x": "time [s]", "y": axis}
+    firsts = [line[0] for line in lines]  # the first row of each line
+    shown = [x["engine"] for x in firsts[:MOST_LINES]]
+    cases = "; ".join(f"{x['engine']} {x['settings']}".strip() for x in firsts)
+    head = {"engine": "engine", "settings": "settings", "x": "time [s]", "y": axis}
     words = f"{words} Cases, at a step of {STEP:g} s if there is one: {cases}."
     # every LISTED-th point of each line, counted from its last point, which is kept
     listed = [row for line in lines for row in line[::-LISTED][::-1]]
     note = f"One of {LISTED} drawn points; `series.parquet` of the data page has all."
-    return Chart(name, title, words, over_time(rows, axis), rows, head, toggles_of(first), shown, listed=listed, note=note)
+    return Chart(name, title, words, specify_lines(rows, axis), rows, head, toggles_of(firsts), shown, listed=listed, note=note)

@@ -1,6 +1,6 @@
-"""The frame and navigation that all pages share, and the conversion of a section's blocks to HTML by `templates`.
+"""The frame and navigation that all pages share, and the conversion of a section's blocks to HTML by the folder `templates`.
 
-Texts from files are escaped by the templates; data in scripts is escaped by `script_text`.
+The templates escape texts from files; `script_text` escapes data in scripts.
 """
 
 import json
@@ -17,11 +17,11 @@ from gauss_bench.report.pages import MARKED, SENTENCE, make_environment
 from gauss_bench.report.site.formulas import is_formula, mathml
 from gauss_bench.report.words import NOTHING
 
-LONG, LONGEST_LABEL = 60, 40  # characters: a cell longer than LONG is folded behind a label of at most LONGEST_LABEL
-SHORTEST_LABEL = 12  # characters: a beginning of a cell that is not longer, such as a time, says too little for a label
-HEADLINE = 260  # characters of a finding that is shown as one sentence, at most
+LONG, LONGEST_LABEL = 60, 40  # [characters] a cell longer than LONG is folded behind a label of at most LONGEST_LABEL
+SHORTEST_LABEL = 12  # [characters] a beginning of a cell that is as short as this, such as a time, says too little for a label
+HEADLINE = 260  # [characters] longest sentence that stands for a finding
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
-TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}
+TAGS = {"bad": "where we lose", "warn": "note", "good": "holds"}  # tone of a finding -> word before its title
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Page:
         data: name -> data for the scripts of the page, such as charts.
         later: name of a file -> data that a script loads only on demand.
         group: the page's group in the table of contents; empty for a page that has no entry there.
-        facts: facts of the run from which the page's rows come; empty if that is the run of the whole site.
+        facts: facts of the run from which the rows of the page come; empty if that is the run of the whole site.
     """
 
     name: str
@@ -53,13 +53,13 @@ class Page:
 
 
 def file_name(text: str) -> str:
-    """Return a file name that is safe in addresses; an altered name gets a checksum, so that it is distinct."""
-    plain = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
-    return plain if plain == text else f"{plain}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
+    """Return a text as a file name that is safe in addresses; an altered text gets a checksum, to be distinct."""
+    safe = re.sub(r"[^a-z0-9_]+", "-", text.lower()).strip("-") or "x"
+    return safe if safe == text else f"{safe}-{sum(ord(c) * (i + 7) for i, c in enumerate(text)) % 99991}"
 
 
 def script_text(value: Any) -> str:
-    """Return a value as JSON without any character that could end a script element."""
+    """Return a value as JSON without the characters <, > and &, which could end a script element."""
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"), sort_keys=True)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -83,35 +83,32 @@ def table_class(content: Table) -> str:
 
 
 def table_style(content: Table) -> Markup:
-    """Return CSS rules for all tables of the same CSS class as `content`: those with the same columns.
+    """Return the CSS rules for all tables of the class of this table (`table_class`), which have the same columns.
 
     One rule for a column is shorter than attributes in every cell, which would make up a tenth of the site's size. On phones the
-    cells of a row stand below each other, each with the heading of its column.
+    cells of a row are below each other, each with the heading of its column.
     """
     name = table_class(content)
-    labels = [f".{name} td:nth-child({i})::before{{content:{label(head)}}}" for i, head in enumerate(content.head, 1)]
+    labels = [f".{name} td:nth-child({i})::before{{content:{css_label(head)}}}" for i, head in enumerate(content.head, 1)]
     cells = ",".join(f".{name} td:nth-child({i + 1})" for i in sorted(content.numeric))
     numbers = f"@media(min-width:761px){{{cells}{{text-align:right;white-space:nowrap}}}}" if cells else ""
     return Markup(f"<style>@media(max-width:760px){{{''.join(labels)}}}{numbers}</style>")
 
 
-def label(head: str) -> Markup:
+def css_label(head: str) -> Markup:
     """Return the heading of a column as a quoted string of CSS, without marks of Markdown."""
     return Markup(json.dumps(re.sub(r"[`*<>\\\\]", "", head), ensure_ascii=False))
 
 
-def sort_by(cell: Cell) -> Markup:
-    """Return the attribute with the sort key of a cell; empty for a text, or if the cell is a number."""
+def sort_attribute(cell: Cell) -> Markup:
+    """Return the attribute with the sort key of a cell; empty if the page can sort by its text."""
     if not isinstance(cell.sort, float) or NUMBER.fullmatch(cell.text):
         return Markup("")
     return Markup(' data-sort="{:.7g}"').format(cell.sort)
 
 
-def shown(cell: Cell) -> Markup:
-    """Return the HTML of a cell.
-
-    A missing value is a dash followed by the reason; a long text is folded behind a label.
-    """
+def cell_html(cell: Cell) -> Markup:
+    """Return the HTML of a cell; a missing value is a dash with the reason, and a long text is folded behind a label."""
     text = cell.text or NOTHING
     if text == NOTHING:
         why = cell.why or UNMEASURED
@@ -121,12 +118,12 @@ def shown(cell: Cell) -> Markup:
     if cell.tone == "formula" and is_formula(text):
         return mathml(text)
     if re.fullmatch(r"https://[^\s\"<>]+", text):
-        made = Markup('<a href="{}">{}</a>').format(text, text.removeprefix("https://").partition("/")[0])
+        html = Markup('<a href="{}">{}</a>').format(text, text.removeprefix("https://").partition("/")[0])
     elif len(text) <= LONG:
-        made = rich(text)
+        html = rich(text)
     else:
-        made = Markup("<details><summary>{}</summary>{}</details>").format(short_label(text), rich(text))
-    return Markup('<span class="t-{}">{}</span>').format(cell.tone, made) if cell.tone in ("bad", "warn", "good", "below") else made
+        html = Markup("<details><summary>{}</summary>{}</details>").format(short_label(text), rich(text))
+    return Markup('<span class="t-{}">{}</span>').format(cell.tone, html) if cell.tone in ("bad", "warn", "good", "below") else html
 
 
 def short_label(text: str) -> str:
@@ -164,7 +161,7 @@ def headline(text: str) -> str:
 
 
 ENVIRONMENT = make_environment("gauss_bench.report.site")
-ENVIRONMENT.filters |= {f.__name__: f for f in (table_class, table_style, sort_by, shown, rich, headline, sentence_of)}
+ENVIRONMENT.filters |= {f.__name__: f for f in (table_class, table_style, sort_attribute, cell_html, rich, headline, sentence_of)}
 ENVIRONMENT.filters |= {
     "plain": lambda text: text.replace("**", ""),
     "sentences": lambda text: [x for x in re.split(r"(?<=[;.])\s+", text) if x],
@@ -179,22 +176,23 @@ def render(template: str, **context: Any) -> Markup:
     return Markup(ENVIRONMENT.get_template(template).render(context))
 
 
-PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "found")
+# parts that the template `plain.html` prints in this order; each may be left out
+PARTS = ("opening", "paragraphs", "sections", "findings", "back", "tables", "engines", "described", "entry", "headings")
 
 
 def plain_page(name: str, title: str, lead: str, group: str = "", charts: Mapping[str, Any] | None = None, **parts: Any) -> Page:
-    """Return a page without scripts of its own."""
+    """Return a page without scripts of its own; `charts` has the data of its figures, `parts` its PARTS."""
     body = render("plain.html", **dict.fromkeys(PARTS, ()) | parts)
     return Page(name, title, lead, body, {"charts": charts} if charts else {}, group)
 
 
-def document(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
-    """Return the complete HTML of a page."""
+def render_page(page: Page, pages: Sequence[Page], facts: Sequence[str], guide: str = "") -> str:
+    """Return the complete HTML of a page; `guide` is the address of the documentation, empty if there is none."""
     groups: dict[str, list[Page]] = {}
     for other in pages:
         if other.group:
             groups.setdefault(other.group, []).append(other)
     data = [f"data/{page.name}.js"] if page.data else []
-    drawn = ["vega.js", "charts.js"] if page.data.get("charts") else []
-    scripts = ["site.js", *data, *page.scripts, *drawn]
+    charts = ["vega.js", "charts.js"] if page.data.get("charts") else []
+    scripts = ["site.js", *data, *page.scripts, *charts]
     return str(render("page.html", page=page, groups=groups, facts=facts, guide=guide, scripts=scripts))

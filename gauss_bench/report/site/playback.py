@@ -1,4 +1,4 @@
-"""Two engines' runs of a linkage, played side by side with magnified differences from the reference.
+"""Play the runs of a linkage in two engines side by side, with magnified differences from the reference.
 
 The tables `motions` and `poses` store the pose of a link in a run as reference + ahead + gap, where `reference` is the true pose at
 the same time. `ahead` is the part of the difference that leaves all loops closed: the linkage is ahead of or behind the true
@@ -37,7 +37,7 @@ from gauss_bench.report.words import round_digits
 from gauss_bench.terms import Array
 
 MAGNIFIED = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)  # factors that a reader can choose
-SEEN = 0.1  # [px, degrees] smaller differences are not stored
+VISIBLE = 0.1  # [px, degrees] smaller differences are not stored
 REACH = 60.0  # [px] largest drawn difference from the reference with the initial factor
 DIGITS = 3  # significant digits of a stored difference
 
@@ -58,14 +58,14 @@ class Turn:
 
 
 def find_turn(run: Run, name: str) -> Turn | None:
-    """Return a linkage's states over a full turn of its crank, from the crank angle 0 if possible; else None."""
+    """Return a linkage's states over a full turn of its crank, from the angle 0 if possible; None without a full turn."""
     try:
         mechanism, _, trace = pose_in(run, name, 0.0)
         if trace is None:  # the linkage cannot start at 0 degrees: try the angle of the drawings
             mechanism, _, trace = pose_in(run, name)
     except LinkageError:
         return None
-    # a negative index is the ground
+    # a negative index of the crank is the ground
     if trace is None or mechanism.crank is None or mechanism.crank < 0:
         return None
     turn = Turn(mechanism, unwrap_angles(trace))
@@ -74,7 +74,10 @@ def find_turn(run: Run, name: str) -> Turn | None:
 
 
 def draw_turn(run: Run, name: str) -> tuple[Markup, dict[str, Any]] | None:
-    """Return the SVG of a linkage with numbered links, and the places of all links in each state."""
+    """Return the SVG of a linkage with numbered links, and the data by which a script turns its crank; None without a full turn.
+
+    The data are the links' poses, the first crank angle [rad], and the sense of the turn, 1 or -1.
+    """
     turn = find_turn(run, name)
     if turn is None:
         return None
@@ -131,24 +134,25 @@ def _largest_shift(x: Array) -> Array:
 
 
 def read_poses(rows: Iterable[Row], links: Sequence[str], *parts: str) -> tuple[Array, list[Array]]:
-    """Return the times (k,) [s] at which every link has a row, and for each of `parts` values (k, links, 3) [m, m, rad].
+    """Return the times (k,) [s] at which every link has a row and, for each of `parts`, values (k, links, 3) [m, m, rad].
 
     Args:
         rows: rows of one run or of a reference motion, each with one link at one time.
         parts: endings of the columns "x", "y" and "angle": "_ahead" and "_gap" in the table `poses`, "" in the table `motions`.
     """
     stored = {(number(r, "t"), r["link"]): r for r in rows}
-    times = [t for t in sorted({t for t, _ in stored}) if all((t, link) in stored for link in links)]
+    stored_times = sorted({t for t, _ in stored})
+    times = [t for t in stored_times if all((t, link) in stored for link in links)]
     shape = (len(times), len(links), SIZE)
-    values = [
-        np.reshape([number(stored[t, link], x + part) for t in times for link in links for x in ("x", "y", "angle")], shape)
-        for part in parts
-    ]
+    values = []
+    for part in parts:
+        columns = [f"{name}{part}" for name in ("x", "y", "angle")]
+        values.append(np.reshape([number(stored[t, link], x) for t in times for link in links for x in columns], shape))
     return np.array(times), values
 
 
 def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> tuple[Array, Array] | None:
-    """Return times (k,) [s] and reference states (k, n) with continuous angles, or None if fewer than two times are stored."""
+    """Return times (k,) [s] and reference states (k, n) with continuous angles; None if fewer than two times are stored."""
     rows = (r for r in run.table("motions") if (r["mechanism"], r["scenario"]) == (name, scenario))
     times, (states,) = read_poses(rows, links, "")
     return (times, unwrap_angles(states.reshape(len(times), -1))) if len(times) > 1 else None
@@ -156,7 +160,7 @@ def read_reference(run: Run, name: str, scenario: str, links: Sequence[str]) -> 
 
 def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[StoredRun]:
     """Return the runs of a linkage with stored poses, sorted by engine, default settings first."""
-    cases = {tuple(r[k] for k in KEYS): r for r in run.of(name) if r["scenario"] == scenario}
+    cases = {tuple(r[k] for k in KEYS): r for r in run.cases_of(name) if r["scenario"] == scenario}
     stored = []
     for key, rows in group_by(run.table("poses"), *KEYS).items():
         if row := cases.get(key):
@@ -168,7 +172,10 @@ def read_runs(run: Run, name: str, scenario: str, links: Sequence[str]) -> list[
 
 
 def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Return the contents of the part of a page that plays two runs side by side, and the data for its script; else None."""
+    """Return the contents of the part of a page that plays two runs side by side, and the data for its script.
+
+    The result is None if the linkage, its reference or two runs are missing.
+    """
     turn = find_turn(run, name)
     try:
         if turn:
@@ -184,22 +191,22 @@ def play_pair(run: Run, name: str, scenario: str) -> tuple[dict[str, Any], dict[
     if reference is None or len(runs) < 2:
         return None
     times, states = reference
-    drawn = turn.states if turn else states
-    canvas = canvas_of(mechanism, drawn)
-    svg = inline(draw_numbered(mechanism, drawn, canvas), f"{name.replace('_', '-')}-pair")
+    drawn_states = turn.states if turn else states
+    canvas = canvas_of(mechanism, drawn_states)
+    svg = inline(draw_numbered(mechanism, drawn_states, canvas), f"{name.replace('_', '-')}-pair")
     data: dict[str, Any] = {"times": np.round(times, 6).tolist()}
     if turn:
         data["crank"] = np.round(crank_angles(mechanism, states), 6).tolist()
-        data["runs"] = [_along_turn(x, turn, states, canvas) for x in runs]
+        data["runs"] = [_run_along_turn(x, turn, states, canvas) for x in runs]
     else:
         data["poses"] = list_frames(in_pixels(canvas, states))
         # without a turn, differences are magnified in straight lines; the script reads them link by link
-        moved = [_round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1)) for x in runs]
-        data["runs"] = [_describe(x) | {"moved": path} for x, path in zip(runs, moved, strict=True)]
+        shifts = [_round(shift_in_pixels(canvas, x.ahead + x.gap).swapaxes(0, 1)) for x in runs]
+        data["runs"] = [_describe_run(x) | {"moved": shift} for x, shift in zip(runs, shifts, strict=True)]
     return make_stage(svg, runs, canvas.scale, len(times)), data
 
 
-def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
+def _run_along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> dict[str, Any]:
     """Return the data of a run of a linkage whose crank can turn fully; `reference` (k, n) has the true states at all frames.
 
     The data are `ahead`, the angle by which the run's crank is ahead; `rest`, the difference that no crank angle explains (another
@@ -210,20 +217,20 @@ def _along_turn(x: StoredRun, turn: Turn, reference: Array, canvas: Canvas) -> d
     own = reference[: len(ahead)] + ahead
     # rest = reference + ahead - turn(c + a), with the crank angle c + a of the run
     rest = (own - turn.at(crank_angles(turn.mechanism, own))).reshape(x.ahead.shape)
-    # angles of the turn are known up to whole turns only: take the nearest ones
+    # angles of `turn` are known up to whole turns only: take the nearest ones
     rest[..., DIMENSION] = (rest[..., DIMENSION] + np.pi) % (2 * np.pi) - np.pi
-    shown, gap = shift_in_pixels(canvas, rest), shift_in_pixels(canvas, x.gap)
+    rest_in_pixels, gap = shift_in_pixels(canvas, rest), shift_in_pixels(canvas, x.gap)
     # the crank angle is one of the coordinates, so that differences of coordinates contain its difference
-    data = _describe(x) | {"ahead": _round(crank_angles(turn.mechanism, ahead))}
-    if np.abs(shown).max(initial=0.0) > SEEN:
-        data["rest"] = list_frames(shown)
-    if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > SEEN:
+    data = _describe_run(x) | {"ahead": _round(crank_angles(turn.mechanism, ahead))}
+    if np.abs(rest_in_pixels).max(initial=0.0) > VISIBLE:
+        data["rest"] = list_frames(rest_in_pixels)
+    if np.abs(gap).max(initial=0.0) * MAGNIFIED[-1] > VISIBLE:
         data["gap"] = _round(gap.swapaxes(0, 1))
     return data
 
 
-def _describe(x: StoredRun) -> dict[str, Any]:
-    """Return the name of a run, and its error and its largest loop opening at each frame [mm]."""
+def _describe_run(x: StoredRun) -> dict[str, Any]:
+    """Return the name of a run and, at each frame, the largest error of a link (`off`) and loop opening (`open`) [mm]."""
     return {"name": x.label, "off": _round(1e3 * _largest_shift(x.ahead + x.gap)), "open": _round(1e3 * _largest_shift(x.gap))}
 
 
@@ -238,9 +245,12 @@ def _round(x: Array) -> list[Any]:
 
 
 def make_stage(svg: str, runs: Sequence[StoredRun], scale: float, frames: int) -> dict[str, Any]:
-    """Return the contents of the part of a page that plays two runs side by side."""
-    left = next((i for i, x in enumerate(runs) if x.engine == "gauss-native"), 0)
-    right = next((i for i, x in enumerate(runs) if x.engine == "mujoco"), 1 if left == 0 else 0)
+    """Return the contents of the part of a page that plays two runs side by side (`scale` in px/m)."""
+    # at first gauss-native is at the left and MuJoCo at the right, if both have runs
+    engines = [x.engine for x in runs]
+    left = engines.index("gauss-native") if "gauss-native" in engines else 0
+    other = 1 if left == 0 else 0
+    right = engines.index("mujoco") if "mujoco" in engines else other
     shifts = [float(_largest_shift(runs[i].ahead + runs[i].gap).max()) for i in (left, right)]  # [m] of both runs
     farthest = scale * max(shifts)  # [px] at a factor of one
     initial = max((x for x in MAGNIFIED if x * farthest <= REACH), default=MAGNIFIED[0])

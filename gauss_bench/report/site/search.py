@@ -1,4 +1,4 @@
-"""The page that searches the site and the documentation: a list of headings, of which a script shows those that match."""
+"""The page that searches the site and the documentation: a list of all headings, of which a script shows the matching ones."""
 
 import json
 import re
@@ -16,14 +16,14 @@ INDEX = "search/search_index.json"  # file of the documentation with its heading
 
 def search_page(pages: Sequence[Page], guide: Path) -> Page:
     """Return the search page; `guide` is the folder of the documentation, which need not exist."""
-    found = []  # (address, text) of all pages and headings
+    entries = []  # (address, text) of all pages and headings
     for page in pages:
         headings = HEADING.findall(str(page.body))
-        found += [(page.file, page.title)]
-        found += [(f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}") for anchor, words in headings]
+        entries.append((page.file, page.title))
+        entries += [(f"{page.file}#{anchor}", f"{page.title}: {Markup(words).striptags()}") for anchor, words in headings]
     if (guide / INDEX).is_file():
-        entries = json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]
-        found += [(f"{guide.name}/{x['location']}", f"Guide: {Markup(x['title']).striptags()}") for x in entries]
+        headings = json.loads((guide / INDEX).read_text(encoding="utf-8"))["docs"]
+        entries += [(f"{guide.name}/{x['location']}", f"Guide: {Markup(x['title']).striptags()}") for x in headings]
     lead = "All pages and headings of this site and its documentation; type words to narrow the list."
-    page = plain_page("search", "Search", lead, "Search", found=list(dict.fromkeys(found)))
+    page = plain_page("search", "Search", lead, "Search", headings=list(dict.fromkeys(entries)))
     return replace(page, scripts=("search.js",))

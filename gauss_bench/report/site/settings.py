@@ -1,6 +1,6 @@
 """Settings that meet a requirement, and their costs: the data of the first page of the report's website.
 
-A setting is an engine's variant at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
+A setting is a variant of an engine at a step or tolerance on one linkage, with its errors over the whole stored run. Its time was
 measured in a race (a timed comparison), or is estimated from a race of the same variant at another step, in proportion to the
 number of steps. On a linkage without a search the cases of the accuracy suite count as settings.
 """
@@ -23,12 +23,12 @@ from gauss_bench.trajectory import Status
 
 POSITIONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)  # [m] errors of positions that a reader can require
 FORCES = (math.inf, 10.0, 1.0, 0.1, 0.01, 1e-3)  # [N] errors of joint forces that a reader can require; infinity requires nothing
-USUAL = 1e-4  # [m] the accuracy that is chosen at first
+USUAL = 1e-4  # [m] the accuracy that a page shows before a reader chooses one
 NUMBERS = ("step", "tolerance", "steps", "seconds", "low", "high", "position", "force", "until")  # fields of a setting
-VARIANT = ("mechanism", "scenario", *METHOD)  # columns that are equal at all steps
+VARIANT = ("mechanism", "scenario", *METHOD)  # columns that identify a variant; they are equal at all steps
 HORIZONS = (0.5, 1.0, 2.0, 5.0, 10.0)  # [s] durations that a reader can choose, up to that of the stored run
 INTEGRATORS = {"rk4": "RK4", "dop853": "DOP853", "dop853_fixed": "DOP853 at fixed steps", "idas": "IDAS", "idas_ggl": "IDAS, GGL"}
-COMMENTS = ("remark",)  # options that are comments
+COMMENTS = ("remark",)  # options of a variant that are comments
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Setting:
         steps: number of steps of the run; NaN if the engine does not count its steps.
         seconds, low, high: processor time of the run [s], and both ends of its range if it was measured in a race; NaN if unknown.
         estimated: whether `seconds` is estimated from a race at another step.
-        position, force: largest errors of the run [m], [N]; NaN for a force that was not measured.
+        position, force: largest errors of positions [m] and joint forces [N]; NaN for a force that was not measured.
         until: end of the run [s].
     """
 
@@ -62,12 +62,12 @@ class Setting:
     until: float
 
     def holds(self, position: float, force: float = math.inf) -> bool:
-        """Tell whether both errors are known to be within the requirement; an infinite force requires nothing."""
+        """Tell whether the errors are known to be at most `position` [m] and `force` [N]; an infinite force requires nothing."""
         return self.position <= position and (math.isinf(force) or self.force <= force)
 
     @cached_property
     def cost(self) -> tuple[float, float, str]:
-        """Sort key: settings with a known time of a run come first, by this time; the others follow by their numbers of steps."""
+        """The sort key by cost: settings with a known time come first, by this time; others follow by their numbers of steps."""
         steps = self.steps if is_known(self.steps) else math.inf
         return (self.seconds, 0.0, self.words) if is_known(self.seconds) else (math.inf, steps, self.words)
 
@@ -80,18 +80,19 @@ class Setting:
     def words(self) -> str:
         """Variant, integrator and stabilisation in words, without "none" and without words that the variant's name contains."""
         known = ("", "none", *self.settings.split("/"))
-        return " · ".join(filter(None, (self.settings, *(x for x in (self.integrator, self.stabilization) if x not in known))))
+        words = [x for x in (self.integrator, self.stabilization) if x not in known]
+        return " · ".join(filter(None, (self.settings, *words)))
 
 
 def describe_size(x: Setting) -> str:
-    """Return step or tolerance of a setting in words, "own" if the engine chooses its steps."""
+    """Return step or tolerance of a setting in words; "own" if it has neither."""
     if is_known(x.step):
         return f"{1e3 * x.step:.4g} ms"
     return f"tolerance {x.tolerance:.0e}" if is_known(x.tolerance) else "own"
 
 
 def describe_setting(run: Run, x: Setting) -> str:
-    """Return a setting in words: integrator, stabilisation, and the options that differ from those as shipped."""
+    """Return integrator, stabilisation and the options that differ from those as shipped; `Setting.words` without a search."""
     options = _changed_options(run).get((x.engine, x.settings, x.integrator, x.stabilization))
     if options is None:
         return x.words
@@ -102,15 +103,15 @@ def describe_setting(run: Run, x: Setting) -> str:
 
 @lru_cache(maxsize=2)
 def _changed_options(run: Run) -> dict[tuple[str, ...], list[str]]:
-    """Return variant (its columns METHOD) -> the options, in words, in which it differs from the engine's first variant."""
+    """Return variant (its columns METHOD) -> its options, in words, that differ from those of the engine as shipped."""
     words: dict[tuple[str, ...], list[str]] = {}
     for rows in group_by(run.table("search_space"), "engine").values():
         # rows with an `owner` have settings that the engine's authors sent; the first other row is the engine as shipped
-        shipped = next((row for row in rows if not row.get("owner")), rows[0])
-        first = json.loads(shipped["options"])
+        ours = [row for row in rows if not row.get("owner")] or rows
+        shipped = json.loads(ours[0]["options"])
         for row in rows:
             options = json.loads(row["options"]).items()
-            changed = [_describe_option(k, v) for k, v in options if k not in COMMENTS and v != first.get(k)]
+            changed = [_describe_option(k, v) for k, v in options if k not in COMMENTS and v != shipped.get(k)]
             words[tuple(row[k] for k in METHOD)] = [*changed, BY_AUTHORS] if row.get("owner") else changed
     return words
 
@@ -128,7 +129,7 @@ variant_of = itemgetter(*VARIANT)  # values of a row in the columns VARIANT
 
 
 def setting_key(row: Row) -> tuple[Any, ...]:
-    """Return the variant, step and tolerance of a row, which identify a setting.
+    """Return the variant, step and tolerance of a row as a tuple that identifies a setting.
 
     Numbers are rounded, so that rows of different tables that describe the same setting give equal tuples; an unknown number is -1.
     """
@@ -137,7 +138,7 @@ def setting_key(row: Row) -> tuple[Any, ...]:
 
 
 def make_setting(row: Row, **more: Any) -> Setting:
-    """Return the setting of a row with further fields; missing numbers are NaN."""
+    """Return the setting of a row; `more` replaces fields, and missing numbers are NaN."""
     fields: dict[str, Any] = {k: row[k] for k in VARIANT} | {k: number(row, k) for k in NUMBERS} | {"estimated": False}
     return Setting(**fields | more)
 
@@ -150,23 +151,24 @@ def race_time(row: Row) -> dict[str, float]:
 
 @lru_cache(maxsize=2)
 def all_settings(run: Run) -> dict[str, list[Setting]]:
-    """Return linkage -> all settings with known errors, timed or not."""
+    """Return linkage -> all settings with a known position error, timed or not."""
     searched = {r["mechanism"] for r in run.table("search_ladder")}
-    return group_by((*_search(run), *(x for x in _cases(run) if x.mechanism not in searched)), lambda x: x.mechanism)
+    others = [x for x in _case_settings(run) if x.mechanism not in searched]
+    return group_by((*_searched_settings(run), *others), lambda x: x.mechanism)
 
 
 @lru_cache(maxsize=2)
 def _settings_by_key(run: Run) -> dict[tuple[Any, ...], Setting]:
-    """Return the first setting with each key of `setting_key`; a search through thousands of settings takes half of the build."""
+    """Return key by `setting_key` -> the first setting with it; searches through all settings took half of the build."""
     every = [x for settings in all_settings(run).values() for x in settings]
-    return {setting_key(vars(x)): x for x in reversed(every)}
+    return {setting_key(vars(x)): x for x in reversed(every)}  # reversed: the first of several replaces the others
 
 
-def _search(run: Run) -> Iterator[Setting]:
-    """Yield the settings of searches, each with its time: measured in a race, or estimated from one."""
+def _searched_settings(run: Run) -> Iterator[Setting]:
+    """Yield the settings of searches, each with its time: measured in a race, estimated from one, or NaN."""
     raced = [r for r in with_number(run.table("search_times"), "seconds") if r["status"] == "ok"]
     races = group_by(raced, variant_of)
-    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: of several rows of one setting the first stays
+    raced_at = {setting_key(r): r for r in reversed(raced)}  # reversed: the first of several rows replaces the others
     steps_at = {setting_key(r): number(r, "steps") for r in run.table("search_ladder")}
     for row in with_number(run.table("search_ladder"), "position_error"):
         steps = number(row, "steps")
@@ -179,13 +181,13 @@ def _search(run: Run) -> Iterator[Setting]:
             # estimate the time from that of a step, in the race of the same variant with the nearest number of steps on a log scale
             seconds = {steps_at.get(setting_key(r), math.nan): r["seconds"] for r in races.get(variant_of(row), ())}
             counted = [n for n in seconds if is_known(n)]
-            near = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
-            time = {"seconds": seconds.get(near, math.nan) / max(near, 1.0) * steps}
+            nearest = min(counted, key=lambda n: abs(math.log(max(n, 1.0) / steps)), default=math.nan)
+            time = {"seconds": seconds.get(nearest, math.nan) / max(nearest, 1.0) * steps}
         errors = {"position": row["position_error"], "force": number(row, "force_error")}
         yield make_setting(row, **time, **errors, estimated=raced_row is None)
 
 
-def _cases(run: Run) -> Iterator[Setting]:
+def _case_settings(run: Run) -> Iterator[Setting]:
     """Yield the valid cases of the accuracy suite as settings with estimated times."""
     for row in run.results:
         error = first_number(number(row, "length_error"), number(row, "position_error"))
@@ -197,15 +199,15 @@ def _cases(run: Run) -> Iterator[Setting]:
 
 def cheapest(settings: Iterable[Setting], position: float, force: float = math.inf) -> dict[str, Setting]:
     """Return engine -> its cheapest setting, by `Setting.cost`, whose errors are at most `position` [m] and `force` [N]."""
-    holding = group_by((x for x in settings if x.holds(position, force)), lambda x: x.engine)
-    return {engine: min(some, key=lambda x: x.cost) for engine, some in holding.items()}
+    groups = group_by((x for x in settings if x.holds(position, force)), lambda x: x.engine)
+    return {engine: min(group, key=lambda x: x.cost) for engine, group in groups.items()}
 
 
 @lru_cache(maxsize=1024)
 def cheapest_stored(run: Run, mechanism: str, position: float, force: float = math.inf) -> Mapping[str, Setting]:
     """Return engine -> its cheapest setting on a linkage, for each engine with a setting that meets the requirement.
 
-    If a race was run at exactly this requirement, the engine's setting in this race replaces the one found from estimated times.
+    If a race was run at exactly this requirement, the engine's setting in this race replaces the one with the least estimated time.
 
     Args:
         position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
@@ -216,8 +218,8 @@ def cheapest_stored(run: Run, mechanism: str, position: float, force: float = ma
         return leaders
     # times of different races cannot be compared: a race at exactly this requirement decides
     for row in with_number(run.table("search_winners"), "seconds"):
-        asked = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
-        if asked and row["mechanism"] == mechanism and row["status"] == "ok":
+        is_same = row["required"] == "position" and math.isclose(row["accuracy"], position, rel_tol=1e-6)
+        if is_same and row["mechanism"] == mechanism and row["status"] == "ok":
             stored = _settings_by_key(run).get(setting_key(row))
             more = {"force": stored.force, "until": stored.until} if stored else {}
             leaders[row["engine"]] = make_setting(row, **race_time(row), **more, position=number(row, "error"))
@@ -238,16 +240,16 @@ def multiples(seconds: Mapping[Key, float]) -> dict[Key, float]:
 
 def race_multiples(run: Run) -> dict[tuple[str, str, float, str], float]:
     """Return (linkage, kind of error, accuracy, engine) -> the engine's time in a race divided by that of the fastest engine."""
-    over: dict[tuple[str, str, float, str], float] = {}
+    quotients: dict[tuple[str, str, float, str], float] = {}
     timed = [r for r in with_number(run.table("search_winners"), "seconds") if r["status"] == "ok"]
     for race, rows in group_by(timed, "mechanism", "required", "accuracy").items():
         least = min(r["seconds"] for r in rows)  # an engine may have rows of several scenarios
-        over |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
-    return over
+        quotients |= {(*race, r["engine"]): r["seconds"] / least for r in rows}
+    return quotients
 
 
-def answers(run: Run, mechanism: str) -> dict[str, Any]:
-    """Return the data that the first page of the site needs for a linkage.
+def collect_choices(run: Run, mechanism: str) -> dict[str, Any]:
+    """Return data of the first page on a linkage: which settings meet which requirement.
 
     A requirement "i,j" is a position error of at most POSITIONS[i] together with a force error of at most FORCES[j].
 
@@ -263,16 +265,16 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
     """
     picked: dict[Setting, int] = {}  # setting -> its index on the page
     picks: dict[str, list[Any]] = {}
-    reasons: dict[str, list[int]] = {}  # engine -> per requirement the index of its reason in `words`, -1 if it is met
-    words: dict[str, int] = {}
-    for place, ((i, position), (j, force)) in enumerate(product(enumerate(POSITIONS), enumerate(FORCES))):
+    reasons: dict[str, list[int]] = {}  # engine -> for each requirement the index of its reason in `words`, -1 if it is met
+    words: dict[str, int] = {}  # reason -> its index
+    for requirement, ((i, position), (j, force)) in enumerate(product(enumerate(POSITIONS), enumerate(FORCES))):
         chosen = cheapest_stored(run, mechanism, position, force)
         over = multiples({engine: x.seconds for engine, x in chosen.items()})
         ordered = sorted(chosen.values(), key=lambda x: (not is_known(x.seconds), x.seconds, x.engine))
         picks[f"{i},{j}"] = [[picked.setdefault(x, len(picked)), to_json(over.get(x.engine, math.nan))] for x in ordered]
         for engine, missed in engines_short_of(run, mechanism, position, force).items():
-            of_engine = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
-            of_engine[place] = words.setdefault(missed.words, len(words))
+            indices = reasons.setdefault(engine, [-1] * len(POSITIONS) * len(FORCES))
+            indices[requirement] = words.setdefault(missed.words, len(words))
     until = max((x.until for x in all_settings(run).get(mechanism, []) if is_known(x.until)), default=math.nan)
     horizons = [h for h in HORIZONS if h < until] + ([until] if is_known(until) else [])
     data = []
@@ -294,43 +296,42 @@ def answers(run: Run, mechanism: str) -> dict[str, Any]:
 def engines_short_of(run: Run, mechanism: str, position: float, force: float = math.inf) -> dict[str, Reach]:
     """Return engine -> why it does not meet a requirement on errors [m], [N], for all engines without a setting that meets it."""
     settings = all_settings(run).get(mechanism, [])
-    hold = {x.engine for x in settings if x.holds(position, force)}
-    engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))
-    return {e: answer_of(run, mechanism, e, position, force) for e in engines if e not in hold}
+    holding = {x.engine for x in settings if x.holds(position, force)}
+    engines = dict.fromkeys((*engines_of(run, mechanism), *sorted({x.engine for x in settings})))  # each once
+    return {engine: reach_of_engine(run, mechanism, engine, position, force) for engine in engines if engine not in holding}
 
 
-def answer_of(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
-    """Return whether an engine meets a requirement on a linkage and, if not, how close it comes; by its search or its cases.
+def reach_of_engine(run: Run, mechanism: str, engine: str, position: float, force: float = math.inf) -> Reach:
+    """Return whether an engine meets a requirement [m], [N] on a linkage and, if not, how close it comes.
 
-    Args:
-        position, force: largest allowed errors [m], [N]; infinity allows any error of forces.
+    The answer follows from the engine's search or, without a search, from its cases.
     """
     wanted = [Requirement("position", position), *([] if math.isinf(force) else [Requirement("force", force)])]
     cases = [x for x in all_settings(run).get(mechanism, []) if x.engine == engine]
     if not cases or engine in engines_of(run, mechanism):
-        return answer(run, mechanism, engine, wanted)
+        return reach_of_search(run, mechanism, engine, wanted)
     if len(wanted) > 1 and not any(is_known(x.force) for x in cases):
         return Reach(Kind.NOT_TRIED, "joint forces were not compared here")
     variants = group_by(cases, lambda x: (x.settings, x.integrator, x.stabilization)).values()
 
     def as_trial(x: Setting) -> Trial:
         """Return a case as a trial of a search."""
-        return Trial(x.step, {"position": x.position, "force": x.force}, int(x.steps) if is_known(x.steps) else None)
+        steps = int(x.steps) if is_known(x.steps) else None
+        return Trial(x.step, {"position": x.position, "force": x.force}, steps)
 
-    return reach([[as_trial(x) for x in some] for some in variants], wanted)
+    return reach([[as_trial(x) for x in variant] for variant in variants], wanted)
 
 
 @lru_cache(maxsize=2)
 def scenarios(run: Run) -> Mapping[str, str]:
-    """Return linkage -> scenario of all linkages that were run or searched, sorted."""
-    first: dict[str, str] = {}
-    for row in (*run.results, *run.table("search_ladder")):
-        first.setdefault(row["mechanism"], row["scenario"])
+    """Return linkage -> its first scenario, for all linkages that were run or searched, sorted."""
+    rows = (*run.results, *run.table("search_ladder"))
+    first = {row["mechanism"]: row["scenario"] for row in reversed(rows)}  # reversed: the first row replaces the others
     return dict(sorted(first.items()))
 
 
-def answer(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
-    """Return whether an engine meets requirements on a linkage, and whether it was timed in a race.
+def reach_of_search(run: Run, mechanism: str, engine: str, wanted: Sequence[Requirement]) -> Reach:
+    """Return whether an engine meets requirements on a linkage by its search, and whether it was timed in a race.
 
     Args:
         wanted: requirements that one setting must meet together. A race compares engines at a single requirement; if there are
@@ -352,23 +353,22 @@ def engines_of(run: Run, mechanism: str) -> list[str]:
 
 
 def find_race(run: Run, mechanism: str, engine: str, wanted: Requirement, scenario: str = "") -> Row | None:
-    """Return the row of the table `search_winners` of an engine at a requirement, or None without a race at it."""
-    races = _races(run).get((mechanism, engine, wanted.kind), [])
-    races = [r for r in races if scenario in ("", r["scenario"])]
+    """Return the row of `search_winners` of an engine at a requirement, in any scenario by default; None without a race."""
+    races = [r for r in _races_by_kind(run).get((mechanism, engine, wanted.kind), []) if scenario in ("", r["scenario"])]
     return next((r for r in races if math.isclose(number(r, "accuracy"), wanted.limit, rel_tol=1e-6)), None)
 
 
 def _read_race(row: Row) -> Reach:
-    """Return the answer for a row of `search_winners`: timed, skipped or not reached."""
+    """Return the result of an engine from its row of `search_winners`: timed, skipped or not reached."""
     status, message = row["status"], row.get("message") or ""
     if status == Status.OK:
         return Reach(Kind.TIMED)
     if status == Status.SKIP:
-        # a single trial that was skipped for this reason gives the right kind of answer
+        # a single trial that was skipped for this reason has this result
         return reach([[Trial(math.nan, {}, status=Status.SKIP, message=message)]], [])
     steps = number(row, "steps")
-    # a status such as "not reached" says all, and its message repeats it
-    return Reach(Kind.NOT_REACHED, "" if "reach" in status else message, 0 if math.isnan(steps) else int(steps))
+    reason = "" if "reach" in status else message  # the message of the status "not reached" repeats it
+    return Reach(Kind.NOT_REACHED, reason, 0 if math.isnan(steps) else int(steps))
 
 
 @lru_cache(maxsize=2)
@@ -376,10 +376,10 @@ def _ladders(run: Run) -> dict[tuple[str, str], list[list[Trial]]]:
     """Return (linkage, engine) -> for each searched variant its trials at several steps or tolerances."""
     variants = group_by(run.table("search_ladder"), "mechanism", *METHOD).values()
     engines = group_by(variants, lambda rows: (rows[0]["mechanism"], rows[0]["engine"]))
-    return {key: [list(map(trial_of, rows)) for rows in some] for key, some in engines.items()}
+    return {key: [list(map(trial_of, rows)) for rows in engine_variants] for key, engine_variants in engines.items()}
 
 
 @lru_cache(maxsize=2)
-def _races(run: Run) -> dict[tuple[str, str, str], list[Row]]:
+def _races_by_kind(run: Run) -> dict[tuple[str, str, str], list[Row]]:
     """Return (linkage, engine, kind of error) -> the rows of `search_winners`, at all accuracies and scenarios."""
     return group_by((r for r in run.table("search_winners") if r["required"]), "mechanism", "engine", "required")

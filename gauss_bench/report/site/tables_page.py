@@ -8,16 +8,16 @@ from typing import Any
 from gauss_bench.atomic import write_bytes
 from gauss_bench.report.content import lay_out
 from gauss_bench.report.field_run import FOLDER as BESIDE
-from gauss_bench.report.pages import facts as list_facts
+from gauss_bench.report.pages import list_facts
 from gauss_bench.report.rows import Row, Run
 from gauss_bench.report.site.page import ENVIRONMENT, Page, plain_page
 from gauss_bench.report.words import count
 from gauss_bench.tables import TABLES, csv_text, digits_of, write_parquet
 
 FOLDER = "tables"
-LARGE = 1500  # numbers and words: the CSV file of a larger table is compressed
-HUGE = 150_000  # numbers and words: a larger table is published as Parquet
-# parameters for text, whose bytes are not aligned; the highest preset takes four times as long and saves 2 % of the size
+LARGE = 1500  # [cells] the CSV file of a larger table is compressed
+HUGE = 150_000  # [cells] a larger table is published as Parquet
+# LZMA parameters for text, whose bytes are not aligned; the highest preset takes four times as long and saves 2 % of the size
 PACKED = [{"id": lzma.FILTER_LZMA2, "preset": 6, "lc": 4, "pb": 0}]
 
 
@@ -42,7 +42,7 @@ def data_file(name: str, rows: tuple[Row, ...]) -> str:
 
     The file is Parquet if the table has more than HUGE cells, compressed CSV if it has more than LARGE cells, and else CSV.
     """
-    size = len(rows) * len(TABLES[name].columns)
+    size = len(rows) * len(TABLES[name].columns)  # [cells]
     if size > HUGE:
         return f"{name}.parquet"
     return f"{name}.csv.xz" if size > LARGE else f"{name}.csv"
@@ -66,10 +66,10 @@ def data_page(run: Run) -> Page:
 
 
 def describe_table(name: str, rows: tuple[Row, ...], words: str = "") -> dict[str, Any]:
-    """Return what the page prints about the table `name`: its name, sentences in `said`, and a table of its columns."""
+    """Return the contents of the page on the table `name`: its `name`, sentences as `text`, and a table of its `columns`."""
     columns = [vars(c) | {"column": f"`{c.name}`"} for c in TABLES[name].columns]
-    said = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
-    return {"name": name, "said": said.strip(), "columns": lay_out("columns", columns, name=name)}
+    text = f"One row: {TABLES[name].meaning}. {count(len(rows), 'row')}. {words}"
+    return {"name": name, "text": text.strip(), "columns": lay_out("columns", columns, name=name)}
 
 
 CITED = "Quote a number of this site with its commit, date and processor, because costs hold for that machine alone."

@@ -1,4 +1,4 @@
-"""A page that draws the linkage encoded in the page's own address (URL), and the fragment of such an address: the text after #.
+"""The page `view.html`, which draws a linkage from its own address (URL), and the fragment of such an address: the text after #.
 
 The fragment is `v1.` followed by JSON, compressed with zlib and encoded as base64url: the linkage file, the points of all links in
 their own frames, and sampled poses. Positions are whole multiples of `unit` [m], angles of 1/`ANGLES` rad; poses are stored as
@@ -43,6 +43,8 @@ class TooLarge(ValueError):
 def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[str, int]:
     """Return the fragment (text after #) of the address of a linkage with its poses, and the number of its poses.
 
+    If the fragment of all poses is too long, every second pose is left out until it fits.
+
     Args:
         q: (k, n) positions of the links of `mechanism.whole`, at equal intervals of time.
         end: time of the last position [s].
@@ -53,19 +55,19 @@ def pack_view(text: str, mechanism: Mechanism, q: Array, end: float) -> tuple[st
     named = {"name": mechanism.name, "scenario": mechanism.scenario}
     linkage = {key: name[: LIMITS["name"]] for key, name in named.items()} | {"title": mechanism.title, "file": text}
     shape = describe_shape(mechanism)
-    drawn = sum(len(x["points"]) + len(x["bars"]) for x in shape["links"])
-    drawn += sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
-    if len(shape["links"]) > LIMITS["links"] or drawn > LIMITS["places"]:
+    count = sum(len(x["points"]) + len(x["bars"]) for x in shape["links"])
+    count += sum(len(shape[key]) for key in ("pins", "slides", "ties", "paths"))
+    if len(shape["links"]) > LIMITS["links"] or count > LIMITS["places"]:
         raise TooLarge(f"an address can hold a linkage of at most {LIMITS['links']} links and {LIMITS['places']} points")
     stride, intervals = 1, max(len(q) - 1, 0)
     while True:
-        kept = q[::stride]
-        covered = intervals // stride * stride  # intervals up to the last pose that is kept
-        motion = {"end": end * covered / intervals if intervals else 0.0} | pack_poses(kept)
+        poses = q[::stride]
+        covered = intervals // stride * stride  # intervals up to the last of these poses
+        motion = {"end": end * covered / intervals if intervals else 0.0} | pack_poses(poses)
         fragment = compress(linkage | shape | motion)
         if len(fragment) <= LIMITS["fragment"]:
-            return fragment, len(kept)
-        if len(kept) == 1:
+            return fragment, len(poses)
+        if len(poses) == 1:
             raise TooLarge(
                 f"the linkage takes {len(fragment)} characters of an address, which holds {LIMITS['fragment']}: share the file"
             )
@@ -89,9 +91,9 @@ def describe_shape(mechanism: Mechanism) -> dict[str, Any]:
     whole = mechanism.whole
     links = []
     for i, link in enumerate(whole.links):
-        order = {name: k for k, name in enumerate(link.points)}
+        index = {name: k for k, name in enumerate(link.points)}
         points = [round_place(x - link.com) for x in link.points.values()]
-        bars = [[order[a], order[b]] for a, b in link.bars]
+        bars = [[index[a], index[b]] for a, b in link.bars]
         links.append({"name": link.name[: LIMITS["name"]], "points": points, "bars": bars, "crank": i == whole.crank})
     slides = [
         [x.guide.link, *round_place(x.guide.local), round(x.angle, 5), x.block.link, *round_place(x.block.local)]
@@ -110,9 +112,9 @@ def place_of(point: Point) -> tuple[float, ...]:
     return point.link, *round_place(point.local)
 
 
-def round_place(at: Array) -> list[float]:
+def round_place(place: Array) -> list[float]:
     """Round coordinates to five significant digits."""
-    return [float(f"{x:.5g}") for x in at]
+    return [float(f"{x:.5g}") for x in place]
 
 
 def pack_poses(q: Array) -> dict[str, Any]:
@@ -121,29 +123,29 @@ def pack_poses(q: Array) -> dict[str, Any]:
     `poses` has for each of the n coordinates (x, y and angle of each link) the k second differences over time of whole numbers: x
     and y as multiples of `unit`, an angle as multiples of 1/ANGLES rad. Two cumulative sums restore them.
     """
-    at = places(q)
+    xy = places(q)  # (k, links, 2) [m]
     # a small drawing far from the origin has coarser units, so that its whole numbers stay below LIMITS["number"]
-    extent = max(float(np.ptp(at)), 1e-4 * float(np.abs(at).max()), 1e-6)
+    extent = max(float(np.ptp(xy)), 1e-4 * float(np.abs(xy).max()), 1e-6)
     unit = float(f"{extent / FINENESS:.3g}")
-    units = np.empty_like(q)
+    units = np.empty_like(q)  # (k, n) the unit of each number
     places(units)[...], angles(units)[...] = unit, 1 / ANGLES
-    whole = np.rint(q / units).astype(np.int64)  # (k, n)
+    numbers = np.rint(q / units).astype(np.int64)  # (k, n)
     # two zeros before the first pose, so that two cumulative sums give the poses back
     before = np.zeros((2, q.shape[1]), np.int64)
-    return {"unit": unit, "poses": np.diff(whole, n=2, axis=0, prepend=before).T.tolist()}
+    return {"unit": unit, "poses": np.diff(numbers, n=2, axis=0, prepend=before).T.tolist()}
 
 
 def view_page() -> tuple[str, str]:
     """Return the HTML of `view.html` with script and style, and its content security policy."""
     assets = files("gauss_bench.report.site") / "assets"
-    read = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
-    script = read["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
-    style = read["view.css"].replace("/*light*/", declare(COLOURS)).replace("/*dark*/", declare(DARK))
+    texts = {name: (assets / name).read_text(encoding="utf-8") for name in (VIEW, "view.js", "view.css")}
+    script = texts["view.js"].replace("/*limits*/", json.dumps(LIMITS | {"angles": ANGLES, "version": VERSION}))
+    style = texts["view.css"].replace("/*light*/", declare(COLOURS)).replace("/*dark*/", declare(DARK))
     policy = (
         f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
     )
-    page = read[VIEW].replace("/*policy*/", policy)
+    page = texts[VIEW].replace("/*policy*/", policy)
     return page.replace("/*style*/", style).replace("/*script*/", script), policy
 
 

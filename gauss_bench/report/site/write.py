@@ -15,21 +15,21 @@ import vl_convert
 from gauss_bench.atomic import write_text
 from gauss_bench.report.content import Finding
 from gauss_bench.report.field_run import FOLDER as BESIDE
-from gauss_bench.report.pages import facts
-from gauss_bench.report.palette import hues
+from gauss_bench.report.pages import list_facts
+from gauss_bench.report.palette import declare_hues
 from gauss_bench.report.rows import Run
 from gauss_bench.report.site.chapters import findings_page, kernel_page, method_page, papers_page, releases_page
 from gauss_bench.report.site.charts import GRAMMAR, VEGA_LITE
 from gauss_bench.report.site.engine import engine_page, engines_page, runs_of_engines
 from gauss_bench.report.site.first import Programs, first_page
 from gauss_bench.report.site.linkage import linkage_page, rows_page
-from gauss_bench.report.site.page import Page, document, script_text
+from gauss_bench.report.site.page import Page, render_page, script_text
 from gauss_bench.report.site.search import search_page
 from gauss_bench.report.site.settings import scenarios
 from gauss_bench.report.site.tables_page import FOLDER, cite_page, data_page, write_data
 from gauss_bench.report.site.view import VIEW, view_page
 
-SITE, GUIDE = "site", "docs"  # folder of the site, and in it that of the documentation, which `make docs` writes
+SITE, GUIDE = "site", "docs"  # folder of the site, and in it the folder of the documentation, which `make docs` writes
 SCRIPTS = ("theme.js", "site.js", "charts.js", "chooser.js", "player.js", "search.js")
 
 
@@ -47,11 +47,11 @@ def write_site(out: Path, run: Run, findings: Sequence[Finding] = (), programs: 
     pages.append(search_page(pages, folder / GUIDE))
     texts = asset_files()
     for page in pages:
-        texts[page.file] = document(page, pages, page.facts or facts(run), guide)
+        texts[page.file] = render_page(page, pages, page.facts or list_facts(run), guide)
         data = {page.name: dict(page.data)} if page.data else {}
         if page.data.get("charts"):
             data[page.name] |= {"config": GRAMMAR["config"]}
-        # `later`: further files that a script of the page loads on demand
+        # `page.later`: further files, which a script of the page loads on demand
         for name, content in (data | dict(page.later)).items():
             texts[f"data/{name}.js"] = f"site.put({script_text(content)});\n"
     for name, text in texts.items():
@@ -66,7 +66,8 @@ def asset_files() -> dict[str, str]:
     """Return name -> text of the files that every site has."""
     assets = files("gauss_bench.report.site") / "assets"
     texts = {name: (assets / name).read_text(encoding="utf-8") for name in (*SCRIPTS, "THIRD_PARTY.md", "site.css")}
-    texts["site.css"] = texts["site.css"].replace("/*light*/", hues(dark=False)).replace("/*dark*/", hues(dark=True))
+    for mode, is_dark in (("light", False), ("dark", True)):
+        texts["site.css"] = texts["site.css"].replace(f"/*{mode}*/", declare_hues(is_dark))
     return texts | {"vega.js": drawing_script(), VIEW: view_page()[0]}  # [0]: the page; [1] is its content security policy
 
 

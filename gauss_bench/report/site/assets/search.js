@@ -1,5 +1,5 @@
 "use strict";
-// Keeps the entries that have every word that is asked for, here or by the address: the documentation's box leads here.
+// Shows the entries that contain every word of the search box; the search box of the documentation passes its words in the address.
 (() => {
   const ask = document.getElementById("ask"), entries = [...document.querySelectorAll(".found li")];
   const narrow = () => {

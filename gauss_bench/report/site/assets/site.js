@@ -1,8 +1,8 @@
 "use strict";
-// What pages share: data that scripts put here, tables that sort and unfold, menus that close.
+// Code that all pages share: data that scripts store here, tables that sort and unfold, menus that close.
 const site = { data: {}, put(values) { Object.assign(site.data, values); } };
 
-// A click on a column's name sorts by it, a second one the other way; entries without a value stay at the end.
+// A click on the heading of a column sorts by the column, a second click in the other order; cells without a value come last.
 for (const button of document.querySelectorAll("th button")) {
   button.addEventListener("click", () => {
     const head = button.parentElement, body = head.closest("table").tBodies[0], column = head.cellIndex;
@@ -28,14 +28,14 @@ for (const button of document.querySelectorAll("button.more")) {
 }
 
 const menus = document.querySelectorAll("details.menu");
-const closeMenus = (but) => menus.forEach((menu) => { if (menu !== but) menu.open = false; });
+const closeMenus = (except) => menus.forEach((menu) => { if (menu !== except) menu.open = false; });
 for (const menu of menus) menu.addEventListener("toggle", () => { if (menu.open) closeMenus(menu); });
 document.addEventListener("click", (event) => { if (!event.target.closest("details.menu")) closeMenus(null); });
 document.addEventListener("keydown", (event) => { if (event.key === "Escape") closeMenus(null); });
 
-// Text into the clipboard, also where a page from a folder may not use it directly.
+// Copies a text to the clipboard, and returns whether that succeeded.
 const copyText = async (text) => {
-  try { await navigator.clipboard.writeText(text); return true; } catch { /* try the old way */ }
+  try { await navigator.clipboard.writeText(text); return true; } catch { /* a page in a local folder may not do this: use a selection */ }
   const area = document.createElement("textarea");
   area.value = text;
   document.body.append(area);

@@ -1,10 +1,10 @@
 "use strict";
-// Light or dark as the reader has it, unless the reader has chosen here. Storage may be refused: then the choice lasts for a page.
+// Light or dark mode is that of the browser until the reader chooses here. If storage is refused, the choice lasts for one page.
 (() => {
   const root = document.documentElement;
-  let kept = null;
-  try { kept = localStorage.getItem("theme"); } catch { kept = null; }
-  if (kept === "light" || kept === "dark") root.dataset.theme = kept;
+  let stored = null;
+  try { stored = localStorage.getItem("theme"); } catch { /* refused */ }
+  if (stored === "light" || stored === "dark") root.dataset.theme = stored;
   addEventListener("DOMContentLoaded", () => {
     document.getElementById("theme").addEventListener("click", () => {
       const dark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;

@@ -1,6 +1,6 @@
 "use strict";
-// Draws the linkage that the address carries. Anybody may have made the address: every value is checked against LIMITS before it is
-// used, texts are only ever set as text, and the first value that is wrong ends it with one sentence and without a drawing.
+// Draws the linkage that the address contains. Anybody can write an address, so every value is checked against LIMITS before it is
+// used, and texts are only set as text. At the first wrong value the page shows one sentence and no drawing.
 (() => {
   const LIMITS = /*limits*/;
   const SVG = "http://www.w3.org/2000/svg";
@@ -8,21 +8,21 @@
   class Refused extends Error {}
   const refuse = (why) => { throw new Refused(`This link cannot be shown: ${why}.`); };
 
-  // Reading
-  const number = (x) => (typeof x === "number" && Math.abs(x) <= LIMITS.number ? x : refuse("a number in it is missing or too large"));
-  const list = (x, most) => (Array.isArray(x) && x.length <= most ? x : refuse("a list in it is missing or too long"));
-  const text = (x, most) => (typeof x === "string" && x.length <= most ? x : refuse("a text in it is missing or too long"));
+  // Reading: each function returns a checked value, or refuses the link
+  const number = (x) => (typeof x === "number" && Math.abs(x) <= LIMITS.number ? x : refuse("it has a number that is missing or too large"));
+  const list = (x, most) => (Array.isArray(x) && x.length <= most ? x : refuse("it has a list that is missing or too long"));
+  const text = (x, most) => (typeof x === "string" && x.length <= most ? x : refuse("it has a text that is missing or too long"));
   const index = (x, least, count) => (Number.isInteger(x) && x >= least && x < count ? x : refuse("it names a link or point that it does not have"));
-  const table = (x) => (typeof x === "object" && x !== null && !Array.isArray(x) ? x : refuse("it carries no linkage"));
+  const table = (x) => (typeof x === "object" && x !== null && !Array.isArray(x) ? x : refuse("it has no linkage"));
 
-  /** The object in the address; unpacking stops at the first byte too many. */
+  /** Returns the object in the address; unpacking stops as soon as there are more bytes than LIMITS allow. */
   async function unpack(fragment) {
     if (fragment.length > LIMITS.fragment) refuse(`it has more than ${LIMITS.fragment} characters`);
-    if (!/^v[0-9]+\.[A-Za-z0-9_-]+$/.test(fragment)) refuse("it carries no linkage, or was changed on its way");
+    if (!/^v[0-9]+\.[A-Za-z0-9_-]+$/.test(fragment)) refuse("it has no linkage, or was changed on its way");
     if (!fragment.startsWith(LIMITS.version)) refuse("it was made for another edition of this page");
     if (typeof DecompressionStream === "undefined") refuse("this browser is too old to unpack it");
     const parts = [];
-    let size = 0, content;
+    let size = 0, content; // bytes so far
     try {
       const packed = Uint8Array.from(atob(fragment.slice(LIMITS.version.length).replace(/-/g, "+").replace(/_/g, "/")), (c) => c.charCodeAt(0));
       const reader = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
@@ -42,89 +42,92 @@
     return table(content);
   }
 
-  /** Whole numbers from their second differences. */
-  function add(differences) {
-    let step = 0, at = 0;
+  /** Returns whole numbers from their second differences. */
+  function integrate(differences) {
+    let step = 0, sum = 0;
     return differences.map((x) => {
       step += number(x);
-      at += step;
-      return Number.isInteger(x) ? number(at) : refuse("a pose in it is no whole number");
+      sum += step;
+      return Number.isInteger(x) ? number(sum) : refuse("it has a pose that is no whole number");
     });
   }
 
-  /** The linkage, of checked values alone. */
+  /** Returns the linkage, made of checked values alone. */
   function check(given) {
     let places = 0;
-    const some = (x) => {
+    const counted = (x) => { // a list whose entries count as places
       places += list(x, LIMITS.places).length;
       return places <= LIMITS.places ? x : refuse("it has too many points");
     };
-    const links = list(given.links, LIMITS.links).map((given) => {
-      const link = table(given);
-      const points = some(link.points).map((p) => list(p, 2) && [number(p[0]), number(p[1])]);
-      const bars = some(link.bars).map((b) => list(b, 2) && [points[index(b[0], 0, points.length)], points[index(b[1], 0, points.length)]]);
+    const links = list(given.links, LIMITS.links).map((entry) => {
+      const link = table(entry);
+      const points = counted(link.points).map((p) => list(p, 2) && [number(p[0]), number(p[1])]);
+      const bars = counted(link.bars).map((b) => list(b, 2) && [points[index(b[0], 0, points.length)], points[index(b[1], 0, points.length)]]);
       return { name: text(link.name, LIMITS.name), points, bars, crank: link.crank === true };
     });
     const place = (x) => ({ link: index(list(x, 3)[0], -1, links.length), at: [number(x[1]), number(x[2])] });
-    const slides = some(given.slides).map((x) => {
+    const slides = counted(given.slides).map((x) => {
       const [guide, gx, gy, angle, block, bx, by] = list(x, 7);
       return { guide: index(guide, -1, links.length), from: [number(gx), number(gy)], angle: number(angle), block: place([block, bx, by]) };
     });
-    const ties = some(given.ties).map((x) => [place(list(x, 6).slice(0, 3)), place(x.slice(3))]);
+    const ties = counted(given.ties).map((x) => [place(list(x, 6).slice(0, 3)), place(x.slice(3))]);
     const unit = number(given.unit);
-    const series = list(given.poses, 3 * LIMITS.links).map((x) => add(list(x, LIMITS.poses)));
+    const series = list(given.poses, 3 * LIMITS.links).map((x) => integrate(list(x, LIMITS.poses)));
     const count = series.length ? series[0].length : 0;
     if (!links.length || series.length !== 3 * links.length || !count || series.some((x) => x.length !== count)) refuse("it does not have poses for every link");
     const pose = (k) => links.map((_, i) => [series[3 * i][k] * unit, series[3 * i + 1][k] * unit, series[3 * i + 2][k] / LIMITS.angles]);
     return {
       name: text(given.name, LIMITS.name), title: text(given.title, LIMITS.unpacked), scenario: text(given.scenario, LIMITS.name),
-      file: text(given.file, LIMITS.unpacked), links, slides, ties, pins: some(given.pins).map(place), paths: some(given.paths).map(place),
+      file: text(given.file, LIMITS.unpacked), links, slides, ties, pins: counted(given.pins).map(place), paths: counted(given.paths).map(place),
       end: Math.max(number(given.end), 0), poses: Array.from({ length: count }, (_, k) => pose(k)),
     };
   }
 
   // Drawing
-  const put = ([x, y, turn], [a, b]) => [x + Math.cos(turn) * a - Math.sin(turn) * b, y + Math.sin(turn) * a + Math.cos(turn) * b];
-  const where = (pose, { link, at }) => (link < 0 ? at : put(pose[link], at));
-  const pen = (points, end = "") => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + end;
+  // Returns the position in the world of a place in the frame of a link.
+  const toWorld = ([x, y, turn], [a, b]) => [x + Math.cos(turn) * a - Math.sin(turn) * b, y + Math.sin(turn) * a + Math.cos(turn) * b];
+  const positionOf = (pose, { link, at }) => (link < 0 ? at : toWorld(pose[link], at)); // -1 is the ground
+  const pathData = (points, end = "") => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + end;
 
+  /** Returns the corners of the convex hull of points (Andrew's monotone chain). */
   function hull(points) {
     const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
-    const half = (some) => some.reduce((out, p) => {
+    const half = (chain) => chain.reduce((out, p) => {
       while (out.length > 1 && (out.at(-1)[0] - out.at(-2)[0]) * (p[1] - out.at(-2)[1]) <= (out.at(-1)[1] - out.at(-2)[1]) * (p[0] - out.at(-2)[0])) out.pop();
       return [...out, p];
     }, []).slice(0, -1);
     return [...half(sorted), ...half(sorted.reverse())];
   }
 
-  function make(kind, looks, parent, more = {}) {
+  /** Adds an SVG element with a CSS class and attributes to `parent`, and returns it. */
+  function make(kind, css, parent, attributes = {}) {
     const part = document.createElementNS(SVG, kind);
-    part.setAttribute("class", looks);
-    for (const [key, value] of Object.entries(more)) part.setAttribute(key, value);
+    part.setAttribute("class", css);
+    for (const [key, value] of Object.entries(attributes)) part.setAttribute(key, value);
     parent.append(part);
     return part;
   }
 
-  /** Draws everything once, and returns a function that puts it where it is at a pose. */
+  /** Draws everything once, and returns a function that moves everything to the pose of a given index. */
   function stage(linkage, width) {
     const { links, slides, ties, pins, paths, poses } = linkage;
     const all = [...pins, ...paths, ...slides.map((x) => x.block), ...ties.flat(), ...links.flatMap((x, link) => x.points.map((at) => ({ link, at })))];
-    const ends = [Infinity, -Infinity, Infinity, -Infinity];
+    const ends = [Infinity, -Infinity, Infinity, -Infinity]; // least and largest x, least and largest y [m]
     for (const pose of poses) {
-      for (const [x, y] of all.map((p) => where(pose, p))) {
+      for (const [x, y] of all.map((p) => positionOf(pose, p))) {
         ends.splice(0, 4, Math.min(ends[0], x), Math.max(ends[1], x), Math.min(ends[2], y), Math.max(ends[3], y));
       }
     }
-    if (!ends.every(Number.isFinite)) refuse("there is no point in it");
+    if (!ends.every(Number.isFinite)) refuse("it has no point");
     const [w, h] = [Math.max(ends[1] - ends[0], 1e-9), Math.max(ends[3] - ends[2], 1e-9)], margin = 34;
     const scale = Math.min((width - 2 * margin) / w, (Math.max(260, 0.7 * width) - 2 * margin) / h);
     const height = Math.max(h * scale + 2 * margin, 160);
     const view = ([x, y]) => [width / 2 + (x - (ends[0] + ends[1]) / 2) * scale, height / 2 - (y - (ends[2] + ends[3]) / 2) * scale];
-    const own = ([x, y]) => [x * scale, -y * scale]; // of a link's frame
+    const inFrame = ([x, y]) => [x * scale, -y * scale]; // pixels in the frame of a link
     const svg = make("svg", "", document.createDocumentFragment(), { viewBox: `0 0 ${width.toFixed(0)} ${height.toFixed(0)}`, role: "img" });
     svg.setAttribute("aria-label", `${linkage.name}: ${links.length} links`);
     const degrees = (turn) => ((-turn * 180) / Math.PI).toFixed(3);
-    const moves = []; // of each part: a function of the pose
+    const moves = []; // for each part a function that moves it to a pose
 
     for (const { link, at } of pins.filter((x) => x.link < 0)) {
       const [x, y] = view(at);
@@ -136,17 +139,17 @@
       make("path", "rail", part, { d: `M${-length} 11H${length}M${-length} -11H${length}` });
       make("rect", "block", part, { x: -15, y: -9, width: 30, height: 18, rx: 3 });
       moves.push((pose) => {
-        const [x, y] = view(where(pose, slide.block));
+        const [x, y] = view(positionOf(pose, slide.block));
         const turn = slide.angle + (slide.guide < 0 ? 0 : pose[slide.guide][2]);
         part.setAttribute("transform", `translate(${x.toFixed(2)} ${y.toFixed(2)}) rotate(${degrees(turn)})`);
       });
     }
     links.forEach((link, i) => {
       const part = make("g", link.crank ? "crank" : "link", svg);
-      const points = link.points.map(own);
-      const bars = link.bars.length ? link.bars.map((bar) => pen(bar.map(own))).join("") : points.length === 2 ? pen(points) : "";
-      if (points.length > 2) make("path", "plate", part, { d: pen(hull(points), "Z") });
-      if (bars) for (const looks of ["edge", "fill"]) make("path", looks, part, { d: bars });
+      const points = link.points.map(inFrame);
+      const bars = link.bars.length ? link.bars.map((bar) => pathData(bar.map(inFrame))).join("") : points.length === 2 ? pathData(points) : "";
+      if (points.length > 2) make("path", "plate", part, { d: pathData(hull(points), "Z") });
+      if (bars) for (const css of ["edge", "fill"]) make("path", css, part, { d: bars });
       make("title", "", part).textContent = link.name;
       moves.push((pose) => {
         const [x, y] = view(pose[i]);
@@ -155,18 +158,18 @@
     });
     for (const [a, b] of ties) {
       const tie = make("path", "tie", svg);
-      moves.push((pose) => tie.setAttribute("d", pen([view(where(pose, a)), view(where(pose, b))])));
+      moves.push((pose) => tie.setAttribute("d", pathData([view(positionOf(pose, a)), view(positionOf(pose, b))])));
     }
     for (const point of paths) {
-      if (poses.length > 1) make("path", "path", svg, { d: pen(poses.map((pose) => view(where(pose, point)))) });
+      if (poses.length > 1) make("path", "path", svg, { d: pathData(poses.map((pose) => view(positionOf(pose, point)))) });
       follow(point, "eye", 4);
     }
     for (const pin of pins) follow(pin, "pin", 4.6);
 
-    function follow(point, looks, r) {
-      const dot = make("circle", looks, svg, { r });
+    function follow(point, css, r) {
+      const dot = make("circle", css, svg, { r });
       moves.push((pose) => {
-        const [x, y] = view(where(pose, point));
+        const [x, y] = view(positionOf(pose, point));
         dot.setAttribute("cx", x.toFixed(2));
         dot.setAttribute("cy", y.toFixed(2));
       });
@@ -176,8 +179,8 @@
   }
 
   // Playing
-  let now = null; // { linkage, draw, k }
-  let since = null; // time at which a playing motion was at its first pose [ms]
+  let now = null; // the shown linkage, its function `draw`, and the index k of its pose
+  let since = null; // [ms] time at which the motion was at its first pose; null if it does not play
   const step = () => (now.linkage.poses.length > 1 ? now.linkage.end / (now.linkage.poses.length - 1) : 0); // seconds between poses
 
   function show(k) {
@@ -218,8 +221,8 @@
     }
     try {
       const linkage = check(await unpack(fragment));
-      if (fragment !== location.hash.slice(1)) return; // another one was opened meanwhile
-      $("shown").hidden = false; // the stage has a width only then
+      if (fragment !== location.hash.slice(1)) return; // another address was opened meanwhile
+      $("shown").hidden = false; // a hidden stage has no width
       now = { linkage, draw: stage(linkage, Math.max($("stage").clientWidth, 280)), k: 0 };
       $("name").textContent = linkage.name || "A linkage";
       document.title = `${linkage.name} · gauss_bench`;
@@ -255,7 +258,7 @@
   });
   addEventListener("keydown", (e) => {
     if (!now || now.linkage.poses.length < 2 || e.ctrlKey || e.metaKey || e.altKey || e.target.closest("select, pre, summary, input")) return;
-    if (e.key === " " && e.target.closest("button")) return; // which the browser presses itself
+    if (e.key === " " && e.target.closest("button")) return; // the browser itself presses the button
     const go = { " ": () => play(since === null), ArrowLeft: () => move(-1), ArrowRight: () => move(1), Home: () => move(-now.k), End: () => move(-now.k - 1) }[e.key];
     if (!go) return;
     e.preventDefault();
@@ -264,7 +267,7 @@
   $("copy").addEventListener("click", async () => {
     const done = navigator.clipboard ? await navigator.clipboard.writeText(now.linkage.file).then(() => true, () => false) : false;
     if (!done) getSelection().selectAllChildren($("file"));
-    $("copied").textContent = done ? "Copied." : "Selected: copy it by the keys or the menu of this browser.";
+    $("copied").textContent = done ? "Copied." : "Selected: copy it by the keys or the menu of the browser.";
   });
   let resizing = 0;
   addEventListener("resize", () => {

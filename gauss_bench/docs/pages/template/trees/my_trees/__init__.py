@@ -80,8 +80,8 @@ class Trees:
             "order": [model.place[i] for i in range(len(mechanism.links))],
         }
         every = -(-steps // 100)  # about 100 printed states: steps / 100, rounded up
-        way = {"steps": steps, "step": mechanism.duration / steps, "every": every}
-        return inspect.getsource(library) + PROGRAM.format(**numbers, **way, method=choice.integrator, pull=model.options["pull"])
+        loop = {"steps": steps, "step": mechanism.duration / steps, "every": every}
+        return inspect.getsource(library) + PROGRAM.format(**numbers, **loop, method=choice.integrator, pull=model.options["pull"])
 
 
 class Model(TreeModel):
@@ -115,7 +115,7 @@ class Model(TreeModel):
         return library.Joint(self.place[branch.parent], near, complex(*branch.anchor), complex(*branch.axis), float(branch.turn))
 
     def describe_law(self, law):
-        """Return a force along a coordinate as the library takes it: (coordinate, k, c, rest, bias)."""
+        """Return a force along a coordinate in the form of the library: (coordinate, k, c, rest, bias)."""
         match law.coordinate:
             case Angle(a, b):
                 coordinate = ("angle", self.place[a], self.place[b])
@@ -127,7 +127,7 @@ class Model(TreeModel):
         return coordinate, *map(float, (law.k, law.c, law.rest, law.bias))
 
     def end(self, point):
-        """Return the link and the place of a point as the library takes them."""
+        """Return the link and the place of a point in the form of the library."""
         return self.place[point.link], complex(*point.local)
 
     def tree_acceleration(self, t, y, dy):

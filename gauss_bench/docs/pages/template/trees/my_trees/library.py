@@ -47,15 +47,16 @@ def follow(tree, y, dy):
     place, bias, move = (np.zeros((n + 1, *more), dtype=complex) for more in ((), (), (n,)))
     angle, spin, turn = np.zeros(n + 1), np.zeros(n + 1), np.zeros((n + 1, n))
     for i, (p, near, far, axis, fixed) in enumerate(tree.joints):
-        E = np.exp(1j * angle[p])
-        arm = E * (near + axis * y[i])
+        E = np.exp(1j * angle[p])  # turns vectors from the parent's frame into that of the ground
+        arm = E * (near + axis * y[i])  # from the parent's centre of mass to the joint
         turn[i], spin[i], angle[i] = turn[p], spin[p], angle[p] + fixed
-        if not axis:
+        if not axis:  # a pin
             turn[i, i], spin[i], angle[i] = 1.0, spin[p] + dy[i], angle[p] + y[i]
-        back = np.exp(1j * angle[i]) * far  # from the centre of mass to the joint
+        back = np.exp(1j * angle[i]) * far  # from the link's centre of mass to the joint
         place[i] = place[p] + arm - back
         move[i] = move[p] + 1j * (arm * turn[p] - back * turn[i])
         move[i, i] += E * axis
+        # centripetal accelerations, and the Coriolis acceleration of a slide
         bias[i] = bias[p] - arm * spin[p] ** 2 + 2j * E * axis * spin[p] * dy[i] + back * spin[i] ** 2
     return Motion(place, angle, move, turn, spin, bias)
 
@@ -80,7 +81,7 @@ def measure(x, kind, a, *more):
     gap, change = second[0] - first[0], second[1] - first[1]
     if kind == "distance":
         return abs(gap), (change * gap.conjugate()).real / abs(gap)
-    e = np.exp(1j * (x.angle[frame] + direction))
+    e = np.exp(1j * (x.angle[frame] + direction))  # the direction turns with its frame, which adds the last term below
     return (gap * e.conjugate()).real, (change * e.conjugate()).real + (gap * e.conjugate()).imag * x.turn[frame]
 
 
