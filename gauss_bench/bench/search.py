@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gauss_bench.bench.clock import common, quotients, time_of
+from gauss_bench.bench.clock import quotients, restrict_to_common, time_of
 from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -199,5 +199,5 @@ def ties_with(samples: Array, fastest: Array) -> bool:
     If only one process did, it must take no longer in at least a share LUCK of the bootstrap samples of its rounds. Both arguments
     are times [s] (processes, rounds).
     """
-    several = len(common(samples, fastest)[0]) > 1
+    several = len(restrict_to_common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

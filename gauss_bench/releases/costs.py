@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import NO_KEY, Race, foreseen, quartiles
+from gauss_bench.bench.clock import NO_KEY, Race, prediction_interval, quartiles
 from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.releases.asking import FOLDERS, LONGEST
@@ -155,7 +155,7 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
     if good.sum() < 2 or not good.all():
         return float("nan"), float("nan"), float("nan")
     quotients = times / others
-    low, high = foreseen(quotients)
+    low, high = prediction_interval(quotients)
     return float(np.median(quotients)), low, high
 
 

@@ -3,7 +3,7 @@
 Here n is the number of coordinates and m the number of constraints. Gauss's formulation has n - m unknowns, Lagrange's has n + m.
 The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and race in several
 processes: a step of one trajectory, a step with projection, and a step in a batch of trajectories. The reported ratio is the median
-of the ratios of all processes, with the spread of `clock.foreseen`; the verdict is "open" if the spread covers 1.
+of the ratios of all processes, with the spread of `clock.prediction_interval`; the verdict is "open" if the spread covers 1.
 
 For one evaluation of the accelerations, including the checks of pivots, the table also has the number of operations, the number of
 divisions, and the number of operations in the longest dependent chain.
@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
+from gauss_bench.bench.clock import Key, Row, gather_rounds, prediction_interval, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
@@ -116,7 +116,7 @@ def claim_row(start: Row, races: Rows) -> Row:
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
             continue
-        low, high = foreseen(np.array(ended))
+        low, high = prediction_interval(np.array(ended))
         columns |= {f"{prefix}ratio": statistics.median(ended), f"{prefix}ratio_low": low, f"{prefix}ratio_high": high}
         columns |= {f"{prefix}verdict": verdict(low, high)}
         if what == STEP:

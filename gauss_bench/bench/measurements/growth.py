@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.bench.clock import NO_KEY, Key, Row, foreseen, gather_rounds, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Row, gather_rounds, prediction_interval, row, spread
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, with_race_limit
 from gauss_bench.compiler.errors import KernelError
@@ -225,8 +225,8 @@ def exponents(races: Rows, large: int) -> Rows:
             continue
         whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
         by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
-        # `foreseen` works on the logarithms of positive values: given exp(exponent), it works on the exponents
-        low, high = np.log(foreseen(np.exp(by_process))).tolist()
+        # `prediction_interval` works on the logarithms of positive values: given exp(exponent), it works on the exponents
+        low, high = np.log(prediction_interval(np.exp(by_process))).tolist()
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(by_process)}
         of_medians = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": of_medians, "exponent_low": low, "exponent_high": high})
