@@ -51,7 +51,7 @@ LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelo
 )
 
 
-def declarations(subject: Subject) -> Iterator[Check]:
+def check_declarations(subject: Subject) -> Iterator[Check]:
     """Check that the settings and variants that an engine declares `soft` or `unfinished` exist, and that each has a cause."""
     offer = subject.offer
     faults = []
@@ -154,7 +154,7 @@ def digits(error: float) -> str:
     return f"{max(0.0, -np.log10(max(error, 1e-16))):.1f} digits"
 
 
-def same_states(subject: Subject) -> Iterator[Check]:
+def check_accelerations(subject: Subject) -> Iterator[Check]:
     """Check accelerations at given states: every linkage with each setting, and one linkage with every integrator and variant."""
     offer = subject.offer
     for choice in subject.choices():
@@ -202,7 +202,7 @@ def _list_few(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def change_numbers(subject: Subject) -> Iterator[Check]:
+def check_changed_numbers(subject: Subject) -> Iterator[Check]:
     """Check accelerations on linkages with changed numbers: each number alone, all numbers of one kind, and all numbers."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.accepted:
@@ -211,7 +211,7 @@ def change_numbers(subject: Subject) -> Iterator[Check]:
         yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
 
 
-def forces(subject: Subject) -> Iterator[Check]:
+def check_forces(subject: Subject) -> Iterator[Check]:
     """Check that every kind of force acts as defined: first all forces together and, if that fails, each force alone."""
     soft = subject.usual.settings in subject.offer.soft
     answer = ask(subject, subject.usual, probe(KINDS, "loaded"))
@@ -242,7 +242,7 @@ def effect(measured: Array, true: Array) -> str:
     return f"its effect is {factor:.6g} times what it should be, in the direction that it should have"
 
 
-def reactions(subject: Subject) -> Iterator[Check]:
+def check_joint_forces(subject: Subject) -> Iterator[Check]:
     """Check that the joint forces that the engine reports are those that Newton's laws give for the true accelerations."""
     title = "joint forces follow from the accelerations"
     if subject.usual.settings in subject.offer.soft:
@@ -266,7 +266,7 @@ def reactions(subject: Subject) -> Iterator[Check]:
     yield Check(title, True if agreed else None, agreed or "it reports none")
 
 
-def motions(subject: Subject) -> Iterator[Check]:
+def check_motions(subject: Subject) -> Iterator[Check]:
     """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
@@ -367,4 +367,4 @@ def _true_motion(linkage: str, scenario: str) -> Array:
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 
-MEASURED = (declarations, forces, same_states, reactions, motions, change_numbers)
+MEASURED = (check_declarations, check_forces, check_accelerations, check_joint_forces, check_motions, check_changed_numbers)

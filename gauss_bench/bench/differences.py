@@ -10,6 +10,8 @@ from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.checksums import require_unchanged
 from gauss_bench.tables import ENDS, TABLES, Row, TableError, case_of, key_of, read_table
 
+FLAG_WORDS = {True: "yes", False: "no"}  # of a column with flags, such as whether a target is met
+
 
 @dataclass(frozen=True)
 class Differences:
@@ -54,7 +56,7 @@ def read_figures(folder: Path) -> list[Row]:
 
 
 def count_cases(keys: set[tuple[Any, ...]]) -> int:
-    """Return the number of cases among the keys of figures, without those of references."""
+    """Return the number of keys that belong to cases; the others belong to references."""
     return sum(engine != "reference" for _, _, engine, *_ in keys)
 
 
@@ -116,14 +118,14 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
-            here, there = (x if isinstance(x, str) else "yes" if x else "no" for x in (row[column], other[column]))
+            here, there = (FLAG_WORDS.get(x, x) for x in (row[column], other[column]))
             yield None if row[column] == other[column] else Clocked(what, here, there, matters=True)
         return
     spreads = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
     if all(math.isfinite(x) and x > 0 for values in spreads for x in values):
         (x, low, high), (y, other_low, other_high) = spreads
         here, there = (f"{value:.3g} ({least:.3g}..{most:.3g})" for value, least, most in spreads)
-        is_crossed = (x > 1) != (y > 1)  # another side is the faster one
+        is_crossed = (x > 1) != (y > 1)  # the faster one of the two is the slower one in the other run
         overlap = low <= other_high and other_low <= high
         yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
 

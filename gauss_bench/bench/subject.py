@@ -73,7 +73,7 @@ class Subject:
 
     Attributes:
         tell: called with a sentence of progress before each run.
-        before: processor time [s] of this process and its ended children before the first check.
+        before: processor time [s] that this process and its ended children had used before the first check.
     """
 
     offer: Offer
@@ -92,8 +92,8 @@ class Subject:
         return self.offer.choose(None, None, None, STEP)
 
     @cached_property
-    def whole(self) -> dict[str, Run]:
-        """Linkage of PLAIN -> its run with a sample at every step, which most checks use."""
+    def plain_runs(self) -> dict[str, Run]:
+        """The runs that most checks use: linkage of PLAIN -> its run with a sample at every step."""
         return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in PLAIN}
 
     @cached_property
