@@ -85,18 +85,18 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
 
 
 def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
-    """Return one row for each link at a time; `parts` maps the suffix of three columns to coordinates (n,) of all links."""
+    """Return one row for each link at a time; `parts` maps a suffix of the columns x, y, angle to coordinates (n,) of all links."""
     rows: Rows = [{"link": link.name, "t": t} for link in mechanism.links]
-    for part, x in parts.items():
-        for row, pose in zip(rows, bodies(x).tolist(), strict=True):
-            row |= zip([f"{axis}{part}" for axis in AXES], pose, strict=True)
+    for suffix, coordinates in parts.items():
+        for row, pose in zip(rows, bodies(coordinates).tolist(), strict=True):
+            row |= zip([f"{axis}{suffix}" for axis in AXES], pose, strict=True)
     return rows
 
 
 def keep(results: Rows, poses: Rows) -> Rows:
     """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case."""
     posed = {case_of(row) for row in poses}
-    shown: set[tuple[Any, ...]] = set()
+    shown: set[tuple[Any, ...]] = set()  # keys of cases
     best: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # linkage, scenario, engine -> least error, and key of its case
     for row in results:
         key = case_of(row)

@@ -47,8 +47,9 @@ def modules() -> list[ModuleType]:
 
 
 def list_tasks(function_name: str, *arguments: Any) -> list[Task]:
-    """Call a function of every measurement module that defines it, and return all tasks together."""
-    return [task for module in modules() if hasattr(module, function_name) for task in getattr(module, function_name)(*arguments)]
+    """Return the tasks that the function with this name returns, of every measurement module that has such a function."""
+    functions = [getattr(module, function_name) for module in modules() if hasattr(module, function_name)]
+    return [task for function in functions for task in function(*arguments)]
 
 
 def run(
@@ -129,6 +130,6 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def own_files(suite: Suite) -> dict[str, str]:
-    """Return name -> text of the linkage files that are not built in, so that a report can draw them without the files."""
+    """Return name of a linkage -> text of its file, for linkages that are not built in: a report can then draw them."""
     paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}
