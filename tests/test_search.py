@@ -11,7 +11,7 @@ from gauss_bench.bench import search
 from gauss_bench.bench.clock import Measured, Missing, gather_rounds, prediction_interval, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
-from gauss_bench.bench.search import Scale, close, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
+from gauss_bench.bench.search import Scale, close_to_fastest, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
 from gauss_bench.bench.tasks import Context
 from gauss_bench.bench.ways import BEATS, Way, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
@@ -196,8 +196,8 @@ def test_only_what_is_near_the_cheapest_is_raced():
     assert finalists(costs) == ["near", "cheapest"]
     many = {str(k): 1.0 + 0.01 * k for k in range(20)}
     assert finalists(many) == [*many][: search.FINALISTS]
-    assert finalists({}) == close({}) == []
-    assert close({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]  # in further processes
+    assert finalists({}) == close_to_fastest({}) == []
+    assert close_to_fastest({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]  # in further processes
 
 
 # Whole searches, with engines whose errors and costs are known

@@ -29,7 +29,7 @@ def race_here(
     A block whose `facts` has further columns gets one more row with them. All engines take part unless `engines` names some. The
     name of the running engine is written into the file `path`, if given, before its code runs.
     """
-    watch = watching(path) if path else watch_nothing
+    watch = write_engine_to(path) if path else watch_nothing
     race = Race(watch)
     for key, make in entries(*arguments):
         if engines is None or key.engine in engines:
@@ -94,18 +94,18 @@ def list_survivors(
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
         while True:
             Path(file.name).write_bytes(bytes(ROOM))  # no engine is running
-            left = tuple(x for x in engines if x not in lost)
+            remaining = tuple(x for x in engines if x not in lost)
             try:
-                return worker.call(race, (*arguments, left, file.name), limit, longest=longest), lost
+                return worker.call(race, (*arguments, remaining, file.name), limit, longest=longest), lost
             except WorkerFailure as failure:
-                guilty = at_work(file.name)
-                if failure.status not in LOST or guilty not in left:  # neither a crash nor a hang of an engine
+                guilty = read_engine(file.name)
+                if failure.status not in LOST or guilty not in remaining:  # neither a crash nor a hang of an engine
                     raise
                 lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was at work: {failure}")
 
 
-def watching(path: str) -> Watch:
-    """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
+def write_engine_to(path: str) -> Watch:
+    """Return a function that writes the name of an entry's engine into the file `path`; its argument is the key of the entry.
 
     The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name; a call takes a microsecond.
     """
@@ -113,6 +113,6 @@ def watching(path: str) -> Watch:
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
 
 
-def at_work(path: str) -> str:
-    """Return the name of the engine that `watching` has last written into the file `path`, or an empty text."""
+def read_engine(path: str) -> str:
+    """Return the name of the engine that was last written into the file `path`, or an empty text if none was."""
     return Path(path).read_bytes().rstrip(b"\0").decode()

@@ -64,9 +64,9 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`.
+    """Return option -> value for an engine's setting; empty if the engine does not know the settings that `way` names.
 
-    These are a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
+    `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
     """
     engine = offer(way.engine)
     if is_assignment(way.settings):
@@ -163,8 +163,8 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
     """Return a timing block whose time is that of the whole run.
 
-    A run with equal steps that would take longer than `lead` [s] by its estimated time `seconds` is run in part, and extrapolated.
-    `steps` is None if the engine does not count the steps that its integrator chooses.
+    If a run with equal steps would take longer than `lead` [s], as estimated by `seconds`, only its first part is timed, and the
+    time of the whole is extrapolated. `steps` is None if the engine does not count the steps that its integrator chooses.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -176,7 +176,7 @@ def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a timing block as `whole_run` does, but estimate the time of the run by its first steps, which are timed now.
+    """Return a timing block as `whole_run` does, but time the first steps of the run now, to estimate the time of the whole.
 
     Args:
         samples: number of sample times if the integrator chooses its steps: as in the run in which its errors were measured.

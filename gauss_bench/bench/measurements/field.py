@@ -129,7 +129,7 @@ def complete(suite: Suite, tables: Tables) -> None:
                     row["redundant"] = redundant
     for (engine,), own in group_by(rows, "engine").items():
         size = size_of(engine)
-        columns = {"size": size.megabytes, "size_of": size.of} | start_columns(tables.get("samples", []), engine)
+        columns = {"size": size.megabytes, "size_of": size.measured} | start_columns(tables.get("samples", []), engine)
         for row in own:
             row |= columns
     if rows:

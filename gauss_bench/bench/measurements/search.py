@@ -25,7 +25,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quartiles, ratio, ratio_columns, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
-from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
+from gauss_bench.bench.search import close_to_fastest, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors, race_here
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, gather, group_by, place_of, with_race_limit
 from gauss_bench.bench.ways import (
@@ -341,7 +341,7 @@ def without_size(way: Way) -> Way:
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
     """Return those settings that may still be the fastest, judged by their times in the first process."""
-    return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
+    return close_to_fastest({way: float(quartiles(measured.samples[way])[0]) for way in ways if way in measured.samples})
 
 
 def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
