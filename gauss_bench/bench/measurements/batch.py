@@ -42,8 +42,7 @@ def race_batch(linkage: str, scenario: str, part: Batch) -> Tables:
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = list_keys(part)
-    arguments = (linkage, scenario, part)
-    measured = race_processes(entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
+    measured = race_processes(entries, (linkage, scenario, part), part.rounds, [own.engine, rival.engine], part.processes)
     result = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(result, "ratio", part.targets.get(mechanism.name))]}
 
@@ -78,7 +77,7 @@ def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, 
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
+    """Compute all trajectories in vector lanes, and CHECKED of them one by one; return the columns `lanes`, `lanes_error`, `lost`.
 
     `lanes` is the number of trajectories that are computed at once, `lanes_error` the largest difference [m, rad] of a last state
     in a lane from that of a single run, `lost` the number of trajectories that failed in lanes. States q, v are (k, n).

@@ -36,7 +36,7 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, two keys: of the engine with n - m unknowns, and of the one with n + m."""
+    """Return the keys of two entries for each of QUANTITIES: of the engine with n - m unknowns, and of the one with n + m."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()
@@ -107,11 +107,11 @@ def claim_row(start: Row, races: Rows) -> Row:
 
     If no race has a ratio of the times of a step, the status of the row is that of a race that failed or, if none failed, "skip".
     """
-    columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    columns = start | {"status": str(Status.SKIP), "message": "no step was timed", "processes": 0}
     # a race that failed as a whole has a row that does not say what was timed
-    if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
-        columns = {"status": failed["status"], "message": failed["message"]}
-    columns = start | columns | {"processes": 0}
+    failed = [r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")]
+    if failed:
+        columns |= {"status": failed[0]["status"], "message": failed[0]["message"]}
     for what, prefix in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
@@ -125,7 +125,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide by both ends of a ratio's spread whether fewer unknowns make a step faster: "holds", "reversed", or "open"."""
+    """Return "holds" if fewer unknowns make a step faster, "reversed" if slower, and "open" if the ratio's spread covers 1."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -73,7 +73,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def task_of_first_step(context: Context, place: tuple[str, str], engine: str, step: float, quantity: str, number: int = 0) -> Task:
-    """Return the task that calls `time_first_step` for a linkage and scenario."""
+    """Return the task that calls `time_first_step` for a linkage and scenario (`place`), in process `number`."""
     arguments = (*place, engine, step, quantity, number)
     return context.task("untimed", time_first_step, arguments, *place, engine=engine, quantity=quantity)
 
@@ -156,14 +156,15 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
 def gather_by_linkage(tables: Tables) -> dict[tuple[Any, ...], Measured]:
     """Return (mechanism, scenario) -> the results of its races."""
     places = group_by([*tables.get("samples", []), *tables.get("untimed", [])], "mechanism", "scenario")
-    # a race that failed as a whole has one row without a quantity
+    # a row without a quantity, which is left out, is that of a race that failed as a whole
     return {place: gather_rounds(r for r in rows if "quantity" in r) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the cost columns of the table `results`, and keep one of equal rows of `untimed` from several processes."""
     if "untimed" in tables:
-        tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
+        distinct = dict.fromkeys(tuple(r.items()) for r in tables["untimed"])
+        tables["untimed"] = [dict(items) for items in distinct]
     add_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
@@ -184,10 +185,11 @@ def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: s
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         wanted = key._replace(quantity=quantity)
-        same = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
-        own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:same] == wanted[:same]), None)
-        if own is None:
+        fields = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
+        times = [x for k, x in samples.items() if isinstance(k, Key) and k[:fields] == wanted[:fields]]
+        if not times:
             continue
+        own = times[0]
         columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own)
         # the baseline has no native loop: native steps are compared with its steps called from Python
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))

@@ -56,7 +56,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add the table of times over all processes, and the table of the exponents with which the times grow with the size."""
     races = tables.get("scaling_races", [])
     for part in suite.growth:  # suites have one such part; of several, the last would count
-        tables["scaling"] = over_races(races)
+        tables["scaling"] = summarise_races(races)
         tables["kernel_growth"] = exponents(races, part.large)
 
 
@@ -194,20 +194,21 @@ for library, calls, quantity in (
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    CONTENDERS |= {f"{library}, {way}": Contender((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
+    for call, prepare in calls.items():
+        CONTENDERS[f"{library}, {call}"] = Contender((quantity,), partial(make_library_blocks, prepare))
 
 
-def over_races(races: Rows) -> Rows:
+def summarise_races(races: Rows) -> Rows:
     """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is no time."""
     ended = [r for r in races if r["status"] == Status.OK]
     summary = []
     for rows in group_by(ended, "engine", "quantity", "size").values():
         # the row of a single process has the spread over its rounds
-        found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
-        first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
-        built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
-        times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
-        summary.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
+        time = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
+        names = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
+        preparation = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
+        times = {"seconds": time["seconds"], "low": time["seconds_low"], "high": time["seconds_high"]}
+        summary.append(names | preparation | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
     timed = group_by(ended, "engine", "size")
     for place, rows in group_by([r for r in races if r["status"] != Status.OK], "engine", "size").items():
         if place not in timed:
@@ -216,15 +217,15 @@ def over_races(races: Rows) -> Rows:
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """Return a row for each engine and quantity with the exponent p of time ~ size^p, of two or more sizes >= `large`."""
+    """Return rows with the exponent p of time ~ size^p, of each engine and quantity timed at two or more sizes >= `large`."""
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []
     for (engine, quantity), rows in group_by(ended, "engine", "quantity").items():
         by_size = {size: statistics.median(r["seconds"] for r in same) for (size,), same in group_by(rows, "size").items()}
         if len(by_size) == 1:
             continue
-        whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
-        by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
+        timed_all = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
+        by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in timed_all]
         # `prediction_interval` works on the logarithms of positive values: given exp(exponent), it works on the exponents
         low, high = np.log(prediction_interval(np.exp(by_process))).tolist()
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(by_process)}

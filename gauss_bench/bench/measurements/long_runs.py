@@ -47,9 +47,9 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Run a linkage once, and return columns: drift, and the largest energy errors [J] in the first window, in the last and in all.
+    """Run a linkage once; return the columns of its drift and of its energy errors [J] in the first time window, the last, and all.
 
-    `energy` is the largest kinetic energy [J]; `energies` has the largest energy error in each time window.
+    An energy error is the largest in a window. `energies` lists those of all windows; `energy` is the largest kinetic energy [J].
 
     Raises:
         RunFailure: the mechanism has no kernel, or the run ended too early.
