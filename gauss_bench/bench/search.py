@@ -81,10 +81,10 @@ def no_coarser(scale: Scale, size: float) -> Scale:
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
-def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """Return tolerances from 10^-`largest` to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
-    exponents = range(2 * largest, 2 * smallest + 1)
-    return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
+def tolerances(smallest: int = 13) -> Scale:
+    """Return tolerances from 10^-2 to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
+    halves = range(2 * 2, 2 * smallest + 1)  # negative exponents, times 2
+    return Scale(tuple(10.0 ** (-k / 2) for k in halves), tuple(range(0, len(halves), 2)))
 
 
 def explore(

@@ -29,6 +29,7 @@ ALIASES = {"euler": "semi_implicit_euler"}
 METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
 MOST_STEPS = 1e10  # largest number of steps of a run: an hour with the quickest compiled step
 MOST_SAMPLES = 5e6  # largest number of samples of a run: the states of a four-bar take half a GiB, and so does each copy
+SPACING = 1e-3  # [s] least time between two samples
 
 
 class ChoiceError(BadInput, ValueError):
@@ -371,21 +372,22 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     Raises:
         ChoiceError: the duration is not a positive time, or too long.
     """
-    if until is not None and until > (most := MOST_SAMPLES * 1e-3):  # samples are a millisecond apart
+    most = MOST_SAMPLES * SPACING
+    if until is not None and until > most:
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
     end = next(x for x in (until, suite, own) if x is not None)
     check_positive("the end of a run", end)
     return end
 
 
-def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
-    """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are about `spacing` apart [s].
+def check_size(step: float, t_end: float) -> None:
+    """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are at least SPACING apart [s].
 
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.
     """
     with np.errstate(all="ignore"):  # tiny steps give infinitely many
-        steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))
+        steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, SPACING))
     if not steps <= MOST_STEPS:
         raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")
     if not samples <= MOST_SAMPLES:
