@@ -72,11 +72,7 @@ def race_processes(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
 
 
 def list_survivors(
-    race: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    engines: Sequence[str],
-    limit: float = LIMIT,
-    longest: float = math.inf,
+    race: Callable[..., Any], arguments: tuple[Any, ...], engines: Sequence[str], limit: float = LIMIT, longest: float = math.inf
 ) -> tuple[Any, dict[str, WorkerFailure]]:
     """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 

@@ -29,7 +29,7 @@ ALIASES = {"euler": "semi_implicit_euler"}
 METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
 MOST_STEPS = 1e10  # largest number of steps of a run: an hour with the quickest compiled step
 MOST_SAMPLES = 5e6  # largest number of samples of a run: the states of a four-bar take half a GiB, and so does each copy
-SPACING = 1e-3  # [s] least time between two samples
+SPACING = 1e-3  # [s] usual time between two samples; if the step is longer, there is one sample a step
 
 
 class ChoiceError(BadInput, ValueError):
@@ -381,7 +381,7 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
 
 
 def check_size(step: float, t_end: float) -> None:
-    """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are at least SPACING apart [s].
+    """Check that a run until `t_end` has not too many equal steps, nor too many samples, SPACING or a step apart [s].
 
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.

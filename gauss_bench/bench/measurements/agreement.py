@@ -29,7 +29,6 @@ from gauss_bench.suites.schema import Agreement, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-RANDOM = "random states"
 CENTRES = "dead centres"
 FOLDED = {"parallelogram": (0.0, np.pi)}  # [rad] crank angles at which all its bars lie in one line
 OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)}  # [rad] of the crank from these positions
@@ -58,7 +57,7 @@ def list_states(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, 
     sides of every such position, at the crank speed SPEED.
     """
     states = random_states(mechanism, count)
-    yield RANDOM, states.q, states.v
+    yield "random states", states.q, states.v
     motion = MinimalCoordinate(mechanism)
     name, cranks = _singular(mechanism)
     for offset in OFFSETS[name] if cranks else ():
