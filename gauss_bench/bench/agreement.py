@@ -23,7 +23,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift
 from gauss_bench.reference.build import absolute_motion
-from gauss_bench.runs.one_run import Run, nothing
+from gauss_bench.runs.one_run import Run, ask_nothing
 from gauss_bench.runs.questions import SUBSTEPS, ForceQuestion, accelerations, follow_accelerations
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
@@ -309,7 +309,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     answers = len(LEVELS) * len(TIMES) * mechanism.n  # how many numbers the motion in the engine's answer has
     runs, samples = [], []  # `samples` has the positions, velocities and accelerations (3, k, n) of each run
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
-        run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, answers, again=True)
+        run = subject.perform(mechanism, tried, TIMES, motion if soft else ask_nothing, answers, keep=True)
         if run.trajectory is None:
             return _check_failed(subject, choice, run, mechanism, title)
         runs.append(run)

@@ -70,7 +70,7 @@ def interleave(blocks: list[Block], rounds: int, watch: Watch = watch_nothing) -
                     continue
                 watch(item.entry)
                 seconds = item.seconds()
-                if seconds * item.count * item.again > SLOW:  # the time of the whole block
+                if seconds * item.count * item.calls > SLOW:  # the time of the whole block
                     slow.add(id(item))
                 yield item, number, seconds
     finally:

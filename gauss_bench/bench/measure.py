@@ -20,7 +20,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import load_stored
-from gauss_bench.runs.apart import Alteration, Request, is_unaltered, run_of
+from gauss_bench.runs.apart import Alteration, Request, leave_unaltered, run_of
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.questions import accelerations
@@ -67,7 +67,7 @@ def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -
         return str(error)
 
 
-def measure(case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
+def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
     """Run a case and judge the run; return its row of results, the rows of the report's curves, and those of the poses it plays.
 
     The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to decide whether it is valid

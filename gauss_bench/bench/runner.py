@@ -31,7 +31,7 @@ from gauss_bench.bench.tasks import CASE_LIMIT, Context, Rows, Tables, Task, fin
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
-from gauss_bench.runs.apart import Alteration, is_unaltered
+from gauss_bench.runs.apart import Alteration, leave_unaltered
 from gauss_bench.runs.offers import offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
@@ -93,7 +93,7 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 
 
 def measure_all(
-    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
+    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[Rows, Rows]:
     """Run accuracy cases, without times and without a journal; return the rows of results and of the references used.
 

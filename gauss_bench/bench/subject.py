@@ -15,7 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import Asked, Run, nothing, sampling_at
+from gauss_bench.runs.one_run import Asked, Run, ask_nothing, sampling_at
 from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -109,25 +109,25 @@ class Subject:
                 return taken
         return [*PLAIN]
 
-    def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
+    def run(self, linkage: str, scenario: str, times: Array, ask: Asked = ask_nothing, answers: int = 0) -> Run:
         """Run a linkage with the engine's defaults; the other arguments are those of `perform`."""
         return self.perform(mechanism_of(linkage, scenario), self.usual, times, ask, answers)
 
     def perform(
-        self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
+        self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = ask_nothing, answers: int = 0, keep: bool = False
     ) -> Run:
         """Run a mechanism; once the time allowed for all checks is spent, return a run with the status SKIP instead.
 
         Args:
             times: sample times [s].
             ask: function that is called with the model before the run; its result has at most `answers` numbers.
-            again: whether the worker may keep the model, for a further run with another step or tolerance.
+            keep: whether the worker may keep the model, for a further run with another step or tolerance.
         """
         wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
             return Run(Status.SKIP, f"not asked: {patience * LONGEST:g} s of the processor are spent", None, None, wanted)
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
-        return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
+        return run_apart(request, mechanism, patience * LIMIT, self.worker, keep_model=keep)
 
     def choices(self) -> Iterator[Choice]:
         """Yield the engine's default choice, then each other setting, each other integrator, and every variant."""

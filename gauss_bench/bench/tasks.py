@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from gauss_bench.bench.journal import Journal
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Alteration, is_unaltered
+from gauss_bench.runs.apart import Alteration, leave_unaltered
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import OnLinkages
 from gauss_bench.tables import TABLES
@@ -163,7 +163,7 @@ class Context:
 
     store: str
     stamp: str
-    alter: Alteration = is_unaltered
+    alter: Alteration = leave_unaltered
     until: float | None = None
     steps: tuple[float, ...] | None = None
     limit: float = CASE_LIMIT

@@ -100,7 +100,7 @@ def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ada
     steps = beats if adaptive else round(run.until / way.size)
     # k equal parts end at ends of steps and at sample times if k divides both numbers
     request = request_of(run, way, adaptive, sample(run, steps, math.gcd(steps, beats)))
-    return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, again=True))
+    return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, keep_model=True))
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:

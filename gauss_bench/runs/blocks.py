@@ -34,14 +34,14 @@ LONGEST = 600.0  # [s] limit of one block in another environment
 class Block:
     """The work that is timed for one quantity of an engine, which is one entry of a race.
 
-    To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `again` times each. The result is
+    To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `calls` times each. The result is
     the mean time of one repetition of the work.
 
     Attributes:
         entry: key of the entry; a race sets it.
         ready, go: prepares the work, untimed, and does it, timed.
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
-        again: number of calls of `ready` and `go` in one block.
+        calls: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry's row; called after the race.
     """
 
@@ -49,16 +49,16 @@ class Block:
     ready: Callable[[], object]
     go: Callable[[], object]
     count: float
-    again: int = 1
+    calls: int = 1
     facts: Callable[[], dict[str, Any]] = dict
 
     def seconds(self) -> float:
         """Time the block, and return the time of one repetition of the work [s]: the mean over all repetitions in the block."""
-        whole = 0.0
-        for _ in range(self.again):
+        total = 0.0
+        for _ in range(self.calls):
             self.ready()
-            whole += measure_seconds(self.go)
-        return whole / (self.count * self.again)  # each call of `go` repeats the work `count` times
+            total += measure_seconds(self.go)
+        return total / (self.count * self.calls)  # each call of `go` repeats the work `count` times
 
 
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
@@ -89,7 +89,7 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         block.ready()
         elapsed = measure_seconds(block.go)
         if elapsed >= BLOCK or count >= most:
-            block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
+            block.calls = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block
         # as many steps as would last 1.3 BLOCK, but at most ten times as many: the first steps may be slow
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
@@ -112,7 +112,7 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
     block.ready()
     taken = measure_seconds(block.go)
     model.read()  # raises RunFailure if the run failed: a failed run must not be timed
-    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
+    block.calls = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
     return block
 
 
@@ -230,10 +230,10 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
     return _block_there(ask_there, *ask_there(make_there, engine, mechanism, choice, work))
 
 
-def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
-    """Return a block that stands for block `number`, with its `count` and `again`, of the process that `ask_there` calls."""
+def _block_there(ask_there: Callable[..., Any], number: int, count: float, calls: int) -> BlockElsewhere:
+    """Return a block that stands for block `number`, with its `count` and `calls`, of the process that `ask_there` calls."""
     # `dict`, as a function that does nothing, for `ready` and `go`: the work is done in the other process
-    return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
+    return BlockElsewhere(None, dict, dict, count, calls, timed=partial(ask_there, time_there, number))
 
 
 def _asking_there(engine: str) -> Callable[..., Any]:
@@ -274,9 +274,9 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `again`."""
+    """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `calls`."""
     _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
-    return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
+    return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].calls
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
@@ -286,7 +286,7 @@ def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: A
     """
     timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(timed.block)
-    return len(_blocks) - 1, timed.block.count, timed.block.again, timed.acceleration, timed.seconds
+    return len(_blocks) - 1, timed.block.count, timed.block.calls, timed.acceleration, timed.seconds
 
 
 def time_there(number: int) -> float:

@@ -116,7 +116,7 @@ Asked = Callable[[Model], object]  # a question for a model before its run
 Build = Callable[[Mechanism, Choice], Model]
 
 
-def nothing(model: Model) -> None:
+def ask_nothing(model: Model) -> None:
     """Do nothing with the model before its run."""
 
 
@@ -188,7 +188,7 @@ def one_run(
     mechanism: Mechanism,
     choice: Choice,
     wanted: Sampling,
-    ask: Asked = nothing,
+    ask: Asked = ask_nothing,
     shortest: float = 0.0,
     build: Build | None = None,
 ) -> Run:

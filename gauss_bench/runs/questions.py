@@ -110,7 +110,7 @@ def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, m
     return np.array(samples).transpose(1, 0, 2)
 
 
-def ask_room(place: str, *arguments: object) -> object:
+def call_by_name(place: str, *arguments: object) -> object:
     """Return the result of a function of an engine's folder; `place` is MODULE:FUNCTION, and the result is plain data."""
     return resolve_name(place)(*arguments)
 

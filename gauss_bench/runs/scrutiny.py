@@ -21,7 +21,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, nothing, sampling_at
+from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, ask_nothing, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
@@ -82,7 +82,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         # a step ends at each sample: with the same samples, a tighter tolerance might have no effect
         part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
     # the model is asked nothing before the run
-    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
+    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=ask_nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
