@@ -36,7 +36,7 @@ class Request:
     """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: names of the mechanism; a process that keeps a model for a later request identifies the model by them.
+        linkage, scenario: names of the mechanism, by which a process finds the model that it kept from an earlier request.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
         answers: the largest count of numbers in the result of `ask`.
         alter: function that plants a fault in the mechanism that the engine is given; the default changes nothing.
@@ -130,8 +130,8 @@ def outcome_of(answer: object) -> Outcome:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
             answered = numbers if isinstance(numbers, np.ndarray) else None
-            given = (rest.get(key) for key in ("build_time", "seconds"))
-            built, seconds = (float(x) if isinstance(x, (int, float)) and x >= 0 else math.nan for x in given)
+            times = (rest.get(key) for key in ("build_time", "seconds"))
+            built, seconds = (float(x) if isinstance(x, (int, float)) and x >= 0 else math.nan for x in times)
             return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
     return Outcome(Status.ERROR, "the answer of the engine's process is no run")
 
@@ -161,11 +161,11 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
                 # `under` selects the engine's Python interpreter
                 worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
-            told(f"it was not built: {failure}")
+            told(f"the code was not built: {failure}")
 
 
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
-    """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
+    """Return the name of code that settings of an engine need and that must still be compiled, or an empty text.
 
     Adapters in this package are asked in this process, plug-ins in the worker process.
 

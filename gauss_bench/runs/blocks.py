@@ -1,4 +1,4 @@
-"""Timing blocks: pieces of work to be timed, some milliseconds of steps, runs or calls. A race times all engines' blocks in turn.
+"""Timing blocks: pieces of work of some milliseconds (steps, runs or calls), which a race times in turn.
 
 A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
 the race asks it to time one block at a time. An engine's environment may contain no package except numpy, so that this file imports
@@ -64,7 +64,8 @@ class Block:
 def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
-    count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
+    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may measure 0
+    count = max(1, math.ceil(BLOCK / shortest))
 
     def calls() -> None:
         for _ in range(count):
@@ -76,8 +77,8 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
 def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """Return a timing block of steps of a model, either in the engine's own loop (`native`) or called one by one from Python.
 
-    The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds; if this takes less than BLOCK
-    seconds to compute, the block computes it several times.
+    The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds. If its computation takes less
+    than BLOCK seconds, the block repeats it.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -96,14 +97,14 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
 
 
 def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
-    """Return a block that computes the accelerations of a model at one state q, v (n,) again and again, by calls from Python."""
+    """Return a timing block of calls from Python that compute the accelerations of a model at one state q, v (n,)."""
     return lasting(entry, partial(model.acceleration, 0.0, q, v))
 
 
 def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
+    """Return a timing block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
-    The sample times cover the fraction `share` of the whole run, whose time is that of the block.
+    The sample times cover the fraction `share` of a whole run; the time that the block measures is that of the whole run.
 
     Raises:
         RunFailure: the run fails.
@@ -119,12 +120,13 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
 def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
     """Return a timing block of the first part of a run of `steps` equal steps until `until` [s], which takes about `lead` [s].
 
-    The length of the part is estimated from the time of the first steps. The block's time is that of the whole run.
+    The length of the part is estimated from the time of the first steps. The time that the block measures is that of the whole run.
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
-    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)
+    whole = max(measure_seconds(model.run), 1e-9) / first  # [s] estimated time of the whole run
+    share = share_of(whole, lead, steps)
     return running(entry, choice, np.array([0.0, share * until]), share, model)
 
 
@@ -144,7 +146,7 @@ class TimedCall:
 
 
 def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Prepare a call of a library's function at a state q, v (n,), which `prepare` returns.
+    """Return the timed call of a library's function at a state q, v (n,); prepare(mechanism, q, v) returns the call.
 
     Raises:
         RunFailure: the library cannot model the mechanism.
@@ -152,10 +154,10 @@ def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mech
     start = time.perf_counter()
     prepared = prepare(mechanism, q, v)
     seconds = time.perf_counter() - start
-    # A call of one repetition (count 1) is short and is repeated by the block. A call with another count repeats the work itself,
-    # and may have to be prepared each time. The key of the block, here None, is set by the race.
-    several = prepared.count != 1
-    block = Block(None, prepared.ready, prepared.call, prepared.count) if several else lasting(None, prepared.call)
+    # The block repeats a call of one repetition (count 1), which is short. A call with another count repeats the work itself, and
+    # may have to be prepared each time. The key of the block, here None, is set by the race.
+    repeats_itself = prepared.count != 1
+    block = Block(None, prepared.ready, prepared.call, prepared.count) if repeats_itself else lasting(None, prepared.call)
     return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
 
 
@@ -167,8 +169,9 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
     """
     if environment_of(engine) is not None:
         ask_there = _asking_there(engine)
-        *made, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
-        return TimedCall(_block_there(ask_there, *made), np.asarray(acceleration, dtype=float), seconds)
+        number, count, calls, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
+        block = _block_there(ask_there, number, count, calls)
+        return TimedCall(block, np.asarray(acceleration, dtype=float), seconds)
     try:
         return prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     except (RunFailure, ImportError):
@@ -178,9 +181,9 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
-    """Return the fraction of a run that takes about `lead` seconds, rounded to whole steps; 1 if the whole run takes no longer.
+    """Return the fraction of a run that can be computed in about `lead` [s], rounded to whole steps; 1 for a run that is shorter.
 
-    `seconds` is the time that the whole run takes, and `steps` the number of its equal steps.
+    `seconds` is the time that the computation of the whole run takes, and `steps` the number of its equal steps.
     """
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
@@ -189,7 +192,7 @@ def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model
     """Return a timing block of one run over sample times (k,) [s], which cover the fraction `share` of the whole run."""
 
     def ready() -> None:
-        model.choice = choice  # a block that was timed before may have set another one, such as another step
+        model.choice = choice  # blocks share the model: one that was timed before may have set another step
         model.prepare(times)
 
     return Block(entry, ready, model.run, share)
@@ -232,15 +235,15 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
 
 def _block_there(ask_there: Callable[..., Any], number: int, count: float, calls: int) -> BlockElsewhere:
     """Return a block that stands for block `number`, with its `count` and `calls`, of the process that `ask_there` calls."""
-    # `dict`, as a function that does nothing, for `ready` and `go`: the work is done in the other process
+    # for `ready` and `go`, `dict` serves as a function without effect: the work is done in the other process
     return BlockElsewhere(None, dict, dict, count, calls, timed=partial(ask_there, time_there, number))
 
 
 def _asking_there(engine: str) -> Callable[..., Any]:
-    """Return a function that calls a given function with arguments in the process of an engine's environment.
+    """Return ask_there(function, *arguments), which calls a function in the process of an engine's environment.
 
-    It raises RunFailure if the process gives no answer. Each environment has one such process, which serves all races that the
-    calling process runs.
+    It raises RunFailure if the process gives no answer. Each environment has one such process, which serves all races of the
+    calling process.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)

@@ -142,7 +142,7 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words the Python code, besides its library, that runs while an engine is timed; NOT_TOLD if it does not say."""
+    """Return in words which Python code, besides its library, runs while an engine is timed; NOT_TOLD if it does not say."""
     environment = environment_of(name)
     # an adapter that is part of this package is called without a worker
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
@@ -207,20 +207,20 @@ def offers(wanted: Sequence[str] | None = None) -> list[Offer]:
     if isinstance(wanted, str) or not all(isinstance(name, str) for name in wanted or ()):
         raise TypeError(f"engines must be a list of names, not {wanted!r}")
     if wanted is None or any(name not in _known for name in wanted):
-        there = all_names()  # slow: it looks through all installed packages
-        wanted = there if wanted is None else wanted
+        existing = all_names()  # slow: it looks through all installed packages
+        wanted = existing if wanted is None else wanted
         for name in wanted:
-            if name not in there and not is_class(name):
+            if name not in existing and not is_class(name):
                 raise unknown(name)
     with _lock:
-        unknown_yet = [name for name in wanted if name not in _known]
-        others = [name for name in unknown_yet if name not in SAFE]
-        _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
-        if len(others) == 1:  # an engine that is asked alone will probably run next, in the same worker
-            _known[others[0]] = _ask(keep(others[0]), others[0])
-        elif others:
+        not_asked = [name for name in wanted if name not in _known]
+        isolated = [name for name in not_asked if name not in SAFE]
+        _known.update({name: describe(name) for name in not_asked if name in SAFE})
+        if len(isolated) == 1:  # an engine that is asked alone will probably run next, in the same worker
+            _known[isolated[0]] = _ask(keep(isolated[0]), isolated[0])
+        elif isolated:
             with Worker() as worker:
-                _known.update({name: _ask(worker, name) for name in others})
+                _known.update({name: _ask(worker, name) for name in isolated})
         return [_known[name] for name in dict.fromkeys(wanted)]
 
 
@@ -246,7 +246,7 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the engine's description from the answer of a worker, or the reason why the answer is no valid description."""
+    """Return the description that a worker's answer has or, if the answer is not valid, a description with the reason."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -255,8 +255,9 @@ def _read_offer(name: str, answer: object) -> Offer:
         return _reject(name, TypeError("it does not describe itself"))
     names = (*offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive, *offer.library_calls)
     words = (offer.version, offer.reason, offer.environment, *names, *offer.packages, *offer.packages.values())
-    if odd := next((word for word in words if not word.isprintable()), ""):
-        return _reject(name, TypeError(f"it reports {ascii(odd)[:80]}, which is no plain text"))
+    unprintable = [word for word in words if not word.isprintable()]
+    if unprintable:
+        return _reject(name, TypeError(f"it reports {ascii(unprintable[0])[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
@@ -395,7 +396,7 @@ def check_size(step: float, t_end: float) -> None:
 
 
 def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Check that a run until `t_end` [s] by steps [s] that take at least `seconds_a_step` [s] can end within its budget [s].
+    """Check that a run until `t_end` [s] can end within its budget [s] if each of its steps takes at least `seconds_a_step` [s].
 
     Raises:
         ChoiceError: the steps take longer than the budget; the message states the least time that they need.

@@ -101,7 +101,7 @@ class Worker:
         self.log.close()
 
     def under(self, interpreter: Interpreter) -> "Worker":
-        """Set the Python interpreter for the next task, and return this worker; a process of another interpreter is ended."""
+        """Set the Python interpreter for the next task, and return this worker; a process under another interpreter is ended."""
         if interpreter != self.interpreter:
             self.stop()
             self.interpreter = interpreter
@@ -275,7 +275,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 def read_waits(pid: int) -> dict[int, float]:
-    """Return thread of a process -> seconds for which it has waited for a processor; empty if the system does not say."""
+    """Return thread ID -> time [s] for which this thread of a process has waited for a processor; empty if it is not known."""
     waits = {}
     with contextlib.suppress(OSError):
         for thread in Path(f"/proc/{pid}/task").iterdir():
@@ -285,7 +285,7 @@ def read_waits(pid: int) -> dict[int, float]:
 
 
 class _Clock:
-    """The remaining time of a task of process `pid`, which starts to run when this object is made.
+    """The time that is left to a task of process `pid`; the task begins when this object is made.
 
     The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
     elapsed time counts towards `longest` [s].
@@ -317,7 +317,7 @@ def _end_all(mark: str) -> None:
     The process group would not be enough, because processes in sessions of their own do not belong to it.
     """
     sign = f"{MARK}={mark}".encode()
-    _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
+    _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has_mark(pid, sign)])
 
 
 def _end_descendants(root: int) -> None:
@@ -359,7 +359,7 @@ def _descendants(root: int) -> list[int]:
     return [pid for pid in found[1:] if pid not in ended]
 
 
-def _has(pid: int, sign: bytes) -> bool:
+def _has_mark(pid: int, sign: bytes) -> bool:
     """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" of a worker.
 
     The mark of a worker that was started within it counts too: it is the worker's mark, followed by a slash and more.
@@ -386,10 +386,10 @@ def _limit_memory() -> None:
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
-        whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        most = min(whole, int(os.environ.get(MOST_MEMORY, MEMORY)))
-        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+        most = min(installed, int(os.environ.get(MOST_MEMORY, MEMORY)))
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))  # hard < 0: no limit
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
