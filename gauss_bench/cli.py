@@ -184,7 +184,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
-    # told: function that prints progress; whole: a file has all samples of a run, even if the report has only some times
+    # arguments that no option has: `told` prints progress; `whole`: a file needs all samples, even if the report shows only some
     available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
     if files:

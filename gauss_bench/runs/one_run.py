@@ -252,7 +252,7 @@ def _read(model: Model | None) -> object:
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     """Check an engine's samples of n coordinates, and return the run: complete, or with the samples that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
-    reached = judge.leading(outcome.returned, wanted.times, n)
+    reached = judge.cut_at_fault(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
         return Run(outcome.status, outcome.message, None, reached, wanted, *costs)  # no complete trajectory
     verdict = judge.completeness(outcome.returned, wanted.times, n)
