@@ -214,7 +214,7 @@ def with_accelerations(
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:
-    """Return the trajectory of q, v (k, n) with acceleration(i) (n,) at sample i; accelerations are NaN from the first NaN state on.
+    """Return the trajectory of q, v (k, n) with acceleration(i) (n,) at sample i; from the first NaN state on, these are NaN.
 
     Raises:
         RunFailure: `acceleration` raised it; its `reached` becomes the trajectory, with NaN from the failed sample on.
