@@ -10,6 +10,7 @@ import inspect
 import io
 import json
 import os
+import resource
 import sys
 import traceback
 from collections.abc import Sequence
@@ -165,10 +166,6 @@ def check_memory() -> None:
     Raises:
         BadInput: a limit leaves less.
     """
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         least = f"{LEAST_MEMORY >> 10} kB"

@@ -140,8 +140,7 @@ def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanis
 
 def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism, title: str) -> Check:
     """Return the check of a run that gave no trajectory: not made (None) if the failure `is_excusable`, else failed."""
-    passed = None if is_excusable(subject, choice, run, mechanism) else False
-    return Check(title, passed, run.message)
+    return Check(title, None if is_excusable(subject, choice, run, mechanism) else False, run.message)
 
 
 def name_choice(choice: Choice) -> str:
@@ -314,7 +313,7 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
             return _check_failed(subject, choice, run, mechanism, title)
         runs.append(run)
         samples.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
-    if soft and (fault := find_loose(mechanism, runs[0].trajectory)):
+    if soft and (fault := find_loose(mechanism, runs[0].complete())):
         return Check(title, False, fault)
     if soft and choice.stabilization != "none":
         return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
@@ -330,12 +329,12 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     return Check(title, True, distance)
 
 
-def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
+def find_loose(mechanism: Mechanism, trajectory: Trajectory) -> str:
     """Return a sentence if the loops of a run open by more than LOOSE times the linkage's size, else an empty text.
 
     Loops that are closed by springs open less.
     """
-    opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
+    opened = float(drift(Evaluator(mechanism), trajectory).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 

@@ -10,8 +10,6 @@ from gauss_bench.bench.gate import Verdict, compare, figures_of
 from gauss_bench.checksums import require_unchanged
 from gauss_bench.tables import ENDS, TABLES, Row, TableError, case_of, key_of, read_table
 
-FLAG_WORDS = {True: "yes", False: "no"}  # of a column with flags, such as whether a target is met
-
 
 @dataclass(frozen=True)
 class Differences:
@@ -118,7 +116,7 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
-            here, there = (FLAG_WORDS.get(x, x) for x in (row[column], other[column]))
+            here, there = ({True: "yes", False: "no"}.get(x, x) for x in (row[column], other[column]))  # a flag or a word
             yield None if row[column] == other[column] else Clocked(what, here, there, matters=True)
         return
     spreads = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row

@@ -12,8 +12,6 @@ from gauss_bench.engines import AUTHORED, ELSEWHERE, environment_of
 from gauss_bench.engines.installation import read_offered
 
 MEGABYTE = 1e6
-VENV = "pyvenv.cfg"  # file in every environment that venv makes
-CACHES = "__pycache__"  # folders of compiled Python, which grow with use
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # name of a package, with which a line of requirements begins
 PACKAGE = "gauss-bench"
 
@@ -30,7 +28,7 @@ def size_of(engine: str) -> Size:
     """Return the size on disk of an engine's environment, or of its library."""
     if environment := environment_of(engine):
         folder = Path(environment.python).parent.parent
-        if not (folder / VENV).is_file():
+        if not (folder / "pyvenv.cfg").is_file():  # every environment that venv makes has this file
             return Size(math.nan, "its interpreter is in no environment of its own that could be measured")
         files = (Path(place, file) for place, _, names in os.walk(folder) for file in names)  # links are not followed
         return Size(size_of_files(files) / MEGABYTE, "its environment")
@@ -50,8 +48,9 @@ def size_of_distribution(package: Distribution) -> int:
 
 
 def size_of_files(paths: Iterable[Path]) -> int:
-    """Return the total size [bytes] of files without symbolic links and caches of compiled Python."""
-    return sum(path.stat().st_size for path in paths if CACHES not in path.parts and path.is_file() and not path.is_symlink())
+    """Return the total size [bytes] of files, without symbolic links and without caches of compiled Python, which grow with use."""
+    files = [path for path in paths if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts]
+    return sum(path.stat().st_size for path in files)
 
 
 def direct_requirements(engine: str) -> list[str]:

@@ -54,9 +54,8 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
     entries is repeated.
     """
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
-    for key, _ in entries(*arguments) if lost else ():
-        if key.engine in lost:
-            rows.append(key._asdict() | lost[key.engine].columns)
+    if lost:
+        rows += [key._asdict() | lost[key.engine].columns for key, _ in entries(*arguments) if key.engine in lost]
     return list(rows)
 
 

@@ -170,8 +170,7 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
     if environment_of(engine) is not None:
         ask_there = _asking_there(engine)
         number, count, calls, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
-        block = _block_there(ask_there, number, count, calls)
-        return TimedCall(block, np.asarray(acceleration, dtype=float), seconds)
+        return TimedCall(_block_there(ask_there, number, count, calls), np.asarray(acceleration, dtype=float), seconds)
     try:
         return prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     except (RunFailure, ImportError):

@@ -63,10 +63,8 @@ def reversal_times(mechanism: Mechanism) -> list[Array]:
         if factor is not None and factor.kinks:
             slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the line before the first kink, and after each
             steep = np.flatnonzero(slopes)  # lines along which the force is not constant
-            turned = steep[1:][
-                np.diff(np.sign(slopes[steep])) != 0
-            ]  # those whose slope has another sign than that of the one before
-            times.append(np.array(factor.kinks)[turned - 1])  # line k begins at kink k - 1
+            is_turn = np.diff(np.sign(slopes[steep])) != 0  # whether the slopes of a steep line and the next one differ in sign
+            times.append(np.array(factor.kinks)[steep[1:][is_turn] - 1])  # line k begins at kink k - 1
     return times
 
 

@@ -23,6 +23,7 @@ import json
 import math
 import os
 import pickle
+import resource
 import select
 import signal
 import struct
@@ -168,7 +169,6 @@ class Worker:
         """
         process = self.start()
         assert process.stdin is not None
-        assert process.stdout is not None
         token = os.urandom(16)
         self.log.seek(0)
         self.log.truncate()  # so that the last line is of this task
@@ -383,9 +383,7 @@ def _leave_with_parent() -> None:
 
 def _limit_memory() -> None:
     """Limit the memory of this process, so that too large an array fails in this process and ends no other."""
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
+    with contextlib.suppress(ValueError, OSError):
         installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         most = min(installed, int(os.environ.get(MOST_MEMORY, MEMORY)))

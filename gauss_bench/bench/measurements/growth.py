@@ -44,8 +44,9 @@ SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more tha
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return one task for each process and size of the linkage; the processes of one size do not follow each other directly."""
-    calls, tasks = list_calls() if suite.growth else [], []
+    tasks = []
     for part in suite.growth:
+        calls = [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]  # (engine, name of a call)
         for number, size in product(range(part.processes), part.sizes):
             arguments = (size, part.rounds, number, calls)
             tasks.append(with_race_limit(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
@@ -88,11 +89,6 @@ def exact_state(size: int) -> ExactState:
     motion = closed_form(mechanism, [MOMENT])
     assert motion is not None
     return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
-
-
-def list_calls() -> list[tuple[str, str]]:
-    """Return engine and name of each library call that an engine from outside offers."""
-    return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:

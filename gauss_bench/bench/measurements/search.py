@@ -120,9 +120,8 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
         for engine in engines_of(part):
             for variant in candidates(engine, part):
                 arguments = (*place, engine.name, variant, stripped, context.store)
-                columns = name_variant(engine.name, variant)
-                if variant.owner:
-                    columns["owner"] = variant.owner
+                owner = {"owner": variant.owner} if variant.owner else {}
+                columns = name_variant(engine.name, variant) | owner
                 tasks.append(context.task("search_ladder", ladder, arguments, *place, **columns))
     return tasks
 
