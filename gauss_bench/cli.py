@@ -134,9 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = traceback.extract_tb(error.__traceback__)[-1]
         message = harmless(" ".join(str(error).split())[:500])
         fault = f"{type(error).__name__}: {message} ({Path(place.filename).name}:{place.lineno})"
-        print(
-            f"error: a fault of gauss-bench itself, not of its input: {fault}; set {TRACE}=1 to see the traceback", file=sys.stderr
-        )
+        hint = f"set {TRACE}=1 to see the traceback"
+        print(f"error: a fault of gauss-bench itself, not of its input: {fault}; {hint}", file=sys.stderr)
         return OWN_FAULT
     finally:
         no_longer()
@@ -193,8 +192,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
             print(json.dumps(plain(answer.data)))
         return 0 if answer.succeeded else 1
     text = render(name, answer.data) if answer.text is None else answer.text
-    is_replaced = files.get(instead_of_json)
-    if text and not is_replaced:
+    if text and not files.get(instead_of_json):  # else the file stands in place of the text
         print(harmless(text))
     return 0 if answer.succeeded else 1
 

@@ -158,7 +158,7 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
 
 
 def cut_at_fault(trajectory: object, times: Array, n: int) -> Trajectory | None:
-    """Return the trajectory up to its first sample that is missing, at a wrong time or not finite; None if no sample is left.
+    """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
     An engine may return any object: the result is None if it is not a trajectory, or if its arrays are not of real numbers in n
     columns. `times` (k,) [s] are the requested times.
@@ -174,7 +174,8 @@ def cut_at_fault(trajectory: object, times: Array, n: int) -> Trajectory | None:
         return None
     k = min(len(x) for x in (times, t, q, v, a))
     is_off_time = np.abs(t[:k] - times[:k]) > OFF_TIME
-    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
+    on_time = int(is_off_time.argmax()) if is_off_time.any() else k  # argmax: the first True
+    k = min(on_time, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
 
 
@@ -207,7 +208,7 @@ def _count(x: Any) -> int | None:
 def examine(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
 ) -> Evidence:
-    """Compute the figures by which a complete trajectory is judged; without a reference, they have no errors against one."""
+    """Return the figures by which a complete trajectory is judged; `errors` are those against the reference, None without one."""
     mechanism = evaluator.mechanism
     with np.errstate(all="ignore"):  # a run may overflow; the judge objects to what is not finite
         energy, bar = metrics.energy_error(evaluator, trajectory)

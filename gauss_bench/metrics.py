@@ -96,7 +96,7 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
 def start_gap(mechanism: Mechanism, trajectory: Trajectory) -> MotionGap:
     """Return the distance of the first sample from the start q0, v0 of the mechanism."""
     q, v = trajectory.q[:1] - mechanism.q0, trajectory.v[:1] - mechanism.v0
-    return MotionGap(*(largest(part(x)) for x in (q, v) for part in (places, angles)))
+    return MotionGap(largest(places(q)), largest(angles(q)), largest(places(v)), largest(angles(v)))
 
 
 def every_second(t: Array) -> NDArray[np.intp]:

@@ -251,15 +251,15 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     table = TABLES[name]
     typed = [round_times(table, row_of(table, row)) for row in rows]
     contents = {}  # path -> columns and rows of the file
-    for part, columns in table.parts.items():
+    for subfolder, columns in table.parts.items():
         chosen = typed
-        if part and not table.timed:  # `part`: the file of times; unless it is the only file, it has only rows with times
+        if subfolder and not table.timed:  # the second file of a table, which has only the rows that have times
             chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.timed_columns)]
             if len({key_of(table, row) for row in chosen}) < len(chosen):
                 raise ValueError(f"table {name}: two rows with times have the same key")
             if not chosen:
                 continue
-        contents[folder / part / f"{name}.{table.suffix}"] = columns, chosen
+        contents[folder / subfolder / f"{name}.{table.suffix}"] = columns, chosen
     for path, (columns, chosen) in contents.items():
         if table.suffix == "csv":
             write_text(path, csv_text(columns, chosen))

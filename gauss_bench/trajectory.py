@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.floating[Any]]
+from gauss_bench.terms import Array
 
 
 class Status(StrEnum):
@@ -162,6 +162,7 @@ class Curve:
 
     @property
     def name(self) -> str:
+        """The names of object and quantity, such as "crank.angle"."""
         return f"{self.of}.{self.key}"
 
 
@@ -173,6 +174,7 @@ class History:
     curves: tuple[Curve, ...]
 
     def of(self, group: Group) -> tuple[Curve, ...]:
+        """Return the curves of a group."""
         return tuple(x for x in self.curves if x.group is group)
 
 

@@ -59,9 +59,9 @@ def wrap(q: Array) -> Array:
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     """Return a row (link, time, pose) for each link at each of the times `frames` of the reference; angles are in [-pi, pi)."""
     times = frames(truth)
-    at = common_times(truth.t, times)[0]
+    reference_rows, _ = common_times(truth.t, times)
     rows: Rows = []
-    for t, q in zip(times, truth.q[at], strict=True):
+    for t, q in zip(times, truth.q[reference_rows], strict=True):
         rows += _rows(mechanism, float(t), {"": wrap(q)})  # the names of these columns have no suffix
     return rows
 
@@ -72,11 +72,12 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
     With p the pose nearest to the run's pose q whose loops are closed, the columns "_ahead" have p - reference, and "_gap" q - p.
     """
     times = frames(truth)
-    sampled, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and of these frames
-    true = truth.q[common_times(truth.t, times[reached])[0]]
+    own_rows, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and mask of these frames
+    reference_rows, _ = common_times(truth.t, times[reached])
     evaluator = Evaluator(mechanism)
     rows: Rows = []
-    for t, q, v, true_q in zip(times[reached], trajectory.q[sampled], trajectory.v[sampled], true, strict=True):
+    states = zip(times[reached], trajectory.q[own_rows], trajectory.v[own_rows], truth.q[reference_rows], strict=True)
+    for t, q, v, true_q in states:
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():  # the loops are too far open to be closed
             break

@@ -91,8 +91,7 @@ class Probe:
             J a = gamma + (c - 1) g + r f
 
         Here f is the constraint force that the accelerations need, and r is a compliance: if the row's constraint is a spring, J a
-        differs from gamma in proportion to f, and c is 1. For each row, that candidate for g counts which leaves the smallest
-        residual.
+        differs from gamma in proportion to f, and c is 1. For each row, the candidate for g with the smallest residual is taken.
 
         Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or if rows are redundant,
         whose forces are not determined.

@@ -114,7 +114,7 @@ def explore(
 
 
 def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
-    """Return the indices of the sizes by which the coarsest size that meets a requirement is bisected next, one per requirement.
+    """Return the indices of the sizes to be tried next, one per requirement, to bisect for the coarsest size that meets it.
 
     The index lies halfway between the coarsest size that meets the requirement and the next coarser size tried. There is none for a
     requirement that no size meets, or if no untried size lies between the two. `tried` maps indices of sizes to trials.

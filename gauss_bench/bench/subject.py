@@ -123,9 +123,11 @@ class Subject:
             ask: function that is called with the model before the run; its result has at most `answers` numbers.
             keep: whether the worker may keep the model, for a further run with another step or tolerance.
         """
-        wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
+        wanted = sampling_at(choice.step, times)
+        patience = PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
             return Run(Status.SKIP, f"not asked: {patience * LONGEST:g} s of the processor are spent", None, None, wanted)
+        # the digest is the name of the linkage, because linkages with changed numbers have the same name
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
         return run_apart(request, mechanism, patience * LIMIT, self.worker, keep_model=keep)
 

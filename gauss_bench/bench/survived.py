@@ -42,9 +42,7 @@ def race_here(
         watch(block.entry)  # facts may crash too
         if facts := block.facts():
             rows.append(names | {"facts": facts})
-    for key, failure in measured.failed.items():
-        rows.append(key._asdict() | failure.columns)  # type: ignore[attr-defined]
-    return rows
+    return rows + [key._asdict() | failure.columns for key, failure in measured.failed.items()]  # type: ignore[attr-defined]
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:

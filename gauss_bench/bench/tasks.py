@@ -62,7 +62,10 @@ class Task(NamedTuple):
     limit: float = LIMIT
 
     def rows_of_failure(self, failure: WorkerFailure) -> Tables:
-        """Return the row, as table -> rows, of a task whose worker crashed, was stopped, or raised an error."""
+        """Return the row, as table -> rows, of a task whose worker crashed, was stopped, or raised an error.
+
+        It is a row of the task's table or, if this table has no column for a status, of the table `lost`.
+        """
         if "status" in TABLES[self.table].names:
             return {self.table: [{**self.start, **failure.columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}

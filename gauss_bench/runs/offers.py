@@ -404,10 +404,8 @@ def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: f
     check_size(step, t_end)
     least = t_end / step * seconds_a_step
     if least > budget:
-        raise ChoiceError(
-            f"{t_end / step:.2g} steps take {least:.2g} s at least, and the budget is {budget:g} s: take longer steps, an earlier "
-            "end or a larger budget"
-        )
+        advice = "take longer steps, an earlier end or a larger budget"
+        raise ChoiceError(f"{t_end / step:.2g} steps take {least:.2g} s at least, and the budget is {budget:g} s: {advice}")
 
 
 def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:

@@ -279,7 +279,7 @@ def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the median relative error of a trajectory's accelerations at some of its states, where Gauss's principle gives them.
+    """Return the median relative error of a trajectory's accelerations at some of its states, against Gauss's formulation.
 
     The result is None if the accelerations are not determined, as with friction on redundant rows.
     """

@@ -211,7 +211,7 @@ def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evid
     """Return the energy (k,) [J] that a run gains beyond the work done on it, without losses that its samples cannot resolve.
 
     Losses between samples further apart than the time constant of the fastest damping are left out. The result is None if the run
-    passes the judge's check of energy, or if no motion of the linkage decays by damping.
+    passes the judge's check of energy without this correction, or if no motion of the linkage decays by damping.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None

@@ -333,7 +333,7 @@ def _end_each(find: Callable[[], list[int]]) -> None:
         for pid in found:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, signal.SIGKILL)
-        time.sleep(0.01)
+        time.sleep(0.01)  # [s] in which they end
 
 
 def _processes() -> list[int]:

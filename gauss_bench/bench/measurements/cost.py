@@ -186,10 +186,9 @@ def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: s
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         wanted = key._replace(quantity=quantity)
         fields = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
-        times = [x for k, x in samples.items() if isinstance(k, Key) and k[:fields] == wanted[:fields]]
-        if not times:
+        own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:fields] == wanted[:fields]), None)
+        if own is None:
             continue
-        own = times[0]
         columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own)
         # the baseline has no native loop: native steps are compared with its steps called from Python
         baseline = samples.get(Key(ACCELERATION if quantity == ACCELERATION else STEP, BASELINE))

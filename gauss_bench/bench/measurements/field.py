@@ -33,13 +33,13 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return those engines of a section of the suite that are installed."""
+    """Return the installed engines among those that a section of the suite names, or all installed ones if it names none."""
     installed = names()
     return [x for x in part.engines or installed if x in installed]
 
 
 def absent_engines(part: SameQuestions) -> list[str]:
-    """Return those engines of a section of the suite that are not installed."""
+    """Return the engines that are not installed, among those that a section of the suite names or, if it names none, ELSEWHERE."""
     installed = names()
     return [x for x in part.engines or ELSEWHERE if x not in installed]
 

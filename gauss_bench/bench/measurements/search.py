@@ -81,9 +81,12 @@ def requirements(part: Search) -> list[Requirement]:
 
 
 def engines_of(part: Search) -> list[Offer]:
-    """Return the descriptions of the engines among whose settings a section of the suite searches."""
-    usual = names() if part.brief else [x for x in all_names() if x not in OWN]
-    return [offer(x) for x in part.engines or usual]
+    """Return the descriptions of the engines whose settings a section of the suite searches.
+
+    If the section names none, these are all but RIVALS for a brief search, and all but the numpy formulations (OWN) for others.
+    """
+    by_default = names() if part.brief else [x for x in all_names() if x not in OWN]
+    return [offer(x) for x in part.engines or by_default]
 
 
 def space_of(engine: Offer, part: Search) -> list[Variant]:
@@ -197,8 +200,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 def name_variant(engine: str, variant: Variant) -> dict[str, str]:
     """Return the columns that name a variant of an engine."""
-    columns = {"engine": engine, "settings": variant.name}
-    return columns | {"integrator": variant.integrator, "stabilization": variant.stabilization}
+    return {"engine": engine, "settings": variant.name, "integrator": variant.integrator, "stabilization": variant.stabilization}
 
 
 def space_row(engine: Offer, variant: Variant) -> Row:
@@ -287,7 +289,9 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     measured = gather_rounds(step_times, entry_of)
     seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
     costs = {way: seconds[without_size(way)] * (steps[way] or 1) for way in steps if without_size(way) in seconds}
-    chosen = dict.fromkeys(x for ways in groups for x in finalists({way: costs[way] for way in ways if way in costs}))
+    chosen: dict[Way, None] = {}  # each setting once, although groups for different requirements may share it
+    for ways in groups:
+        chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
     timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, timed, lost | more_lost)}
 
