@@ -232,7 +232,7 @@ def judge(evidence: Evidence) -> Judgement:
     x = evidence
     possible = [*_check_model(x), *_check_motion(x), *_check_start(x), *_check_rates(x)]
     if x.unrepeated:
-        possible.append(Objection(Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
+        possible.append(Objection(Subject.REPETITION, 1.0, 0.0, f"its error is not known: {x.unrepeated}"))
     # not `value > limit`, which is false for NaN
     return Judgement(tuple(objection for objection in possible if not objection.value <= objection.limit))
 
@@ -252,7 +252,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     yield Objection(Subject.ENERGY, gained, allowed, f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move")
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
         if steps is not None:
-            sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, which {FEWEST:g} do not resolve yet"
+            sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, too few to resolve it"
             # a number below FEWEST is the fault: value and limit change places
             yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)
 
@@ -316,7 +316,7 @@ def remark(evidence: Evidence) -> str:
     remarks = []
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
-        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
+        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to resolve damping")
     off = evidence.disagreement
     if off is not None and DIGITS < off <= OFF_ACCELERATION:
         digits = int(-np.log10(off))

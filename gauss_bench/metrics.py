@@ -146,7 +146,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
+    """Return, by name of the joint, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
     The second link of a pin is that of its second point, and of a slide its block. Springs, damping and friction in the joint count
     as applied forces.
@@ -197,8 +197,8 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     mechanism = evaluator.mechanism
     if not mechanism.welds:
         return {}
-    links, multipliers = motion_of_links(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
-    unwelded = Evaluator(mechanism.whole)
+    links = motion_of_links(mechanism, trajectory)  # the states of every link, also of links that are welded into one body
+    unwelded, multipliers = Evaluator(mechanism.whole), reactions(evaluator, trajectory)
     J = unwelded.constraints(links.t, links.q, links.v).J
     acting = unwelded.applied.generalised(links.q, links.v, links.t)
     if unwelded.friction:

@@ -94,7 +94,7 @@ def list_survivors(
                 guilty = read_engine(file.name)
                 if failure.status not in LOST or guilty not in remaining:  # neither a crash nor a hang of an engine
                     raise
-                lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was at work: {failure}")
+                lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was running: {failure}")
 
 
 def write_engine_to(path: str) -> Watch:

@@ -221,8 +221,8 @@ def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evid
 
 
 def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the angular frequency [rad/s] of the fastest oscillation about a motion, or None if it cannot be computed."""
-    rates = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
+    """Return the angular frequency [rad/s] of the fastest oscillation about a motion (median of some states); None if unknown."""
+    rates = [float(np.abs(eigenvalues.imag).max(initial=0.0)) for eigenvalues in modes_along(mechanism, trajectory)]
     return float(np.median(rates)) if rates else None
 
 

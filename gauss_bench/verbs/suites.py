@@ -117,7 +117,7 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
         refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
     suite, limit = choose_suite(options, names), check_budget(options.budget, CASE_LIMIT)
-    cases.as_asked(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
+    cases.adapt_cases(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
     if options.against:
         accuracy_rows(options.against)  # raises an error if there is no other run to compare with
     if suite.steps and not suite.accuracy:  # a suite about compiled code alone needs the compiler

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.cases import Case, as_asked, cases
+from gauss_bench.bench.cases import Case, adapt_cases, cases
 from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import choose_played, keep, true_poses
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of
@@ -22,7 +22,7 @@ JUDGING = 20.0  # [s] for the reference and the metrics of a case, besides the l
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     """Return the tasks of all references and cases of a suite."""
-    chosen = as_asked(cases(suite), context.until, context.steps)
+    chosen = adapt_cases(cases(suite), context.until, context.steps)
     return tasks(chosen, context, choose_played(chosen))
 
 
