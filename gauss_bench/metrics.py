@@ -77,7 +77,7 @@ class RateGaps:
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Compare positions with integrated velocities, and velocities with integrated accelerations, at every sample."""
+    """Return the gaps of positions from integrated velocities, and of velocities from integrated accelerations, at every sample."""
     t = trajectory.t
     gaps, bars = [], []  # of positions, angles, velocities and angular velocities
     half = every_second(t)

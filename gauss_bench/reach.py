@@ -34,6 +34,7 @@ class Requirement:
 
     @property
     def unit(self) -> str:
+        """The unit of the limit, such as "m"."""
         return UNITS[self.kind]
 
 

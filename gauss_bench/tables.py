@@ -405,7 +405,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
         key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
-        raise TableError(f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {key}")
+        times_path = folder / TIMES / f"{name}.{table.suffix}"
+        raise TableError(f"{times_path}: a row of times has no row of its own in the table beside it: {key}")
     return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 
@@ -435,7 +436,7 @@ def read_file(
     if version < FORMAT:
         head, lines = [SCHEMA["renamed"].get(x, x) for x in head], [migrate_row(name, line, version) for line in lines]
     # an older format may lack any column but the first, by which a table is recognised
-    wanted = columns or table.columns if version == FORMAT else table.columns[:1]
+    wanted = (columns or table.columns) if version == FORMAT else table.columns[:1]
     for column in (x for x in wanted if not x.added):
         if column.name not in head:
             raise TableError(f"{path}: table {name}: column {column.name!r} is missing")

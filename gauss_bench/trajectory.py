@@ -130,6 +130,7 @@ class Reference(Samples):
 
     @property
     def samples(self) -> Trajectory:
+        """The motion as a trajectory, without a count of steps."""
         return Trajectory(self.t, self.q, self.v, self.a, None)
 
 

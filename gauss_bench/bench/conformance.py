@@ -165,8 +165,8 @@ def _check_repetition(subject: Subject) -> Iterator[Check]:
         if run.trajectory is None:
             yield check_failed_run(title, run)
             return
-    yield check_fault(title, "" if _equal(first, second) else "two runs differ")
-    fault = "" if _equal(first, after_a_run) else "a model that has run before gives another motion: prepare must reset everything"
+    yield check_fault(title, "" if _agree(first, second) else "two runs differ")
+    fault = "" if _agree(first, after_a_run) else "a model that has run before gives another motion: prepare must reset everything"
     yield check_fault("a model can run again", fault)
 
 
@@ -182,7 +182,7 @@ def _check_undisturbed(subject: Subject) -> Iterator[Check]:
             return
     fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
     yield check_fault("an acceleration is a finite number for each coordinate", fault)
-    yield check_fault(title, "" if _equal(plain, asked) else "a run changes after a question at its start")
+    yield check_fault(title, "" if _agree(plain, asked) else "a run changes after a question at its start")
 
 
 def _check_step_counts(subject: Subject) -> Iterator[Check]:
@@ -201,7 +201,7 @@ def _check_step_counts(subject: Subject) -> Iterator[Check]:
         yield from _check_runs(subject, title, find_wrong_count)
 
 
-def _equal(one: Run, other: Run) -> bool:
+def _agree(one: Run, other: Run) -> bool:
     """Tell whether the samples of two complete runs are identical, bit for bit."""
     return all(np.array_equal(getattr(one.trajectory, x), getattr(other.trajectory, x)) for x in ("t", "q", "v", "a"))
 

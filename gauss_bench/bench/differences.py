@@ -40,9 +40,8 @@ def differences(here: Path, there: Path) -> Differences:
     own_cases, other_cases = (set(map(case_of, x)) for x in (own, other))
     shared = own_cases & other_cases
     metrics = {row["metric"] for row in own} & {row["metric"] for row in other}  # a table of an earlier format may lack a metric
-
-    common = ([row for row in x if case_of(row) in shared and row["metric"] in metrics] for x in (own, other))
-    verdicts = compare(*common)
+    here_rows, there_rows = ([row for row in x if case_of(row) in shared and row["metric"] in metrics] for x in (own, other))
+    verdicts = compare(here_rows, there_rows)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, count_cases(own_cases - shared), count_cases(other_cases - shared))

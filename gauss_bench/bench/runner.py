@@ -109,7 +109,8 @@ def measure_all(
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
     """Describe a run for the report: machine, date, suite, and the versions and settings of its engines."""
-    engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
+    rows = [*tables.get("results", []), *tables.get("search_ladder", [])]
+    engines = dict.fromkeys(row["engine"] for row in rows if row.get("engine"))  # each once
     described: dict[str, dict[str, Any]] = {}
     for offer in offers([*engines]):
         about = described[offer.name] = {"version": offer.version, "settings": offer.settings}

@@ -83,8 +83,8 @@ def no_coarser(scale: Scale, size: float) -> Scale:
 
 def tolerances(smallest: int = 13) -> Scale:
     """Return tolerances from 10^-2 to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
-    halves = range(2 * 2, 2 * smallest + 1)  # negative exponents, times 2
-    return Scale(tuple(10.0 ** (-k / 2) for k in halves), tuple(range(0, len(halves), 2)))
+    exponents = range(2 * 2, 2 * smallest + 1)  # k of the tolerance 10^(-k / 2)
+    return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
 
 def explore(
@@ -153,7 +153,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
 
 
 def _has_stalled(errors: Sequence[float]) -> bool:
-    """Tell whether errors have stopped to fall: the last STALLED all exceed FALLS times the smallest error before them."""
+    """Tell whether errors no longer fall: the last STALLED errors all exceed FALLS times the smallest one before them."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 

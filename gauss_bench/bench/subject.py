@@ -126,9 +126,7 @@ class Subject:
         wanted = sampling_at(choice.step, times)
         patience = PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
-            return Run(
-                Status.SKIP, f"not asked: the checks have used {patience * LONGEST:g} s of processor time", None, None, wanted
-            )
+            return Run(Status.SKIP, f"not asked: all {patience * LONGEST:g} s of processor time are used", None, None, wanted)
         # the digest is the name of the linkage, because linkages with changed numbers have the same name
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
         return run_apart(request, mechanism, patience * LIMIT, self.worker, keep_model=keep)

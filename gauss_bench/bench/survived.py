@@ -35,7 +35,7 @@ def race_here(
         if engines is None or key.engine in engines:
             race.add(key, make)
     measured, rows = race.run(rounds), []
-    for block in race.blocks:
+    for block in (x for x in race.blocks if x.entry in measured.samples):  # a block whose process ended has none
         names = block.entry._asdict()  # type: ignore[attr-defined]
         seconds = measured.samples[block.entry][0].tolist()
         rows += [names | {"process": 0, "round": k, "seconds": x} for k, x in enumerate(seconds)]

@@ -125,8 +125,7 @@ def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: flo
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
-    whole = max(measure_seconds(model.run), 1e-9) / first  # [s] estimated time of the whole run
-    share = share_of(whole, lead, steps)
+    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)  # by the estimated time of the whole run
     return running(entry, choice, np.array([0.0, share * until]), share, model)
 
 

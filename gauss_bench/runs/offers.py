@@ -84,6 +84,7 @@ class Offer:
 
     @property
     def usable(self) -> bool:
+        """True if the engine is installed and describes itself."""
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:

@@ -146,8 +146,8 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
     """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
     key = Key(quantity, engine, next(iter(offered.settings)), offered.integrators[0])
-    start = place_of(mechanism) | key._asdict()
-    sample = time_start(IN_NEW_PROCESS[quantity], engine, mechanism, Choice(*key[2:], step), LIMIT)
+    start, choice = place_of(mechanism) | key._asdict(), Choice(key.settings, key.integrator, key.stabilization, step)
+    sample = time_start(IN_NEW_PROCESS[quantity], engine, mechanism, choice, LIMIT)
     if "status" in sample:
         return {"untimed": [start | sample]}
     return {"samples": [start | {"step": step, "process": number, "round": 0} | sample]}

@@ -86,7 +86,7 @@ class Contender:
 def exact_state(size: int) -> ExactState:
     """Return the chain of `size` four-bars in its state at the time MOMENT, with the accelerations from the closed form."""
     mechanism = load(f"n_four_bar_{size}")
-    motion = closed_form(mechanism, [MOMENT])
+    motion = closed_form(mechanism, [MOMENT])  # (1, n) arrays
     assert motion is not None
     return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
 
