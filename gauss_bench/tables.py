@@ -405,8 +405,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
         key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
-        times_path = folder / TIMES / f"{name}.{table.suffix}"
-        raise TableError(f"{times_path}: a row of times has no row of its own in the table beside it: {key}")
+        path = folder / TIMES / f"{name}.{table.suffix}"
+        raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {key}")
     return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 

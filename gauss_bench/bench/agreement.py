@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
-from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
+from gauss_bench.bench.subject import DURATION, ONE_STEP, PLAIN, Check, Subject
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import MIN_REASON_LENGTH
 from gauss_bench.integrate.fixed_step import dop853_tableau
@@ -39,7 +39,6 @@ ROUNDING = 1e-9  # allowed error of a run relative to its largest position, velo
 GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)  # statuses of a run whose solver gave up
 COARSE, TIGHT = 1e-6, 1e-8  # tolerances of integrators that choose their steps
 TIMES = np.linspace(0.0, DURATION, 21)  # [s] samples of a run
-ONE_STEP = np.array([0.0, STEP])  # [s] samples of the short run before which a model is asked for accelerations
 STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms follow vibrations of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
 KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on moving links, three degrees of freedom, every kind of driver

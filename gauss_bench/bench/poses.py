@@ -72,12 +72,11 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
     With p the pose nearest to the run's pose q whose loops are closed, the columns "_ahead" have p - reference, and "_gap" q - p.
     """
     times = frames(truth)
-    own_rows, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and mask of these frames
-    reference_rows, _ = common_times(truth.t, times[reached])
+    own, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and mask of these frames
+    true, _ = common_times(truth.t, times[reached])  # indices of the reference's samples
     evaluator = Evaluator(mechanism)
     rows: Rows = []
-    states = zip(times[reached], trajectory.q[own_rows], trajectory.v[own_rows], truth.q[reference_rows], strict=True)
-    for t, q, v, true_q in states:
+    for t, q, v, true_q in zip(times[reached], trajectory.q[own], trajectory.v[own], truth.q[true], strict=True):
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():  # the loops are too far open to be closed
             break

@@ -13,7 +13,6 @@ from gauss_bench.engines.installation import read_offered
 
 MEGABYTE = 1e6
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # name of a package, with which a line of requirements begins
-PACKAGE = "gauss-bench"
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ def size_of_files(paths: Iterable[Path]) -> int:
 def direct_requirements(engine: str) -> list[str]:
     """Return the names of the packages that this suite's extra `gauss-bench[ENGINE]` requires; empty without such an extra."""
     try:
-        lines = distribution(PACKAGE).requires or []
+        lines = distribution("gauss-bench").requires or []
     except PackageNotFoundError:
         return []
     of_extra = re.compile(rf"extra == ['\"]{re.escape(engine)}['\"]")

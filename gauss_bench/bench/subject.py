@@ -25,6 +25,7 @@ LONGEST = 100.0  # [s] processor time after which no further run is started
 PATIENCE = 6.0  # factor of both limits for engines in environments of their own: one of them compiles each linkage for a minute
 STEP, DURATION = 1e-3, 0.1  # [s] of the runs
 EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)  # [s] sample times
+ONE_STEP = np.array([0.0, STEP])  # [s] sample times of a short run, which shows whether the engine takes a linkage
 PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))  # linkages and scenarios that nearly all engines take
 
 
@@ -103,9 +104,8 @@ class Subject:
         These are PROBE, a linkage with every kind of load, if the engine can run it, otherwise the linkages in PLAIN that it can
         run, or all of PLAIN if it can run none, so that the checks report the refusals.
         """
-        one_step = np.array([0.0, STEP])
         for places in ([(PROBE, "loaded")], PLAIN):
-            if taken := [x for x in places if self.run(*x, one_step).status is not Status.SKIP]:
+            if taken := [x for x in places if self.run(*x, ONE_STEP).status is not Status.SKIP]:
                 return taken
         return [*PLAIN]
 

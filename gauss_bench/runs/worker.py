@@ -187,7 +187,7 @@ class Worker:
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
             if not isinstance(error, (EOFError, BrokenPipeError)):
                 raise
-            code = self._exit_code(process)
+            code = _exit_code(process)
             printed = self._last_words()
             self.stop()
             if code == os.EX_CONFIG:  # `elsewhere.py` found that the interpreter cannot run a worker, and printed why
@@ -201,15 +201,6 @@ class Worker:
                 raise WorkerFailure(Status.ERROR, in_a_sentence(text))
         raise WorkerFailure(Status.ERROR, "the worker gave no answer")
 
-    @staticmethod
-    def _exit_code(process: "subprocess.Popen[bytes]") -> int:
-        """Return the exit code of a process, which is killed if it has closed its pipe but still runs."""
-        try:
-            return process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return process.wait()
-
     def _last_words(self) -> str:
         """Return a colon and the last line that the worker printed, or an empty text."""
         self.log.seek(0)
@@ -218,7 +209,16 @@ class Worker:
         return f": {line}" if line else ""
 
 
-_kept: dict[str, Worker] = {}
+def _exit_code(process: "subprocess.Popen[bytes]") -> int:
+    """Return the exit code of a process, which is killed if it has closed its pipe but still runs."""
+    try:
+        return process.wait(GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+_kept: dict[str, Worker] = {}  # engine -> its worker
 
 
 def keep(engine: str) -> Worker:
