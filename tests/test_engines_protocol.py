@@ -218,7 +218,7 @@ def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accele
 
 @pytest.mark.long
 def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch):
-    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "check_joint_forces"])
     sound, opposed, silent = (conformance(f"{FAULTY}:{x}")[-1] for x in ("Reacting", "Opposed", "Sound"))
     assert sound.passed
     assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9
