@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from gauss_bench.bench.survived import list_survivors, race_here, race_survivors
-from gauss_bench.runs.blocks import lasting
+from gauss_bench.runs.blocks import calls_block
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 
@@ -35,7 +35,7 @@ def entries():
 
 def made(make, facts):
     make()
-    return replace(lasting(None, int), facts=facts)
+    return replace(calls_block(None, int), facts=facts)
 
 
 @pytest.mark.slow

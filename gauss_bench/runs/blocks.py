@@ -61,7 +61,7 @@ class Block:
         return total / (self.count * self.calls)  # each call of `go` repeats the work `count` times
 
 
-def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
+def calls_block(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
     shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may measure 0
@@ -74,7 +74,7 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
     return Block(entry, lambda: None, calls, count * work)
 
 
-def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
+def steps_block(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """Return a timing block of steps of a model, either in the engine's own loop (`native`) or called one by one from Python.
 
     The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds. If its computation takes less
@@ -96,12 +96,12 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
-def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
+def accelerations_block(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
     """Return a timing block of calls from Python that compute the accelerations of a model at one state q, v (n,)."""
-    return lasting(entry, partial(model.acceleration, 0.0, q, v))
+    return calls_block(entry, partial(model.acceleration, 0.0, q, v))
 
 
-def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
+def run_block(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
     """Return a timing block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
     The sample times cover the fraction `share` of a whole run; the time that the block measures is that of the whole run.
@@ -117,7 +117,7 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
     return block
 
 
-def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
+def lead_block(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
     """Return a timing block of the first part of a run of `steps` equal steps until `until` [s], which takes about `lead` [s].
 
     The length of the part is estimated from the time of the first steps. The time that the block measures is that of the whole run.
@@ -126,7 +126,7 @@ def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: flo
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
     share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)  # by the estimated time of the whole run
-    return running(entry, choice, np.array([0.0, share * until]), share, model)
+    return run_block(entry, choice, np.array([0.0, share * until]), share, model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mech
     # The block repeats a call of one repetition (count 1), which is short. A call with another count repeats the work itself, and
     # may have to be prepared each time. The key of the block, here None, is set by the race.
     repeats_itself = prepared.count != 1
-    block = Block(None, prepared.ready, prepared.call, prepared.count) if repeats_itself else lasting(None, prepared.call)
+    block = Block(None, prepared.ready, prepared.call, prepared.count) if repeats_itself else calls_block(None, prepared.call)
     return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
 
 
@@ -258,8 +258,8 @@ def _asking_there(engine: str) -> Callable[..., Any]:
 Models = dict[Hashable, Any]  # linkage, scenario, engine, settings, integrator and stabilisation -> model
 
 
-def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
-    """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
+def get_model(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
+    """Return a model for a choice: the one that is kept in `models` or, if there is none, a new one, which is then kept there.
 
     Only models of a `resizable` engine, which accept another step and tolerance, are used again.
     """
@@ -276,7 +276,7 @@ _models: Models = {}
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
     """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `calls`."""
-    _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
+    _blocks.append(work(get_model(_models, engine, mechanism, choice)))
     return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].calls
 
 

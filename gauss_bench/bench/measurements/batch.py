@@ -21,7 +21,7 @@ from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import Block, calls_block
 from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
@@ -72,7 +72,7 @@ def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, 
     trajectories that are computed together with single ones.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
-    block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
+    block = calls_block(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 

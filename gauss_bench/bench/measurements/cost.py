@@ -33,7 +33,7 @@ from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import Block, Work, accelerating, block_elsewhere, lasting, stepping
+from gauss_bench.runs.blocks import Block, Work, accelerations_block, block_elsewhere, calls_block, steps_block
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
@@ -121,21 +121,21 @@ def quantities(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> I
 
     def batch() -> Block:
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
-        return lasting(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
+        return calls_block(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         if is_here:
-            yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
-        yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, *start))
+            yield BUILD, lambda: calls_block(NO_KEY, lambda: first_step(engine, mechanism, choice))
+        yield ACCELERATION, partial(make, partial(accelerations_block, NO_KEY, *start))
         if is_here and name in part.bare:  # `bare_calls` returns the library's call and an empty one
-            yield BARE, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[0])
-            yield EMPTY, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[1])
+            yield BARE, lambda: calls_block(NO_KEY, ask(model(), "bare_calls")()[0])
+            yield EMPTY, lambda: calls_block(NO_KEY, ask(model(), "bare_calls")()[1])
         if is_here and name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
     if offered.python_loop:
-        yield STEP, partial(make, partial(stepping, NO_KEY, step=part.step, native=False))
+        yield STEP, partial(make, partial(steps_block, NO_KEY, step=part.step, native=False))
     if offered.native_loop:
-        yield NATIVE, partial(make, partial(stepping, NO_KEY, step=part.step, native=True))
+        yield NATIVE, partial(make, partial(steps_block, NO_KEY, step=part.step, native=True))
 
 
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:

@@ -28,7 +28,7 @@ from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.runs.blocks import Block, TimedCall, call_of, lasting, prepare_call
+from gauss_bench.runs.blocks import Block, TimedCall, call_of, calls_block, prepare_call
 from gauss_bench.runs.offers import offers_from_outside
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
@@ -154,8 +154,8 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
     facts |= {"error": state.error(kernel.acceleration(state.q, state.v))}
     # a step of the Runge-Kutta method has four right-hand sides: a call does the work of 4 LOOPED of them
-    steps = lasting(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
-    single = lasting(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
+    steps = calls_block(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
+    single = calls_block(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 

@@ -18,7 +18,7 @@ from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.graph import LATENCY
 from gauss_bench.compiler.machine.llvm import Listing
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import Block, calls_block
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
@@ -64,7 +64,7 @@ def _loop(chains: int, lanes: int | None) -> Block:
     def call() -> None:
         code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
 
-    return lasting(NO_KEY, call, chains * LINKS * TURNS)
+    return calls_block(NO_KEY, call, chains * LINKS * TURNS)
 
 
 def name_machine() -> Rows:
