@@ -81,7 +81,6 @@ def time_start(
     """Call `start` (`start_there` or `cold_there`) in a new process; return its result, or the columns of the process's failure."""
     try:
         with Worker() as worker:
-            timed: dict[str, Any] = worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit)
-            return timed
+            return dict(worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit))
     except WorkerFailure as failure:
         return failure.columns
