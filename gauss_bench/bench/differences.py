@@ -18,7 +18,7 @@ class Differences:
     Attributes:
         compared: number of figures (measured numbers, and statuses of cases) that both runs have.
         beyond: figures that differ by more than the accuracy gate allows, and cases with different statuses.
-        only_here, only_there: number of cases that only the one or only the other run has.
+        only_here, only_there: number of cases that one run has and the other lacks, and the other way round.
     """
 
     compared: int

@@ -50,7 +50,7 @@ class Task(NamedTuple):
         key: identifies the task in the journal, the file of finished tasks.
         stamp: digest of the code and data that the rows depend on.
         table, start: the name of the table that gets a row if the task fails, and the columns with which this row begins.
-        limit: [s] after which the worker is stopped.
+        limit: time [s] after which the worker is stopped.
     """
 
     key: str
@@ -161,7 +161,7 @@ class Context:
         stamp: digest of the code, the libraries and the certificates.
         alter: plants a fault in the mechanism that engines are given.
         until, steps: end and steps [s] that a user asks for instead of the suite's.
-        limit: [s] that one case may take.
+        limit: time [s] that one case may take.
     """
 
     store: str
