@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.terms import Array
+Array = NDArray[np.floating[Any]]
 
 
 class Status(StrEnum):
