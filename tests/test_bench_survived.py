@@ -45,7 +45,7 @@ def test_who_was_at_work_is_left_out_and_the_rest_race_again():
     expected = {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT, "late": Status.CRASHED}
     assert {x: y.status for x, y in lost.items()} == expected
     assert "SIGABRT" in str(lost["aborts"])
-    assert "while this one was at work" in str(lost["aborts"])
+    assert "while this one was running" in str(lost["aborts"])
 
 
 def test_what_a_race_raises_of_itself_is_no_engines_fault():

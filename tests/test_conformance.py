@@ -203,7 +203,7 @@ def test_nothing_is_asked_once_the_time_is_spent(monkeypatch):
     only(monkeypatch, "check_accelerations", "check_motions", "_check_times")
     checks = conformance("tests.faulty_engines:Trap")
     assert {x.passed for x in checks[1:]} == {None}
-    assert all("are spent" in x.message for x in checks[1:])
+    assert all("are used" in x.message for x in checks[1:])
 
 
 def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is_free():
