@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 __version__ = "1.0.0"
-_ROOMS = {  # module -> the public names in it
+_NAMES = {  # module -> the public names in it
     "linkage.load": "load",
     "api.simulate": "simulate Simulation",
     "api.history": "history",
@@ -41,14 +41,14 @@ _ROOMS = {  # module -> the public names in it
     "reference.certify": "certify",
     "compiler.kernel": "compile_kernel Kernel",
 }
-_HOMES = {name: f"gauss_bench.{room}:{name}" for room, names in _ROOMS.items() for name in names.split()}
-__all__ = ["__version__", *_HOMES]
+_PLACES = {name: f"gauss_bench.{module}:{name}" for module, names in _NAMES.items() for name in names.split()}
+__all__ = ["__version__", *_PLACES]
 
 
 def __getattr__(name: str) -> Any:
     """Import a public function or class from its module when it is first used."""
-    if name in _HOMES:
-        return resolve_name(_HOMES[name])
+    if name in _PLACES:
+        return resolve_name(_PLACES[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
@@ -57,7 +57,7 @@ class _Package(ModuleType):
 
     def __setattr__(self, name: str, value: object) -> None:
         # after importing a submodule Python sets it as an attribute of the package, which would hide the function
-        if not (name in _HOMES and isinstance(value, ModuleType)):
+        if not (name in _PLACES and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -41,8 +41,8 @@ def read_checksums(folder: Path) -> dict[str, str]:
 def with_files(folder: Path, paths: Iterable[Path]) -> str:
     """Return the text of `checksums.json` with new checksums of the files `paths`, and without files that no longer exist."""
     renewed = read_checksums(folder) | {str(path.relative_to(folder)): checksum_of(path) for path in paths}
-    there = {name: x for name, x in sorted(renewed.items()) if (folder / name).is_file()}
-    return json.dumps(there, indent=1) + "\n"
+    existing = {name: x for name, x in sorted(renewed.items()) if (folder / name).is_file()}
+    return json.dumps(existing, indent=1) + "\n"
 
 
 def require_unchanged(folder: Path) -> None:
@@ -54,7 +54,7 @@ def require_unchanged(folder: Path) -> None:
     for name, checksum in read_checksums(folder).items():
         path = folder / name
         if not path.is_file():
-            raise ChangedRows(f"{path}: is missing, and {FILE} beside it lists it")
+            raise ChangedRows(f"{path}: is missing, although {FILE} lists it")
         if checksum_of(path) != checksum:
             raise ChangedRows(f"{path}: a row was changed after the run: its checksum is not the one in {FILE}; run it again")
 

@@ -10,6 +10,7 @@ import inspect
 import io
 import json
 import os
+import resource
 import sys
 import traceback
 from collections.abc import Sequence
@@ -133,9 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = traceback.extract_tb(error.__traceback__)[-1]
         message = harmless(" ".join(str(error).split())[:500])
         fault = f"{type(error).__name__}: {message} ({Path(place.filename).name}:{place.lineno})"
-        print(
-            f"error: a fault of gauss-bench itself, not of its input: {fault}; set {TRACE}=1 to see the traceback", file=sys.stderr
-        )
+        hint = f"set {TRACE}=1 to see the traceback"
+        print(f"error: a fault of gauss-bench itself, not of its input: {fault}; {hint}", file=sys.stderr)
         return OWN_FAULT
     finally:
         no_longer()
@@ -165,10 +165,6 @@ def check_memory() -> None:
     Raises:
         BadInput: a limit leaves less.
     """
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         least = f"{LEAST_MEMORY >> 10} kB"
@@ -184,7 +180,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
     to_file = {x: given[x] for x in endings if given[x] and x not in to_stdout}
     files = to_stdout | (resolve_name(FILES)(to_file, endings, options.replace, options.linkage) if to_file else {})
     function = resolve_name(verb["call"])
-    # told: function that prints progress; whole: a file has all samples of a run, even if the report has only some times
+    # arguments that no option has: `told` prints progress; `whole`: a file needs all samples, even if the report shows only some
     available = given | {"options": options, "told": tell_if_long if verb.get("quick") else tell, "whole": bool(files)}
     answer = function(**{x: available[x] for x in inspect.signature(function).parameters if x in available})
     if files:
@@ -196,8 +192,7 @@ def perform(name: str, options: argparse.Namespace) -> int:
             print(json.dumps(plain(answer.data)))
         return 0 if answer.succeeded else 1
     text = render(name, answer.data) if answer.text is None else answer.text
-    is_replaced = files.get(instead_of_json)
-    if text and not is_replaced:
+    if text and not files.get(instead_of_json):  # else the file stands in place of the text
         print(harmless(text))
     return 0 if answer.succeeded else 1
 

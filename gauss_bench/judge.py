@@ -146,10 +146,10 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     off = largest(t - times) if np.isfinite(t).all() else float("nan")
     if not off <= OFF_TIME:  # true for NaN too
         return refused(Subject.COMPLETENESS, off, OFF_TIME, f"samples up to {off:.2g} s away from the times that were asked for")
-    wrong = next((x.shape for x in levels if x.shape != (len(times), n)), None)
-    if wrong is not None:
-        text = f"samples of shape {wrong} where ({len(times)}, {n}) was asked for"
-        return refused(Subject.COMPLETENESS, wrong[-1] if wrong else 0, n, text)
+    for x in levels:
+        if x.shape != (len(times), n):
+            text = f"samples of shape {x.shape} where ({len(times)}, {n}) was asked for"
+            return refused(Subject.COMPLETENESS, x.shape[-1] if x.shape else 0, n, text)
     count = finite(*levels, below=HUGE)
     if count < len(times):
         first = float(times[count])
@@ -157,11 +157,11 @@ def completeness(trajectory: object, times: Array, n: int) -> Judgement:
     return Judgement()
 
 
-def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
+def cut_at_fault(trajectory: object, times: Array, n: int) -> Trajectory | None:
     """Return the trajectory before its first sample that is missing, at a wrong time or not finite; None if no sample is left.
 
-    An engine may return any object: the result is None if it is not a trajectory, or its arrays are not numbers in n columns.
-    `times` (k,) [s] are the requested times.
+    An engine may return any object: the result is None if it is not a trajectory, or if its arrays are not of real numbers in n
+    columns. `times` (k,) [s] are the requested times.
     """
     if not isinstance(trajectory, Trajectory):
         return None
@@ -174,7 +174,8 @@ def leading(trajectory: object, times: Array, n: int) -> Trajectory | None:
         return None
     k = min(len(x) for x in (times, t, q, v, a))
     is_off_time = np.abs(t[:k] - times[:k]) > OFF_TIME
-    k = min(int(is_off_time.argmax()) if is_off_time.any() else k, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
+    on_time = int(is_off_time.argmax()) if is_off_time.any() else k  # argmax: the first True
+    k = min(on_time, finite(t[:k, None], q[:k], v[:k], a[:k], below=HUGE))
     return Trajectory(times[:k], q[:k], v[:k], a[:k], steps, evaluations, in_a_sentence(trajectory.note or "")) if k else None
 
 
@@ -191,7 +192,7 @@ def copy_numbers(x: object) -> Array:
 
 
 def _count(x: Any) -> int | None:
-    """Return the number of steps or evaluations that an engine reports as an integer, or None if it does not count them.
+    """Return as an integer the number of steps or evaluations that an engine reports; None if it does not count them.
 
     Raises:
         TypeError, ValueError, OverflowError: x is no count.
@@ -207,7 +208,7 @@ def _count(x: Any) -> int | None:
 def examine(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, acceleration_error: float | None = None
 ) -> Evidence:
-    """Return the figures by which a complete trajectory is judged, all computed by our own code in absolute coordinates."""
+    """Return the figures by which a complete trajectory is judged; `errors` are those against the reference, None without one."""
     mechanism = evaluator.mechanism
     with np.errstate(all="ignore"):  # a run may overflow; the judge objects to what is not finite
         energy, bar = metrics.energy_error(evaluator, trajectory)
@@ -231,7 +232,7 @@ def judge(evidence: Evidence) -> Judgement:
     x = evidence
     possible = [*_check_model(x), *_check_motion(x), *_check_start(x), *_check_rates(x)]
     if x.unrepeated:
-        possible.append(Objection(Subject.REPETITION, 1.0, 0.0, f"nothing says that it may be trusted: {x.unrepeated}"))
+        possible.append(Objection(Subject.REPETITION, 1.0, 0.0, f"its error is not known: {x.unrepeated}"))
     # not `value > limit`, which is false for NaN
     return Judgement(tuple(objection for objection in possible if not objection.value <= objection.limit))
 
@@ -251,7 +252,7 @@ def _check_model(x: Evidence) -> Iterator[Objection]:
     yield Objection(Subject.ENERGY, gained, allowed, f"energy off by {gained:.2g} J where {x.energy_scale:.2g} J move")
     for steps, oscillation in ((x.steps_a_period, "oscillation"), (x.steps_a_forcing, "force")):
         if steps is not None:
-            sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, which {FEWEST:g} do not resolve yet"
+            sentence = f"{steps:.2g} steps in a period of the fastest {oscillation}, too few to resolve it"
             # a number below FEWEST is the fault: value and limit change places
             yield Objection(Subject.STIFFNESS, FEWEST, steps, sentence)
 
@@ -272,7 +273,7 @@ def _check_motion(x: Evidence) -> Iterator[Objection]:
 def _check_start(x: Evidence) -> Iterator[Objection]:
     """Yield the possible objections to the first sample, which should be the start of the scenario."""
     if x.start is not None and x.rates is not None:
-        # a linkage at rest has no speed to compare with: take the speed that crosses its size within the run
+        # a linkage at rest has no speed to compare with: the speed that crosses its size within the run is taken
         slow = x.size / x.duration if x.duration else x.size
         speed, spin = max(x.rates.fastest[0], slow), max(x.rates.fastest[1], slow / x.size)
         for gap, scale, unit in zip(x.start, (x.size, 1.0, speed, spin), ("m", "rad", "m/s", "rad/s"), strict=True):
@@ -315,7 +316,7 @@ def remark(evidence: Evidence) -> str:
     remarks = []
     lost = 0.0 if evidence.seen is None else largest(evidence.energy - evidence.seen)
     if lost > 0.0:
-        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to see damping take them")
+        remarks.append(f"its energy is not decidable: {lost:.2g} J are lost between samples too far apart to resolve damping")
     off = evidence.disagreement
     if off is not None and DIGITS < off <= OFF_ACCELERATION:
         digits = int(-np.log10(off))
@@ -326,10 +327,10 @@ def remark(evidence: Evidence) -> str:
 def trusted_until(
     evaluator: Evaluator, trajectory: Trajectory, reference: Reference | None = None, finer: Reference | None = None
 ) -> float:
-    """Return the time of the last sample [s] up to which the judge has no objection, found by bisection.
+    """Return the time [s] of the last sample up to which the judge has no objection, found by bisection.
 
-    The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are known.
-    Bisection assumes that an invalid run stays invalid if it is continued.
+    The run is compared with the true motion `reference` and with the run `finer` of finer steps, if they are given. Bisection
+    assumes that an invalid run stays invalid if it is continued.
     """
     good, bad = 0, len(trajectory.t)  # indices of samples: the run is valid up to `good`, and not up to `bad`
     while bad - good > 1:
@@ -345,7 +346,7 @@ def trusted_until(
 
 
 def advice(objections: tuple[Objection, ...], step: float, stabilized: bool, adaptive: bool = False) -> str:
-    """Return how to make an invalid run valid, or an empty text; `step` [s] is that of a run whose steps are not `adaptive`."""
+    """Return advice on how to make an invalid run valid, or an empty text; `step` [s] is that of a run with equal steps."""
     subjects = {x.subject for x in objections}
     if Subject.MODEL in subjects:
         smaller = "a tighter tolerance" if adaptive else f"a step smaller than {step:g} s"

@@ -37,7 +37,7 @@ class Drift:
 
 
 def drift(evaluator: Evaluator, trajectory: Trajectory) -> Drift:
-    """Return the largest absolute residual of the constraints at every sample, on the three levels."""
+    """Return the largest absolute residual of the constraints at every sample, for positions, velocities and accelerations."""
     blocks = []
     h = evaluator.constraints.holonomic  # number of rows that have a position level; they stand first
     for start in range(0, len(trajectory.t), CHUNK):
@@ -77,7 +77,7 @@ class RateGaps:
 
 
 def rate_gaps(trajectory: Trajectory) -> RateGaps:
-    """Compare positions with integrated velocities, and velocities with integrated accelerations, at every sample."""
+    """Return the gaps of positions from integrated velocities, and of velocities from integrated accelerations, at every sample."""
     t = trajectory.t
     gaps, bars = [], []  # of positions, angles, velocities and angular velocities
     half = every_second(t)
@@ -96,7 +96,7 @@ def rate_gaps(trajectory: Trajectory) -> RateGaps:
 def start_gap(mechanism: Mechanism, trajectory: Trajectory) -> MotionGap:
     """Return the distance of the first sample from the start q0, v0 of the mechanism."""
     q, v = trajectory.q[:1] - mechanism.q0, trajectory.v[:1] - mechanism.v0
-    return MotionGap(*(largest(part(x)) for x in (q, v) for part in (places, angles)))
+    return MotionGap(largest(places(q)), largest(angles(q)), largest(places(v)), largest(angles(v)))
 
 
 def every_second(t: Array) -> NDArray[np.intp]:
@@ -105,7 +105,7 @@ def every_second(t: Array) -> NDArray[np.intp]:
 
 
 def _largest(x: Array) -> Array:
-    """Return the largest |x| (k,) of each sample (k, ...)."""
+    """Return the largest |x| of each sample, (k,), for an array (k, ...) of k samples."""
     return np.asarray(np.abs(x).reshape(len(x), -1).max(axis=1, initial=0.0))
 
 
@@ -146,7 +146,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
-    """Return, by name of the pair, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
+    """Return, by name of the joint, the force on its second link: fx, fy (k,) [N], and moment (k,) [N m] about the joint's point.
 
     The second link of a pin is that of its second point, and of a slide its block. Springs, damping and friction in the joint count
     as applied forces.
@@ -170,21 +170,22 @@ def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict
     return forces
 
 
-def compare_joint_forces(evaluator: Evaluator, states: Trajectory, told: Array) -> tuple[float, float]:
-    """Return the largest error of the joint forces that an engine returns, and the largest true joint force, both [N, N m].
+def compare_joint_forces(evaluator: Evaluator, states: Trajectory, reported: Array) -> tuple[float, float]:
+    """Return the largest error of the joint forces that an engine reports, and the largest true joint force, both [N, N m].
 
-    The true forces follow from the accelerations of the states. Both are NaN if there is nothing to compare.
+    The true forces follow from the accelerations of the states. Both results are NaN if the engine reports no force, or if
+    redundant rows leave the true forces undetermined.
 
     Args:
-        told: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
+        reported: (k, joints, 3) fx, fy and moment of each joint as the engine reports them, with the signs and reference points of
             `joint_forces`; NaN for a missing number.
     """
-    if evaluator.mechanism.redundant or not np.isfinite(told).any():
+    is_known = np.isfinite(reported)
+    if evaluator.mechanism.redundant or not is_known.any():
         return np.nan, np.nan
-    found = joint_forces(evaluator, states)
-    true = np.array([[x["fx"], x["fy"], x["moment"]] for x in found.values()]).transpose(2, 0, 1)  # (k, joints, 3)
-    known = np.isfinite(told)
-    return float(np.abs(told - true)[known].max()), float(np.abs(true).max())
+    forces = joint_forces(evaluator, states).values()
+    true = np.array([[x["fx"], x["fy"], x["moment"]] for x in forces]).transpose(2, 0, 1)  # (k, joints, 3)
+    return float(np.abs(reported - true)[is_known].max()), float(np.abs(true).max())
 
 
 def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:
@@ -196,8 +197,8 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     mechanism = evaluator.mechanism
     if not mechanism.welds:
         return {}
-    links, multipliers = motion_of_links(mechanism, trajectory), reactions(evaluator, trajectory)  # links: states of unwelded links
-    unwelded = Evaluator(mechanism.whole)
+    links = motion_of_links(mechanism, trajectory)  # the states of every link, also of links that are welded into one body
+    unwelded, multipliers = Evaluator(mechanism.whole), reactions(evaluator, trajectory)
     J = unwelded.constraints(links.t, links.q, links.v).J
     acting = unwelded.applied.generalised(links.q, links.v, links.t)
     if unwelded.friction:
@@ -205,10 +206,10 @@ def weld_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[
     unexplained = links.a * unwelded.mass - acting + np.einsum("kmn,km->kn", J, multipliers)
     forces: dict[str, dict[str, Array]] = {}
     for weld in mechanism.welds:
-        at = position(links.q, weld.at)
+        point = position(links.q, weld.at)  # (k, 2)
         force, moment = np.zeros((len(links.t), 2)), np.zeros(len(links.t))
-        for i in weld.beyond:
-            push, arm = place_at(unexplained, i), place_at(links.q, i) - at
+        for i in weld.beyond:  # links that the weld carries
+            push, arm = place_at(unexplained, i), place_at(links.q, i) - point
             force = force + push
             # the link's own moment, and that of its force about the weld's point: arm x push
             moment = moment + angle_at(unexplained, i) + arm[:, 0] * push[:, 1] - arm[:, 1] * push[:, 0]
@@ -423,7 +424,7 @@ class Errors:
 
 
 def common_times(t: Array, true: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the indices in t (k,) of the times in `true` (j,) up to SAME_TIME, and the mask (j,) of `true` with these times."""
+    """Return where times in `true` (j,) are also in t (k,), up to SAME_TIME: their indices in t, and their mask (j,) in `true`."""
     near = np.minimum(np.searchsorted(t, true - SAME_TIME), len(t) - 1)  # (j,) index of the first time in t that is not earlier
     both = np.abs(t[near] - true) < SAME_TIME
     return near[both], both
@@ -460,16 +461,16 @@ def joint_force_errors(evaluator: Evaluator, trajectory: Trajectory, reference: 
 
 
 def relative_acceleration_error(a: Array, true: Array) -> Array:
-    """Return max |a - a_true| / max |a_true| (k,) of accelerations (k, n); the absolute error if the mechanism is at rest."""
+    """Return max |a - a_true| / max |a_true| (k,) for accelerations (k, n); max |a - a_true| where all |a_true| are below REST."""
     scale = np.abs(true).max(axis=-1)
     return np.asarray(np.abs(a - true).max(axis=-1) / np.where(scale > REST, scale, 1.0))
 
 
 def observed_order(steps: Array, errors: Array, floors: Array) -> Array:
-    """Return the order of convergence (k,) that each run shows against the run before it.
+    """Return the order of convergence p (k,) of error ~ step^p, from each of k runs and the run before it.
 
-    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is less than ten times the
-    reference's error, its floor.
+    Steps decrease. The order is NaN for the first run, and where the error of one of the two runs is less than ten times its floor,
+    the error of the reference.
     """
     order = np.full(len(steps), np.nan)
     usable = (errors > 10 * floors) & np.isfinite(errors)

@@ -27,13 +27,14 @@ ABSENT = re.compile(r"not installed|no C compiler|not in this build|the truth ha
 
 @dataclass(frozen=True)
 class Requirement:
-    """The largest allowed error of a kind in UNITS: over the whole run or, for `end`, at its end."""
+    """The largest allowed error, of a kind in UNITS, over the whole run; for the kind `end`, at the end of the run."""
 
     kind: str
     limit: float
 
     @property
     def unit(self) -> str:
+        """The unit of the limit, such as "m"."""
         return UNITS[self.kind]
 
 
@@ -56,7 +57,7 @@ class Trial:
     evaluations: int | None = None
 
     def meets(self, wanted: Requirement) -> bool:
-        """Return whether the run ended with an error within the requirement."""
+        """Tell whether the run ended with an error within the requirement."""
         return self.status is Status.OK and self.errors.get(wanted.kind, math.nan) <= wanted.limit
 
 
@@ -125,7 +126,7 @@ class Reach:
 
 
 def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], untimed: str | None = None) -> Reach:
-    """Return whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
+    """Return the answer whether an engine meets all requirements in one run; if not, why not, and how many steps would meet them.
 
     Args:
         ladders: for each variant of the engine its trials, in any order.
@@ -134,8 +135,8 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
     ladders = [ladder for ladder in ladders if ladder]
     trials = [trial for ladder in ladders for trial in ladder]
     ended = [trial for trial in trials if trial.status is Status.OK]
+    # largest error over allowed error, at most 1 if all requirements are met; NaN if redundant rows leave joint forces undetermined
     shares = [share(trial, wanted) for trial in ended]
-    # shares: errors over allowed errors, at most 1 if all requirements are met; NaN if only joint forces are undetermined
     if any(x <= 1 for x in shares):
         return Reach(Kind.TIMED) if untimed is None else Reach(Kind.UNTIMED, untimed)
     not_skipped = [trial for trial in trials if trial.status is not Status.SKIP]
@@ -153,7 +154,7 @@ def reach(ladders: Iterable[Sequence[Trial]], wanted: Sequence[Requirement], unt
 
 
 def share(trial: Trial, wanted: Sequence[Requirement]) -> float:
-    """Return the largest ratio of an error of a run to its limit; the ratio is NaN if one of the errors is not known."""
+    """Return the largest ratio of an error of a run to its limit; NaN if an error is not known."""
     return float(np.max([trial.errors.get(x.kind, math.nan) / x.limit for x in wanted]))  # the maximum with a NaN is NaN
 
 

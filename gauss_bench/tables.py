@@ -251,15 +251,15 @@ def write_table(name: str, rows: Iterable[Row], folder: Path) -> tuple[Path, ...
     table = TABLES[name]
     typed = [round_times(table, row_of(table, row)) for row in rows]
     contents = {}  # path -> columns and rows of the file
-    for part, columns in table.parts.items():
+    for subfolder, columns in table.parts.items():
         chosen = typed
-        if part and not table.timed:  # `part`: the file of times; unless it is the only file, it has only rows with times
+        if subfolder and not table.timed:  # the second file of a table, which has only the rows that have times
             chosen = [row for row in typed if any(print_value(c, row[c.name]) for c in table.timed_columns)]
             if len({key_of(table, row) for row in chosen}) < len(chosen):
                 raise ValueError(f"table {name}: two rows with times have the same key")
             if not chosen:
                 continue
-        contents[folder / part / f"{name}.{table.suffix}"] = columns, chosen
+        contents[folder / subfolder / f"{name}.{table.suffix}"] = columns, chosen
     for path, (columns, chosen) in contents.items():
         if table.suffix == "csv":
             write_text(path, csv_text(columns, chosen))
@@ -405,7 +405,8 @@ def read_table(name: str, folder: Path) -> tuple[dict[str, Any], ...]:
     strange = times.keys() - {key_of(table, row) for row in rows}
     if strange or len(times) < len(timed):
         key = " ".join(filter(None, min(strange, default=key_of(table, timed[0]))))
-        raise TableError(f"{[*paths][1]}: a row of times has no row of its own in the table beside it: {key}")
+        path = folder / TIMES / f"{name}.{table.suffix}"
+        raise TableError(f"{path}: a row of times has no row of its own in the table beside it: {key}")
     return tuple(row | times.get(key_of(table, row), {}) for row in rows)
 
 
@@ -435,7 +436,7 @@ def read_file(
     if version < FORMAT:
         head, lines = [SCHEMA["renamed"].get(x, x) for x in head], [migrate_row(name, line, version) for line in lines]
     # an older format may lack any column but the first, by which a table is recognised
-    wanted = columns or table.columns if version == FORMAT else table.columns[:1]
+    wanted = (columns or table.columns) if version == FORMAT else table.columns[:1]
     for column in (x for x in wanted if not x.added):
         if column.name not in head:
             raise TableError(f"{path}: table {name}: column {column.name!r} is missing")

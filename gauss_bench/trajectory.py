@@ -130,11 +130,12 @@ class Reference(Samples):
 
     @property
     def samples(self) -> Trajectory:
+        """The motion as a trajectory, without a count of steps."""
         return Trajectory(self.t, self.q, self.v, self.a, None)
 
 
 class Group(StrEnum):
-    """What a curve over time describes: a link, a point, the energy and so on, in the order in which tables and plots show them."""
+    """The kinds of objects that curves over time describe, in the order in which tables and plots show them."""
 
     LINK = "link"  # angle, angular speed and angular acceleration of an observed link
     POINT = "point"  # position, velocity and acceleration of an observed point
@@ -162,6 +163,7 @@ class Curve:
 
     @property
     def name(self) -> str:
+        """The names of object and quantity, such as "crank.angle"."""
         return f"{self.of}.{self.key}"
 
 
@@ -173,6 +175,7 @@ class History:
     curves: tuple[Curve, ...]
 
     def of(self, group: Group) -> tuple[Curve, ...]:
+        """Return the curves of a group."""
         return tuple(x for x in self.curves if x.group is group)
 
 
@@ -184,7 +187,7 @@ class Caption:
         title, how: name linkage and scenario, and engine, integrator and step.
         verdict: the judge's objections, or the failure of the run; empty for a valid run.
         until: end of the run that the user asked for [s].
-        trusted: the last time up to which the judge has no objection [s]; None if there is no objection up to `until`.
+        trusted: time [s] up to which the judge has no objection; None if there is none up to `until`.
     """
 
     title: str
@@ -200,7 +203,7 @@ def spread_evenly(count: int, most: int) -> NDArray[np.intp]:
 
 
 def finite(*samples: Array, below: float = np.inf) -> int:
-    """Return how many samples (k, n) come before the first with a number in any array that is NaN, or not smaller than `below`."""
+    """Return how many samples precede the first with a number x that is NaN or has |x| >= `below`, in any of the arrays (k, n)."""
     is_finite = np.asarray((np.abs(np.hstack(samples)) < below).all(axis=1))
     return len(is_finite) if is_finite.all() else int(is_finite.argmin())  # argmin: the first False
 
@@ -214,7 +217,7 @@ def with_accelerations(
     evaluations: int | None = None,
     note: str = "",
 ) -> Trajectory:
-    """Return the trajectory of q, v (k, n) with the accelerations `acceleration(k)` (n,); they are NaN from the first NaN state on.
+    """Return the trajectory of q, v (k, n) with acceleration(i) (n,) at sample i; from the first NaN state on, these are NaN.
 
     Raises:
         RunFailure: `acceleration` raised it; its `reached` becomes the trajectory, with NaN from the failed sample on.

@@ -72,9 +72,9 @@ def check_depth(text: str) -> None:
     """Check that keys have at most DEEPEST dots and that brackets are nested at most DEEPEST deep.
 
     Raises:
-        TooDeep: a key has more dots, or a bracket is nested deeper; the message names the line.
+        TooDeep: a key has more dots, or brackets are nested more deeply; the message names the line.
     """
-    dots = brackets = 0  # dots of the present key, open brackets
+    dots = brackets = 0  # number of dots in the key at this place, and of open brackets
     for token in TOKEN.finditer(text):
         match token.lastgroup:
             case "dot":

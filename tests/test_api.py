@@ -9,7 +9,7 @@ import pytest
 
 import gauss_bench
 from gauss_bench.api.exchange import Export
-from gauss_bench.bench.cases import Case, as_asked
+from gauss_bench.bench.cases import Case, adapt_cases
 from gauss_bench.judge import Subject, completeness, examine, judge
 from gauss_bench.linkage.load import built_in, load
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -60,8 +60,8 @@ def test_how_long_and_by_which_steps():
     listed, other = (
         Case(*x, "gauss", "default", "rk4", "none", 1e-3, 2.0) for x in (("four_bar", "torque"), ("squeezer", "squeeze"))
     )
-    assert [c.t_end for c in as_asked([listed, other])] == [2.0, 0.03]
-    assert [(c.step, c.t_end) for c in as_asked([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
+    assert [c.t_end for c in adapt_cases([listed, other])] == [2.0, 0.03]
+    assert [(c.step, c.t_end) for c in adapt_cases([listed], 0.5, [1e-4])] == [(1e-4, 0.5)]
 
 
 def test_the_judge_objects_to_missing_samples_and_to_nothing_in_a_sound_run():

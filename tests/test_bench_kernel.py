@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Key, Measured, at_least, at_most, foreseen
+from gauss_bench.bench.clock import Key, Measured, at_least, at_most, prediction_interval
 from gauss_bench.bench.measurements import growth
-from gauss_bench.bench.measurements.growth import exponents, over_races
+from gauss_bench.bench.measurements.growth import exponents, summarise_races
 from gauss_bench.bench.measurements.processor import CHAINS, chain_text
 from gauss_bench.bench.measurements.rivals import step_rows
 from gauss_bench.bench.runner import run
@@ -112,11 +112,11 @@ def test_growth_is_the_exponent_of_large_sizes_and_its_spread_is_that_of_the_pro
 def test_the_time_of_a_size_is_the_median_of_processes_and_its_spread_where_a_second_race_falls():
     lost = {"engine": "b", "quantity": "", "size": 16, "n": 144, "status": "crashed", "message": "SIGSEGV"}
     rows = [of_process(k, 16, x) for k, x in enumerate((1.0, 1.2, 1.1))] + [lost | {"process": k} for k in range(3)]
-    found, gone = over_races(rows)
-    assert [found["seconds"], found["low"], found["high"]] == [pytest.approx(1.1), *foreseen(np.array([1.0, 1.2, 1.1]))]
+    found, gone = summarise_races(rows)
+    assert [found["seconds"], found["low"], found["high"]] == [pytest.approx(1.1), *prediction_interval(np.array([1.0, 1.2, 1.1]))]
     assert (found["processes"], found["generate_seconds"], found["error"]) == (3, 2.0, 2e-15)
     assert gone == lost | {"processes": 0}
-    (single,) = over_races(rows[:1])
+    (single,) = summarise_races(rows[:1])
     assert [single["low"], single["high"]] == [0.9, 1.1]
 
 

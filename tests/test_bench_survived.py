@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pytest
 
 from gauss_bench.bench.survived import list_survivors, race_here, race_survivors
-from gauss_bench.runs.blocks import lasting
+from gauss_bench.runs.blocks import calls_block
 from gauss_bench.runs.worker import WorkerFailure
 from gauss_bench.trajectory import Status
 
@@ -35,7 +35,7 @@ def entries():
 
 def made(make, facts):
     make()
-    return replace(lasting(None, int), facts=facts)
+    return replace(calls_block(None, int), facts=facts)
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ def test_who_was_at_work_is_left_out_and_the_rest_race_again():
     expected = {"aborts": Status.CRASHED, "hangs": Status.TIMEOUT, "late": Status.CRASHED}
     assert {x: y.status for x, y in lost.items()} == expected
     assert "SIGABRT" in str(lost["aborts"])
-    assert "while this one was at work" in str(lost["aborts"])
+    assert "while this one was running" in str(lost["aborts"])
 
 
 def test_what_a_race_raises_of_itself_is_no_engines_fault():

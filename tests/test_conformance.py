@@ -49,18 +49,18 @@ def test_built_in_engines_keep_every_rule(name):
     assert not broken(name)
 
 
-@pytest.mark.long("Late-_derivatives-velocities and accelerations are derivatives")
-@pytest.mark.long("Degrees-_start-the first sample is the start", "Short-_times-samples are at the times asked for")
+@pytest.mark.long("Late-_check_derivatives-velocities and accelerations are derivatives")
+@pytest.mark.long("Degrees-_check_start-the first sample is the start", "Short-_check_times-samples are at the times asked for")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "check", "rule"),
     [
-        ("Remembers", "_same_again", "a model can run again"),
-        ("Degrees", "_start", "the first sample is the start"),
-        ("Late", "_derivatives", "velocities and accelerations are derivatives"),
-        ("Short", "_times", "samples are at the times asked for"),
-        ("Weightless", "forces", "a torque acts as defined"),
-        ("Unsure", "_is_undisturbed", "an acceleration is a finite number"),
+        ("Remembers", "_check_repetition", "a model can run again"),
+        ("Degrees", "_check_start", "the first sample is the start"),
+        ("Late", "_check_derivatives", "velocities and accelerations are derivatives"),
+        ("Short", "_check_times", "samples are at the times asked for"),
+        ("Weightless", "check_forces", "a torque acts as defined"),
+        ("Unsure", "_check_undisturbed", "an acceleration is a finite number"),
     ],
 )
 def test_a_broken_rule_is_named(fault, check, rule, monkeypatch):
@@ -73,7 +73,7 @@ def test_a_broken_rule_is_named(fault, check, rule, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["OneInertia", "AllInertias", "AllMasses", "Gravity", "Gamma", "Entry", "Regular", WRONG])
 def test_a_wrong_model_is_seen_in_its_accelerations(fault, monkeypatch):
-    only(monkeypatch, "same_states")
+    only(monkeypatch, "check_accelerations")
     found = broken(fault if fault == WRONG else f"tests.faulty_engines:{fault}")
     assert "probe loaded" in found["accelerations (default, rk4, none)"]
 
@@ -81,9 +81,9 @@ def test_a_wrong_model_is_seen_in_its_accelerations(fault, monkeypatch):
 @pytest.mark.slow
 def test_what_is_declared_soft_may_miss_its_constraints_and_nothing_else(monkeypatch):
     monkeypatch.setattr(agreement, "LINKAGES", agreement.PLAIN)
-    only(monkeypatch, "same_states", "motions")
+    only(monkeypatch, "check_accelerations", "check_motions")
     assert not broken("tests.faulty_engines:Springs")
-    only(monkeypatch, "same_states")
+    only(monkeypatch, "check_accelerations")
     assert "N^T (M a - Q)" in broken("tests.faulty_engines:Excused")["accelerations (default, rk4, none)"]
     assert "J a is 0.00 of gamma" in broken("tests.faulty_engines:Gammaless")["accelerations (default, rk4, none)"]
 
@@ -152,7 +152,7 @@ def test_a_row_that_nothing_holds_has_no_share_and_its_loop_opens():
 
 
 def test_settings_cannot_be_unfinished_and_only_mujoco_and_exudyn_declare_anything(monkeypatch):
-    only(monkeypatch, "declarations")
+    only(monkeypatch, "check_declarations")
     assert "only variants" in broken("tests.faulty_engines:Hasty")["what is declared inexact has a cause"]
     assert {x.name for x in offers([*SAFE]) if x.soft or x.unfinished} == {"mujoco", "exudyn"}
 
@@ -181,7 +181,7 @@ def test_the_finer_steps_follow_a_vibration_of_a_millisecond():
 
 @pytest.mark.long
 def test_second_settings_and_integrators_are_looked_at_too(monkeypatch):
-    only(monkeypatch, "same_states", "motions")
+    only(monkeypatch, "check_accelerations", "check_motions")
     found = broken("tests.faulty_engines:Trap")
     assert {"accelerations (tuned, rk4, none)", "accelerations (default, other, none)"} <= found.keys()
     assert "no such method" in found["a run (default, other, none; probe loaded)"]
@@ -192,7 +192,7 @@ def test_second_settings_and_integrators_are_looked_at_too(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["TwoFaced", "Deaf"])
 def test_a_run_is_held_against_what_it_should_follow(fault, monkeypatch):
-    only(monkeypatch, "same_states", "motions")
+    only(monkeypatch, "check_accelerations", "check_motions")
     found = broken(f"tests.faulty_engines:{fault}")
     assert found
     assert all(name.startswith("a run") for name in found)
@@ -200,10 +200,10 @@ def test_a_run_is_held_against_what_it_should_follow(fault, monkeypatch):
 
 def test_nothing_is_asked_once_the_time_is_spent(monkeypatch):
     monkeypatch.setattr(subject, "LONGEST", 0.0)
-    only(monkeypatch, "same_states", "motions", "_times")
+    only(monkeypatch, "check_accelerations", "check_motions", "_check_times")
     checks = conformance("tests.faulty_engines:Trap")
     assert {x.passed for x in checks[1:]} == {None}
-    assert all("are spent" in x.message for x in checks[1:])
+    assert all("are used" in x.message for x in checks[1:])
 
 
 def test_accelerations_agree_to_nine_digits_and_soft_ones_to_eight_along_what_is_free():
@@ -276,7 +276,7 @@ def test_flags_and_zeros_are_no_numbers_that_can_be_changed():
 
 @pytest.mark.slow
 def test_a_number_that_an_engine_does_not_read_is_named(monkeypatch):
-    only(monkeypatch, "change_numbers")
+    only(monkeypatch, "check_changed_numbers")
     names = ("links.rod.inertia", "all inertias", "all masses", "every")
     few = {name: x for name, x in changes(PROBE, "loaded").items() if name.startswith(names)}
     monkeypatch.setattr(agreement, "changes", lambda *place: few)

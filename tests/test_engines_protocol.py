@@ -20,7 +20,7 @@ from gauss_bench.bench.measure import measure
 from gauss_bench.bench.ways import Run, Way, evaluate_run, one_step
 from gauss_bench.engines.base import OPTIONAL, REQUIRED, Engine, EngineDefaults, ModelDefaults, ask, has_own, list_lacking
 from gauss_bench.engines.bullet.adapter import Bullet
-from gauss_bench.judge import leading
+from gauss_bench.judge import cut_at_fault
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.metrics import compare_joint_forces, joint_forces
@@ -166,7 +166,7 @@ def test_a_cost_a_step_needs_a_count_and_what_is_no_count_is_refused():
     assert replace(run, trajectory=replace(run.trajectory, steps=None)).step_time is None
     for steps, known in ((10, True), (None, True), (-1, False), ("many", False), (10**400, False)):
         told = replace(run.trajectory, steps=steps)
-        assert (leading(told, run.trajectory.t, 9) is not None) is known
+        assert (cut_at_fault(told, run.trajectory.t, 9) is not None) is known
 
 
 # What engines from outside may offer
@@ -218,7 +218,7 @@ def test_joint_forces_that_an_engine_tells_are_compared_with_those_of_the_accele
 
 @pytest.mark.long
 def test_conformance_and_diagnose_look_at_joint_forces(monkeypatch):
-    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "reactions"])
+    monkeypatch.setattr(rules, "CHECKS", [x for x in rules.CHECKS if x.__name__ == "check_joint_forces"])
     sound, opposed, silent = (conformance(f"{FAULTY}:{x}")[-1] for x in ("Reacting", "Opposed", "Sound"))
     assert sound.passed
     assert float(re.fullmatch(r"agree to (\d+\.\d) digits", sound.message)[1]) > 9

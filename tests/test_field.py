@@ -126,7 +126,7 @@ def test_the_size_of_an_environment_is_that_of_its_folder_in_megabytes(engines, 
     (place / "link.so").symlink_to(place / "library.so")
     assert size_of("twin").megabytes == 2.5
     assert math.isnan(size_of("gauss").megabytes)
-    assert size_of("gauss").of == "a part of the suite"
+    assert size_of("gauss").measured == "a part of the suite"
 
 
 def test_the_size_of_a_library_is_that_of_all_that_it_requires(monkeypatch):

@@ -15,7 +15,7 @@ from gauss_bench.bench.measurements.cost import race_cost
 from gauss_bench.engines import get
 from gauss_bench.engines.base import Choice
 from gauss_bench.linkage.load import load
-from gauss_bench.runs.blocks import BLOCK, Block, build_or_reuse, lasting, stepping
+from gauss_bench.runs.blocks import BLOCK, Block, calls_block, get_model, steps_block
 from gauss_bench.runs.one_run import measure_seconds
 from gauss_bench.runs.starting import cold_there
 from gauss_bench.suites.schema import Cost
@@ -34,7 +34,7 @@ def test_a_time_is_that_of_the_processor_for_one_repetition_without_getting_read
 def test_a_model_serves_its_own_scenario_alone():
     models = {}
     first, other, again = (
-        build_or_reuse(models, "gauss", load("four_bar", scenario), choice)
+        get_model(models, "gauss", load("four_bar", scenario), choice)
         for scenario, choice in (("torque", Choice()), ("conservative", Choice()), ("torque", Choice(step=1e-2)))
     )
     assert again is first
@@ -45,7 +45,7 @@ def test_a_model_serves_its_own_scenario_alone():
 @pytest.mark.parametrize("work", [1, 40])
 def test_a_call_costs_the_same_however_often_a_block_repeats_it(seconds, work, clock):
     """A repetition is a piece of the call's work, and a block lasts a millisecond at least, or as long as one call."""
-    block = lasting("call", lambda: clock.spend(seconds), work)
+    block = calls_block("call", lambda: clock.spend(seconds), work)
     block.ready()
     whole = measure_seconds(block.go)
     assert whole / block.count == pytest.approx(seconds / work)
@@ -76,7 +76,7 @@ def test_blocks_are_long_enough_for_every_engine(step, clock):
     """From compiled steps of 50 ns to interpreted ones of 5 ms, a step costs what it costs to 1 %, in blocks of 2 ms and more."""
     choice = Choice("default", "rk4", "none", 1e-4)
     model = Handed(load("four_bar", "torque"), choice, clock, Costs(native_step=step))
-    block = stepping("steps", model, choice.step, native=True)
+    block = steps_block("steps", model, choice.step, native=True)
     assert block.seconds() == pytest.approx(step, rel=0.0101)
     before = clock.now
     block.seconds()

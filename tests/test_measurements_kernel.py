@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gauss_bench.bench.clock import Key, Measured, compare, foreseen
+from gauss_bench.bench.clock import Key, Measured, compare, prediction_interval
 from gauss_bench.bench.measurements import claim, limits
 from gauss_bench.bench.measurements.batch import race_batch
 from gauss_bench.bench.measurements.cost import BARE, race_cost
@@ -130,7 +130,7 @@ def raced(**ratios):
 def test_the_claim_is_the_median_of_processes_and_its_spread_where_a_second_race_falls():
     start = {"mechanism": "four_bar", "scenario": "torque"}
     row = claim.claim_row(start, raced(step=[1.5, 1.4, 1.6, 1.45, 1.55], projected=[0.97, 1.02, 1.01], batch=[0.7, 0.71, 0.69]))
-    spreads = [foreseen(np.array(x)) for x in ([1.5, 1.4, 1.6, 1.45, 1.55], [0.97, 1.02, 1.01])]
+    spreads = [prediction_interval(np.array(x)) for x in ([1.5, 1.4, 1.6, 1.45, 1.55], [0.97, 1.02, 1.01])]
     assert [row[x] for x in ("ratio", "ratio_low", "ratio_high")] == [1.5, *spreads[0]]
     assert [row[f"projected_{x}"] for x in ("ratio", "ratio_low", "ratio_high")] == [1.01, *spreads[1]]
     assert [row[f"{x}verdict"] for x in ("", "projected_", "batch_")] == ["holds", "open", "reversed"]

@@ -307,7 +307,7 @@ def test_a_model_that_is_given_another_step_moves_as_one_that_is_built_for_it(en
     for size in (1e-4, 1e-8) if adaptive else (0.02, 0.005):
         count = 40 if adaptive else round(SHORT.until / size)
         wanted = request_of(SHORT, Way(engine, settings, integrator, "none", size), adaptive, sample(SHORT, count, 10))
-        kept = run_apart(wanted, SHORT.mechanism, 100.0, one, again=True)
+        kept = run_apart(wanted, SHORT.mechanism, 100.0, one, keep_model=True)
     anew = run_apart(wanted, SHORT.mechanism, 100.0, other)
     assert kept.trajectory is not None, kept.message
     assert anew.trajectory is not None, anew.message

@@ -375,8 +375,8 @@ def test_samples_are_copies_of_real_numbers_without_a_mask():
     for kind in (complex, object, bool, str):
         bad = replace(good, v=states.astype(kind))
         assert "real numbers are wanted" in judge.completeness(bad, t, 3).sentence
-        assert judge.leading(bad, t, 3) is None
-    taken = judge.leading(good, t, 3)
+        assert judge.cut_at_fault(bad, t, 3) is None
+    taken = judge.cut_at_fault(good, t, 3)
     states += 1.0  # the engine keeps a hold of its array
     assert not taken.q.any()
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from gauss_bench.bench import search
-from gauss_bench.bench.clock import Measured, Missing, foreseen, gather_rounds, ratio, spread, time_of
+from gauss_bench.bench.clock import Measured, Missing, gather_rounds, prediction_interval, ratio, spread, time_of
 from gauss_bench.bench.measurements import search as measured
 from gauss_bench.bench.measurements.search import first_race, further_race, ladder, motion_of, winners_and_times
-from gauss_bench.bench.search import Scale, close, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
+from gauss_bench.bench.search import Scale, close_to_fastest, coarsest, equal_steps, explore, finalists, pick_winner, tolerances
 from gauss_bench.bench.tasks import Context
 from gauss_bench.bench.ways import BEATS, Way, judge_trial, space, whole_run
 from gauss_bench.bench.ways import Run as WayRun
@@ -135,16 +135,16 @@ STUDENT = 9.925  # 99.5 % point of Student's t with two degrees of freedom, as p
 def test_a_spread_is_where_a_second_race_of_as_many_processes_falls():
     """Logarithms of -0.1, 0 and 0.1 scatter by 0.1, medians of three of them by (pi / 3)^(1/2) of that."""
     away = STUDENT * 0.1 * math.sqrt(math.pi / 3)
-    assert foreseen(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
-    assert foreseen(np.full(4, 2.5)) == pytest.approx((2.5, 2.5))
-    assert foreseen(np.array([1.0] * 100 + [9.0]))[1] == 9.0  # a hundred that agree do not leave out one that does not
+    assert prediction_interval(np.exp([-0.1, 0.0, 0.1])) == pytest.approx((math.exp(-away), math.exp(away)), rel=1e-4)
+    assert prediction_interval(np.full(4, 2.5)) == pytest.approx((2.5, 2.5))
+    assert prediction_interval(np.array([1.0] * 100 + [9.0]))[1] == 9.0  # a hundred that agree do not leave out one that does not
 
 
 def test_a_time_is_the_median_of_processes():
     """Lower quartiles of 1, 2, 3, 6 and 9 s, though rounds scatter in each; the spread is of rounds where there is one process."""
     rounds = np.array([0.0, 0.0, 0.5, 2.0, 7.0])
     several = np.array([[2.0], [1.0], [9.0], [3.0], [6.0]]) + rounds
-    low, high = foreseen(np.array([1.0, 2.0, 3.0, 6.0, 9.0]))
+    low, high = prediction_interval(np.array([1.0, 2.0, 3.0, 6.0, 9.0]))
     assert spread("seconds", several) == pytest.approx({"seconds": 3.0, "seconds_low": low, "seconds_high": high})
     assert time_of(several) == 3.0
     alone = spread("seconds", several[0])
@@ -155,11 +155,11 @@ def test_a_time_is_the_median_of_processes():
 def test_a_ratio_is_that_of_the_times():
     """The second process is half as fast for both, the third for the rival alone: ratios of 3, 3 and 6, of medians 6 / 2."""
     x = in_processes(own=[1.0, 2.0, 2.0], rival=[3.0, 6.0, 12.0])
-    assert ratio(x["rival"], x["own"]) == (3.0, *foreseen(np.array([3.0, 3.0, 6.0])))
+    assert ratio(x["rival"], x["own"]) == (3.0, *prediction_interval(np.array([3.0, 3.0, 6.0])))
     assert ratio(x["own"], x["own"]) == (1.0, 1.0, 1.0)
     late = in_processes(own=[1.0, 2.0, 2.0], rival=[np.nan, 6.0, 12.0])  # where both ran
     assert late["rival"].shape == (3, 4)
-    assert ratio(late["rival"], late["own"]) == (4.5, *foreseen(np.array([3.0, 6.0])))
+    assert ratio(late["rival"], late["own"]) == (4.5, *prediction_interval(np.array([3.0, 6.0])))
     never = in_processes(own=[1.0, np.nan], rival=[np.nan, 1.0])
     assert np.isnan(ratio(never["rival"], never["own"])).all()
 
@@ -196,8 +196,8 @@ def test_only_what_is_near_the_cheapest_is_raced():
     assert finalists(costs) == ["near", "cheapest"]
     many = {str(k): 1.0 + 0.01 * k for k in range(20)}
     assert finalists(many) == [*many][: search.FINALISTS]
-    assert finalists({}) == close({}) == []
-    assert close({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]  # in further processes
+    assert finalists({}) == close_to_fastest({}) == []
+    assert close_to_fastest({"dear": 1.3, "near": 1.2, "fastest": 1.0}) == ["near", "fastest"]  # in further processes
 
 
 # Whole searches, with engines whose errors and costs are known
@@ -296,7 +296,7 @@ def test_a_search_names_the_known_winner(clock, tmp_path):
         assert row["error"] <= limit
         assert row["seconds"] == pytest.approx(row["steps"] * 2e-6)
         assert [row[f"seconds_{x}"] for x in ("low", "high")] == pytest.approx(
-            foreseen(row["seconds"] * np.array([1.0, 1.0, SLOWER]))
+            prediction_interval(row["seconds"] * np.array([1.0, 1.0, SLOWER]))
         )
         assert row["tied"] == "exact rk4 none, same rk4 none"
         assert json.loads(row["options"]) == {"number": 1}
@@ -381,7 +381,9 @@ def test_a_ratio_is_to_the_cheaper_of_our_own_and_its_spread_covers_all_that_tie
     found = {r["engine"]: r for r in measured.with_ratios(rows[:3], races, part)}
     assert [found[e]["own"] for e in found] == [False, True, False]
     pairs = [
-        foreseen(np.array(times[x]) / np.array(times[y])) for x in ("rival", "tied") for y in ("gauss-native", "lagrange-native")
+        prediction_interval(np.array(times[x]) / np.array(times[y]))
+        for x in ("rival", "tied")
+        for y in ("gauss-native", "lagrange-native")
     ]
     wanted = [30 / 9.8, min(low for low, _ in pairs), max(high for _, high in pairs)]
     assert found["lagrange-native"]["ratio"] == 1.0

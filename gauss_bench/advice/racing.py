@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gauss_bench.bench.clock import Race
-from gauss_bench.bench.survived import watching
+from gauss_bench.bench.survived import write_engine_to
 from gauss_bench.bench.tasks import Tables
 from gauss_bench.bench.ways import Run, Way, pace_run
 from gauss_bench.linkage.load import load
@@ -40,7 +40,7 @@ def race_there(
         path: the file into which the name of the running engine is written.
     """
     run = Run(linkage, load(linkage, scenario), until)
-    race, round_time = Race(watching(path)), 0.0  # [s] elapsed time of one round
+    race, round_time = Race(write_engine_to(path)), 0.0  # [s] elapsed time of one round
     slow: dict[str, tuple[Way, float]] = {}  # engine -> its setting and the seconds of one run
     models: Models = {}
     for *names, steps in rows:

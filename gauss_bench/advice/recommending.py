@@ -377,8 +377,8 @@ class Recommender:
         limit, wall = self._limit(engine), max(self.budget.remaining_wall_time(TRIED), 1.0)
         engine.longest = max(engine.longest, min(limit, wall))
         request = request_of(self.run, way, adaptive, wanted)
-        # again: the worker keeps the model, because further runs of this engine follow
-        ran = run_apart(request, self.run.mechanism, limit, engine.worker, again=True, longest=wall)
+        # keep_model: the worker keeps the model, because further runs of this engine follow
+        ran = run_apart(request, self.run.mechanism, limit, engine.worker, keep_model=True, longest=wall)
         trial = judge_trial(self.run, self.judge, self.truth.at(self.run, wanted.times), way, ran)
         if trial.status is not Status.OK:
             return trial

@@ -192,7 +192,7 @@ def _run(run: Run, engine: str, steps: int, limit: float, worker: Worker) -> Tra
     times = run.until / kept * np.arange(kept + 1)
     choice = Choice("default", METHOD, "none", run.until / steps)
     request = Request(run.linkage, run.mechanism.scenario, engine, choice, Sampling(times, choice.step, count=steps, shortened=0))
-    ran = run_apart(request, run.mechanism, limit, worker, again=True)
+    ran = run_apart(request, run.mechanism, limit, worker, keep_model=True)
     return ran.trajectory or ran.message
 
 

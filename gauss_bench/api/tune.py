@@ -37,7 +37,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reach import UNITS, Requirement, Trial, share
 from gauss_bench.runs.apart import Request, run_apart
-from gauss_bench.runs.blocks import stepping
+from gauss_bench.runs.blocks import steps_block
 from gauss_bench.runs.offers import check_budget, duration
 from gauss_bench.runs.one_run import Sampling
 from gauss_bench.runs.worker import Worker
@@ -339,7 +339,7 @@ def race_there(mechanism: Mechanism, before: str, step_before: float, after: str
     blocks = []
     for k, path in enumerate((before, after)):
         model = engine.build(mechanism, Choice(setting_text(Path(path), {}), "", "none", steps[k]))
-        blocks.append(stepping(k, model, steps[k], native=True))
+        blocks.append(steps_block(k, model, steps[k], native=True))
     times: list[list[float]] = [[], []]
     for block, _, seconds in interleave(blocks, ROUNDS):
         k = blocks.index(block)

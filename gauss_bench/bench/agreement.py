@@ -14,7 +14,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from gauss_bench.bench.probes import AS_IT_IS, EVERYTHING, PROBE, Probe, changes, probe
-from gauss_bench.bench.subject import DURATION, PLAIN, STEP, Check, Subject
+from gauss_bench.bench.subject import DURATION, ONE_STEP, PLAIN, Check, Subject
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.variants import MIN_REASON_LENGTH
 from gauss_bench.integrate.fixed_step import dop853_tableau
@@ -23,7 +23,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import drift
 from gauss_bench.reference.build import absolute_motion
-from gauss_bench.runs.one_run import Run, nothing
+from gauss_bench.runs.one_run import Run, ask_nothing
 from gauss_bench.runs.questions import SUBSTEPS, ForceQuestion, accelerations, follow_accelerations
 from gauss_bench.suites.read import FOLDER
 from gauss_bench.terms import Array
@@ -39,10 +39,9 @@ ROUNDING = 1e-9  # allowed error of a run relative to its largest position, velo
 GAVE_UP = (Status.NOT_CONVERGED, Status.WARNING, Status.DIVERGED)  # statuses of a run whose solver gave up
 COARSE, TIGHT = 1e-6, 1e-8  # tolerances of integrators that choose their steps
 TIMES = np.linspace(0.0, DURATION, 21)  # [s] samples of a run
-ONE_STEP = np.array([0.0, STEP])  # [s] samples of a run before which a model is asked
 STIFF = 40  # steps between two samples if SUBSTEPS are too few: steps of 1/8 ms follow vibrations of 1 ms
 LEVELS = ("positions", "velocities", "accelerations")
-KINDS = str(FOLDER / "linkages" / "kinds.toml")  # it has slides on moving links, three degrees of freedom, all kinds of drivers
+KINDS = str(FOLDER / "linkages" / "kinds.toml")  # slides on moving links, three degrees of freedom, every kind of driver
 LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelogram has redundant rows
     *((PROBE, x) for x in ("loaded", "driven")),
     *((KINDS, x) for x in ("loaded", "driven")),
@@ -51,21 +50,20 @@ LINKAGES = (  # linkages and scenarios, moved by loads and by drivers; parallelo
 )
 
 
-def declarations(subject: Subject) -> Iterator[Check]:
-    """Check that what an engine declares `soft` or `unfinished` exists, may be declared so, and has a long enough cause."""
+def check_declarations(subject: Subject) -> Iterator[Check]:
+    """Check that the settings and variants that an engine declares `soft` or `unfinished` exist, and that each has a cause."""
     offer = subject.offer
-    # (word, name of settings or of a variant, cause)
-    declared = [("soft", *x) for x in offer.soft.items()] + [("unfinished", *x) for x in offer.unfinished.items()]
-    wrong = []
-    for word, label, cause in declared:
-        if label not in (*offer.settings, *offer.variants):
-            wrong.append(f"there are no settings and no variant {label!r}")
-        if len(cause) < MIN_REASON_LENGTH:
-            wrong.append(f"{label}: {word} without a cause")
-        if word == "unfinished" and label in offer.settings:
-            wrong.append(f"{label}: settings may be soft, but only variants unfinished")
-    causes = dict.fromkeys(cause for *_, cause in declared)
-    yield Check("what is declared inexact has a cause", not wrong, "; ".join(wrong or causes))
+    faults = []
+    for word, declared in (("soft", offer.soft), ("unfinished", offer.unfinished)):
+        for label, cause in declared.items():
+            if label not in (*offer.settings, *offer.variants):
+                faults.append(f"there are no settings and no variant {label!r}")
+            if len(cause) < MIN_REASON_LENGTH:
+                faults.append(f"{label}: {word} without a cause")
+            if word == "unfinished" and label in offer.settings:
+                faults.append(f"{label}: settings may be soft, but only variants unfinished")
+    causes = dict.fromkeys((*offer.soft.values(), *offer.unfinished.values()))
+    yield Check("what is declared inexact has a cause", not faults, "; ".join(faults or causes))
 
 
 @dataclass(frozen=True)
@@ -115,18 +113,18 @@ def explain_size(error: float) -> str:
     return "as large as the rounding of single precision (float32); in double precision it would be a wrong number"
 
 
-def ask(subject: Subject, choice: Choice, at: Probe) -> Answer:
-    """Compare an engine's accelerations at the states of a probe with the known ones; the answer may have a reason instead."""
-    question = partial(accelerations, at.t, at.q, at.v)
-    run = subject.perform(at.mechanism, choice, ONE_STEP, question, at.a.size)
-    if is_excusable(subject, choice, run, at.mechanism):
+def ask(subject: Subject, choice: Choice, known: Probe) -> Answer:
+    """Ask an engine for its accelerations at the states of a probe, and return their errors, or the reason why it has none."""
+    question = partial(accelerations, known.t, known.q, known.v)
+    run = subject.perform(known.mechanism, choice, ONE_STEP, question, known.a.size)
+    if is_excusable(subject, choice, run, known.mechanism):
         return Answer(refused=run.message)
     if run.status is not Status.OK:
         return Answer(wrong=run.message)
-    given = np.asarray(run.answer, dtype=float)
-    if given.shape != at.a.shape:
-        return Answer(wrong=f"accelerations have the shape {given.shape}, not {at.a.shape}")
-    return Answer(off=at.error(given), along=at.residual_along_free(given), gamma=at.share_of_gamma(given), given=given)
+    a = np.asarray(run.answer, dtype=float)
+    if a.shape != known.a.shape:
+        return Answer(wrong=f"accelerations have the shape {a.shape}, not {known.a.shape}")
+    return Answer(off=known.error(a), along=known.residual_along_free(a), gamma=known.share_of_gamma(a), given=a)
 
 
 def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism) -> bool:
@@ -140,7 +138,7 @@ def is_excusable(subject: Subject, choice: Choice, run: Run, mechanism: Mechanis
 
 
 def _check_failed(subject: Subject, choice: Choice, run: Run, mechanism: Mechanism, title: str) -> Check:
-    """Return the check of a run that gave no trajectory: "not made" (None) if the failure `is_excusable`, else failed."""
+    """Return the check of a run that gave no trajectory: not made (None) if the failure `is_excusable`, else failed."""
     return Check(title, None if is_excusable(subject, choice, run, mechanism) else False, run.message)
 
 
@@ -150,11 +148,11 @@ def name_choice(choice: Choice) -> str:
 
 
 def digits(error: float) -> str:
-    """Return the number of decimal digits that agree at a relative error, from 0 to 16, in words such as "9.0 digits"."""
+    """Return how many decimal digits a relative error leaves correct, from 0 to 16, as a text such as "9.0 digits"."""
     return f"{max(0.0, -np.log10(max(error, 1e-16))):.1f} digits"
 
 
-def same_states(subject: Subject) -> Iterator[Check]:
+def check_accelerations(subject: Subject) -> Iterator[Check]:
     """Check accelerations at given states: every linkage with each setting, and one linkage with every integrator and variant."""
     offer = subject.offer
     for choice in subject.choices():
@@ -168,9 +166,9 @@ def same_states(subject: Subject) -> Iterator[Check]:
             # a setting with the default integrator: all linkages, and that first one with all its numbers changed
             probes = [*(probe(*x) for x in LINKAGES), probe(*subject.accepted[0], EVERYTHING)]
         answers = {}
-        for at in probes:
-            name = f"{at.mechanism.name} {at.mechanism.scenario}"
-            answers[name if at.change == AS_IT_IS else f"{name}, {at.change}"] = ask(subject, choice, at)
+        for known in probes:
+            name = f"{known.mechanism.name} {known.mechanism.scenario}"
+            answers[name if known.change == AS_IT_IS else f"{name}, {known.change}"] = ask(subject, choice, known)
         yield _combine(title, answers, choice.settings in offer.soft)
 
 
@@ -180,29 +178,29 @@ def _combine(title: str, answers: dict[str, Answer], soft: bool) -> Check:
     The message quotes the worst fault and names the others or, if there is none, says how many digits agree, at how many states,
     and which linkages the engine refused. Accelerations of `soft` loops must be right only along the free directions.
     """
-    taken = {name: x for name, x in answers.items() if not x.refused}
-    if not taken:
+    modelled = {name: x for name, x in answers.items() if not x.refused}
+    if not modelled:
         return Check(title, None, next(iter(answers.values())).refused)
-    faults = {name: fault for name, x in taken.items() if (fault := x.fault(soft))}
+    faults = {name: fault for name, x in modelled.items() if (fault := x.fault(soft))}
     if faults:
-        worst = max(faults, key=lambda name: np.nan_to_num(taken[name].off, nan=np.inf))  # no accelerations: worst of all
-        others = f"; it shows on {len(faults)} of {len(taken)}: {_list_few(list(faults))}"
+        worst = max(faults, key=lambda name: np.nan_to_num(modelled[name].off, nan=np.inf))  # no accelerations: worst of all
+        others = f"; it shows on {len(faults)} of {len(modelled)}: {_list_few(list(faults))}"
         return Check(title, False, f"{faults[worst]} ({worst}){others}")
-    message = f"agree to {digits(max(x.off for x in taken.values()))}"
+    message = f"agree to {digits(max(x.off for x in modelled.values()))}"
     if soft:  # errors of whole accelerations (`off`) are only reported; those along free directions (`along`) have been judged
-        message += f", those that constraints leave free to {digits(max(x.along for x in taken.values()))},"
-    count = sum(len(x.given) for x in taken.values() if x.given is not None)
-    message += f" at {count} states of {len(taken)} linkage{'s' * (len(taken) > 1)}"
+        message += f", those that constraints leave free to {digits(max(x.along for x in modelled.values()))},"
+    count = sum(len(x.given) for x in modelled.values() if x.given is not None)
+    message += f" at {count} states of {len(modelled)} linkage{'s' * (len(modelled) > 1)}"
     refused = [name for name, x in answers.items() if x.refused]
     return Check(title, True, message + (f"; refused or not asked: {_list_few(refused)}" if refused else ""))
 
 
 def _list_few(names: list[str]) -> str:
-    """Return the first three names, and the number of others."""
+    """Return the first three names and the number of the others as a text, such as "a, b, c and 2 more"."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def change_numbers(subject: Subject) -> Iterator[Check]:
+def check_changed_numbers(subject: Subject) -> Iterator[Check]:
     """Check accelerations on linkages with changed numbers: each number alone, all numbers of one kind, and all numbers."""
     soft = subject.usual.settings in subject.offer.soft
     for linkage, scenario in subject.accepted:
@@ -211,7 +209,7 @@ def change_numbers(subject: Subject) -> Iterator[Check]:
         yield _combine(f"accelerations follow every number ({probe(linkage, scenario).mechanism.name})", answers, soft)
 
 
-def forces(subject: Subject) -> Iterator[Check]:
+def check_forces(subject: Subject) -> Iterator[Check]:
     """Check that every kind of force acts as defined: first all forces together and, if that fails, each force alone."""
     soft = subject.usual.settings in subject.offer.soft
     answer = ask(subject, subject.usual, probe(KINDS, "loaded"))
@@ -235,14 +233,14 @@ def forces(subject: Subject) -> Iterator[Check]:
 def effect(measured: Array, true: Array) -> str:
     """Return in words what is wrong with a force, given its measured and its true effect on the accelerations (n,)."""
     factor = float(measured @ true / (true @ true))  # of least squares: measured = factor * true
-    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():
+    if np.abs(measured).max() <= 1e-6 * np.abs(true).max():  # rounding of the two accelerations
         return "it has no effect"
-    if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():
+    if np.abs(measured + true).max() <= 0.5 * np.abs(true).max():  # measured is nearer to -true than to 0
         return "it acts in the opposite direction"
     return f"its effect is {factor:.6g} times what it should be, in the direction that it should have"
 
 
-def reactions(subject: Subject) -> Iterator[Check]:
+def check_joint_forces(subject: Subject) -> Iterator[Check]:
     """Check that the joint forces that the engine reports are those that Newton's laws give for the true accelerations."""
     title = "joint forces follow from the accelerations"
     if subject.usual.settings in subject.offer.soft:
@@ -250,22 +248,23 @@ def reactions(subject: Subject) -> Iterator[Check]:
         return
     agreed = ""  # the digits on the last linkage on which the engine reports joint forces
     for linkage, scenario in (subject.accepted[0], *PLAIN):
-        at = probe(linkage, scenario)
-        question = ForceQuestion(at.mechanism, Trajectory(at.t, at.q, at.v, at.a, None))
-        run = subject.perform(at.mechanism, subject.usual, ONE_STEP, question.ask, question.answers)
+        known = probe(linkage, scenario)
+        question = ForceQuestion(known.mechanism, Trajectory(known.t, known.q, known.v, known.a, None))
+        run = subject.perform(known.mechanism, subject.usual, ONE_STEP, question.ask, question.answers)
         if run.trajectory is None:
-            yield _check_failed(subject, subject.usual, run, at.mechanism, title)
+            yield _check_failed(subject, subject.usual, run, known.mechanism, title)
             return
-        error, largest = question.compare(run.answer)
+        error, largest = question.compare(run.answer)  # both are NaN if the engine reports no forces
         if error > EXACT * largest:
             off = f"they are off by {error:.1e} (N, N m), where the largest is {largest:.1e}"
-            yield Check(title, False, f"{off} ({at.mechanism.name})")
+            yield Check(title, False, f"{off} ({known.mechanism.name})")
             return
-        agreed = agreed if np.isnan(error) else f"agree to {digits(error / largest)}"  # NaN if the engine reports no forces
+        if not np.isnan(error):
+            agreed = f"agree to {digits(error / largest)}"
     yield Check(title, True if agreed else None, agreed or "it reports none")
 
 
-def motions(subject: Subject) -> Iterator[Check]:
+def check_motions(subject: Subject) -> Iterator[Check]:
     """Check that runs with each integrator, settings label, stabilisation and variant follow the equations of motion."""
     usual, offer = subject.usual, subject.offer
     for choice in subject.choices():
@@ -281,10 +280,10 @@ def motions(subject: Subject) -> Iterator[Check]:
 
 
 def _follow(subject: Subject, choice: Choice, linkage: str, scenario: str) -> Check:
-    """Check that a run with one setting, and its repetitions with shorter steps, agree with the motion that they should follow.
+    """Check a run with one setting, and its repetitions with shorter steps, against the motion that they should follow.
 
-    The springs that close the loops of a soft setting may vibrate fast. If such a run differs, it is compared again with a motion
-    that is integrated by STIFF steps per sample.
+    The springs that close the loops of a soft setting may vibrate fast. If such a run differs from the motion, which SUBSTEPS steps
+    per sample integrate, it is compared with one that STIFF steps per sample integrate.
     """
     check = _follow_motion(subject, choice, linkage, scenario, SUBSTEPS)
     if check.passed is False and choice.settings in subject.offer.soft:
@@ -305,18 +304,18 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     unfinished = choice.settings in subject.offer.unfinished
     soft = choice.settings in subject.offer.soft and not unfinished
     motion = partial(follow_accelerations, dop853_tableau(), TIMES, mechanism.q0, mechanism.v0, finer=finer)
-    count = len(LEVELS) * len(TIMES) * mechanism.n  # how many numbers such a motion has
-    runs, samples = [], []  # `samples` has of each run its positions, velocities and accelerations (3, k, n)
+    answers = len(LEVELS) * len(TIMES) * mechanism.n  # how many numbers the motion in the engine's answer has
+    runs, samples = [], []  # `samples` has the positions, velocities and accelerations (3, k, n) of each run
     for tried in _from_coarse_to_fine(choice, choice.integrator in subject.offer.adaptive):
-        run = subject.perform(mechanism, tried, TIMES, motion if soft else nothing, count, again=True)
+        run = subject.perform(mechanism, tried, TIMES, motion if soft else ask_nothing, answers, keep=True)
         if run.trajectory is None:
             return _check_failed(subject, choice, run, mechanism, title)
         runs.append(run)
         samples.append(np.array([run.trajectory.q, run.trajectory.v, run.trajectory.a]))
-    if soft and (fault := find_loose(mechanism, runs[0].trajectory)):
+    if soft and (fault := find_loose(mechanism, runs[0].complete())):
         return Check(title, False, fault)
     if soft and choice.stabilization != "none":
-        return Check(title, None, "it runs; declared soft, it has no motion that its stabilisation should lead to")
+        return Check(title, None, "it runs; the motion of soft loops with a stabilisation is not known")
     distance = ""
     for run, given in zip(runs[:-1], samples[:-1], strict=True):
         expected = np.asarray(run.answer, dtype=float) if soft else _true_motion(linkage, scenario)
@@ -329,12 +328,12 @@ def _follow_motion(subject: Subject, choice: Choice, linkage: str, scenario: str
     return Check(title, True, distance)
 
 
-def find_loose(mechanism: Mechanism, x: Trajectory | None) -> str:
+def find_loose(mechanism: Mechanism, trajectory: Trajectory) -> str:
     """Return a sentence if the loops of a run open by more than LOOSE times the linkage's size, else an empty text.
 
     Loops that are closed by springs open less.
     """
-    opened = 0.0 if x is None else float(drift(Evaluator(mechanism), x).position.max())
+    opened = float(drift(Evaluator(mechanism), trajectory).position.max())
     return f"the loops open by {opened:.2g} (m, rad): nothing holds them" if opened > LOOSE * mechanism.size else ""
 
 
@@ -366,4 +365,4 @@ def _true_motion(linkage: str, scenario: str) -> Array:
     return np.array(absolute_motion(probe(linkage, scenario).mechanism, TIMES))
 
 
-MEASURED = (declarations, forces, same_states, reactions, motions, change_numbers)
+MEASURED = (check_declarations, check_forces, check_accelerations, check_joint_forces, check_motions, check_changed_numbers)

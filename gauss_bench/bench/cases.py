@@ -12,7 +12,7 @@ from gauss_bench.runs.offers import Offer, duration, offer, usable_steps
 from gauss_bench.suites.read import read_suite
 from gauss_bench.suites.schema import PLAIN, LeftOut, Suite
 
-# linkages and scenarios whose runs end where these suites say
+# linkage and scenario of all cases of two suites; their runs end when the suite says, and others when the scenario ends
 LISTED = {place for name in ("quick", "exhaustive") for part in read_suite(name).accuracy for place in part.linkages.items()}
 
 
@@ -52,12 +52,12 @@ def combinations(
 ) -> list[Combination]:
     """Return the combinations of setting, integrator and stabilisation with which an engine is run; the first is its default.
 
-    They are every setting with every integrator without stabilisation, and every stabilisation with the default setting and
-    integrator.
+    Every setting is combined with every integrator, without stabilisation; each stabilisation is combined with the default setting
+    and the default integrator.
 
     Args:
-        integrators: the number of integrators, of which the first are taken, or their names; None for all.
-        plain: whether the engine is run with its defaults only.
+        integrators: how many integrators are taken, from the first on, or the names of those to be taken; None for all.
+        plain: whether the only combination is the default one.
         asked: the only setting; None for all.
 
     Raises:
@@ -101,8 +101,8 @@ def cross(
                     yield Case(linkage, scenario, name, *chosen, step, t_end)
 
 
-def as_asked(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
-    """Return the cases, each once, with the end and the steps [s] that a user asks for.
+def adapt_cases(chosen: Sequence[Case], until: float | None = None, steps: Sequence[float] | None = None) -> list[Case]:
+    """Return the cases of a suite with the end and the steps [s] that a user gives in place of the suite's, without duplicates.
 
     If the user gives no end, a case ends when its suite says or, if no suite lists the scenario, at the end of the scenario.
 
@@ -131,7 +131,7 @@ def cases(suite: Suite) -> list[Case]:
 
 
 def is_left_out(case: Case, rule: LeftOut) -> bool:
-    """Tell whether a rule excludes a case: each field of the rule is empty, or lists the value that the case has there."""
+    """Tell whether a rule excludes a case: each field of the rule that is not empty lists the case's value of this field."""
     pairs = (
         (rule.linkages, case.linkage),
         (rule.engines, case.engine),

@@ -10,8 +10,8 @@ blocks. The garbage collector is off during a race. No block is discarded.
 A race is repeated in several processes, because the memory addresses of code and data change a measured time by some per cent and
 are fixed during a process. The time of an entry is the lower quartile of its rounds in each process, and then the median over the
 processes. A ratio is the quotient of two such times over common rounds and processes. A spread contains the value of each process
-and, with a probability of 99 %, the result of a repeated race (`foreseen`); with one process, nothing can be said about a repeated
-race, and the spread is the range from the 5 % to the 95 % quantile of its rounds or of bootstrap samples of them.
+and, with a probability of 99 %, the result of a repeated race (`prediction_interval`). One process says nothing about a repeated
+race: its spread is the range from the 5 % to the 95 % quantile of its rounds or of bootstrap samples of them.
 
 Source: T. Kalibera and R. Jones, Rigorous benchmarking in reasonable time, 2013 (paired benchmarks).
 """
@@ -34,7 +34,7 @@ from gauss_bench.trajectory import Failure, RunFailure, Status
 SLOW, SLOW_ROUNDS = 0.1, 4  # [s] a block that takes longer runs in the first rounds only: all rounds would take minutes
 CERTAIN = 0.99  # probability that the result of a repeated race falls within a spread
 RESAMPLES = 200  # resamplings of the rounds, for the spread of a ratio
-NO_KEY = None  # stands for the key of a block's entry until a race enters the block under a key
+NO_KEY = None  # in place of the key of a block's entry, before a race gives the block its key
 
 Row = dict[str, Any]
 
@@ -70,7 +70,7 @@ def interleave(blocks: list[Block], rounds: int, watch: Watch = watch_nothing) -
                     continue
                 watch(item.entry)
                 seconds = item.seconds()
-                if seconds * item.count * item.again > SLOW:  # the time of the whole block
+                if seconds * item.count * item.calls > SLOW:  # the time of the whole block
                     slow.add(id(item))
                 yield item, number, seconds
     finally:
@@ -88,7 +88,7 @@ class Measured:
     Attributes:
         samples: key of an entry -> seconds per repetition of its work, (processes, rounds); NaN where it was not timed.
         failed: key of an entry -> the reason why the entry has no times.
-        facts: key of an entry -> further columns of its row.
+        facts: key of an entry -> further columns of its row, such as the error of the timed work.
     """
 
     samples: Mapping[Hashable, Array]
@@ -111,7 +111,7 @@ class Measured:
         return time_of(self.of(key))
 
     def summary(self, key: Hashable) -> Row:
-        """Return the columns of the time of an entry and its spread, and its further columns (facts).
+        """Return the columns of the time of an entry and its spread, and those of its facts.
 
         Raises:
             Failure: the entry was not measured.
@@ -124,7 +124,7 @@ class Measured:
 
 
 class Race:
-    """Entries that are timed against each other; an entry that cannot be built is left out, and its reason is kept in `failed`.
+    """Entries that are timed against each other; for an entry that cannot be built, `failed` has the reason.
 
     `watch` is called with the key of an entry before the entry's code runs, so that a crash can be attributed to the entry.
     """
@@ -135,7 +135,7 @@ class Race:
         self.failed: dict[Hashable, Failure] = {}
 
     def add(self, key: Hashable, make: Callable[..., Block], *arguments: Any) -> None:
-        """Add an entry with a key and the block that make(*arguments) returns; if it fails, keep the reason in `failed`."""
+        """Add an entry with a key and the block that make(*arguments) returns; if `make` fails, keep the reason in `failed`."""
         self.watch(key)
         try:
             block = make(*arguments)
@@ -148,7 +148,7 @@ class Race:
             self.blocks.append(block)
 
     def run(self, rounds: int) -> Measured:
-        """Time all blocks in a number of rounds in this process, and return the samples (1, rounds) and failures."""
+        """Time all blocks in this process, in a number of rounds; return their times (1, rounds) [s] and the failures."""
         samples: dict[Hashable, list[float]] = {block.entry: [] for block in self.blocks}
         for block, _, seconds in interleave(self.blocks, rounds, watch=self.watch):
             samples[block.entry].append(seconds)
@@ -209,12 +209,12 @@ def time_of(samples: Array) -> float:
 
 
 def quotients(samples: Array, baseline: Array) -> Array:
-    """Return several values of the ratio samples / baseline of two measured times, which show how uncertain it is.
+    """Return values (j,) of the ratio samples / baseline of two measured times, whose scatter shows how uncertain it is.
 
     There is one value for each process that timed both quantities or, if only one did, RESAMPLES values from bootstrap samples of
     its rounds.
     """
-    numerators, denominators = common(samples, baseline)
+    numerators, denominators = restrict_to_common(samples, baseline)
     if len(numerators) != 1:
         return quartiles(numerators) / quartiles(denominators)
     rounds = np.isfinite(numerators[0])
@@ -231,10 +231,10 @@ def ratio(samples: Array, baseline: Array) -> tuple[float, float, float]:
     Both arguments are times [s], (processes, rounds), NaN where a quantity was not timed. All three are NaN if no process timed
     both.
     """
-    numerators, denominators = common(samples, baseline)
+    numerators, denominators = restrict_to_common(samples, baseline)
     if not len(numerators):
         return math.nan, math.nan, math.nan
-    low, high = ends(quotients(samples, baseline), several=len(numerators) > 1)
+    low, high = spread_ends(quotients(samples, baseline), several=len(numerators) > 1)
     return time_of(numerators) / time_of(denominators), low, high
 
 
@@ -243,23 +243,23 @@ def ratio_columns(samples: Array, baseline: Array, name: str = "ratio") -> Row:
     return dict(zip((name, f"{name}_low", f"{name}_high"), ratio(samples, baseline), strict=True))
 
 
-def ends(values: Array, several: bool) -> tuple[float, float]:
+def spread_ends(values: Array, several: bool) -> tuple[float, float]:
     """Return the lower and upper end of the spread of times or ratios.
 
     Args:
-        values: one for each process if `several`, else one for each round of a single process.
-        several: whether several processes ran: the spread is then that of `foreseen`, else the middle 90 % of the values.
+        values: one value for each process if `several`, else one for each round (or bootstrap sample) of a single process.
+        several: whether several processes ran: the spread is then the `prediction_interval`, else the middle 90 % of the values.
     """
     if several:
-        return foreseen(values)
+        return prediction_interval(values)
     low, high = np.quantile(values, (0.05, 0.95)).tolist()
     return low, high
 
 
-def foreseen(values: Array) -> tuple[float, float]:
+def prediction_interval(values: Array) -> tuple[float, float]:
     """Return the ends of an interval that contains all `values` and, with probability CERTAIN, the median of a repeated race.
 
-    `values` (processes,) has one time or ratio for each of n processes; both ends are NaN for fewer than two. The logarithms of the
+    `values` (n,) has one time or ratio for each of n processes; both ends are NaN for fewer than two. The logarithms of the
     values are taken as normally distributed with the standard deviation s. The median of n of them has the variance pi s^2 / (2 n),
     so that the difference between the medians of two races has the standard deviation s (pi / n)^(1/2). Because s is estimated from
     n values, the quantile is that of Student's t with n - 1 degrees of freedom.
@@ -268,15 +268,15 @@ def foreseen(values: Array) -> tuple[float, float]:
         return math.nan, math.nan
     logarithms = np.log(values)
     scatter = logarithms.std(ddof=1) * math.sqrt(math.pi / len(values))
-    half = float(stdtrit(len(values) - 1, (1 + CERTAIN) / 2)) * scatter
+    half_width = float(stdtrit(len(values) - 1, (1 + CERTAIN) / 2)) * scatter  # stdtrit: quantile of Student's t
     middle = float(np.median(logarithms))
-    return min(float(values.min()), math.exp(middle - half)), max(float(values.max()), math.exp(middle + half))
+    return min(float(values.min()), math.exp(middle - half_width)), max(float(values.max()), math.exp(middle + half_width))
 
 
-def common(one: Array, other: Array) -> tuple[Array, Array]:
+def restrict_to_common(one: Array, other: Array) -> tuple[Array, Array]:
     """Return the times (processes, rounds) of two timed quantities, restricted to the processes that timed both.
 
-    The times of both quantities are NaN in rounds in which only one of them was timed.
+    In rounds in which only one of the two was timed, both times are NaN.
     """
     first, second = np.atleast_2d(one), np.atleast_2d(other)
     rounds = min(first.shape[1], second.shape[1])
@@ -291,7 +291,7 @@ def spread(name: str, samples: Array) -> dict[str, float]:
     times = quartiles(samples)  # [s] one for each process
     times = times[np.isfinite(times)]
     rounds = samples[np.isfinite(samples)]
-    low, high = ends(times if len(times) > 1 else rounds, several=len(times) > 1)
+    low, high = spread_ends(times if len(times) > 1 else rounds, several=len(times) > 1)
     return {name: float(np.median(times)), f"{name}_low": low, f"{name}_high": high}
 
 
@@ -315,9 +315,9 @@ def row(start: Row, make: Callable[..., Row], *arguments: Any) -> Row:
 
 
 def at_least(columns: Row, column: str, target: float | None) -> Row:
-    """Return a row with its `target` and whether the value of a column has `met` it; unchanged without a target.
+    """Return a row with two more columns, the `target` and `met`: whether a column's value is at least the target.
 
-    A missing value does not meet the target.
+    A missing value does not meet the target. Without a target, the row is returned unchanged.
     """
     if target is None:
         return columns
@@ -326,6 +326,6 @@ def at_least(columns: Row, column: str, target: float | None) -> Row:
 
 
 def at_most(columns: Row, column: str, target: float) -> Row:
-    """Return a row with its `target` and whether the value of a column is at most the target; a missing value is not."""
+    """Return a row with two more columns, the `target` and `met`: whether a column's value is known and at most the target."""
     value = columns.get(column)
     return columns | {"target": target, "met": value is not None and bool(value <= target)}

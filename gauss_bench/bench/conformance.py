@@ -25,7 +25,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Trajectory
 
 ODD = np.array([0.0, 0.0137, 0.02, 0.0555, 0.1])  # [s] times of which some are no multiples of a millisecond
-START = 1e-9  # allowed error of the first sample: [m, rad], and relative to the largest speed
+START = 1e-9  # allowed error of the first sample: of positions [m, rad], and of velocities relative to the largest one
 # allowed median difference, relative to the largest value, of velocities from difference quotients of positions, and of
 # accelerations from those of velocities
 DERIVED = 0.02
@@ -67,7 +67,7 @@ def _check_runs(
         times: sample times [s] of the run; if not given, there is a sample at every step.
     """
     for linkage, scenario in PLAIN:
-        run = subject.whole[linkage] if times is None else subject.run(linkage, scenario, times)
+        run = subject.plain_runs[linkage] if times is None else subject.run(linkage, scenario, times)
         title = f"{name} ({linkage})"
         if run.trajectory is None:
             yield check_failed_run(title, run)
@@ -75,17 +75,17 @@ def _check_runs(
             yield check_fault(title, find_fault(mechanism_of(linkage, scenario), run.trajectory))
 
 
-def _times(subject: Subject) -> Iterator[Check]:
+def _check_times(subject: Subject) -> Iterator[Check]:
     """Check that samples are at the times asked for."""
     # a run without these samples has no trajectory
     yield from _check_runs(subject, "samples are at the times asked for", lambda mechanism, trajectory: "", ODD)
 
 
-def _start(subject: Subject) -> Iterator[Check]:
+def _check_start(subject: Subject) -> Iterator[Check]:
     """Check that the first sample is the start of the scenario."""
 
     def find_wrong_start(m: Mechanism, x: Trajectory) -> str:
-        """Return a sentence if the first sample is too far off; speeds count relative to the largest, at least 1."""
+        """Return a sentence if the first sample is too far off; errors of velocities are divided by the largest one, or by 1."""
         gap = max(np.abs(x.q[0] - m.q0).max(), np.abs(x.v[0] - m.v0).max() / max(1.0, np.abs(m.v0).max()))
         if gap <= START:
             return ""
@@ -94,19 +94,19 @@ def _start(subject: Subject) -> Iterator[Check]:
     yield from _check_runs(subject, "the first sample is the start", find_wrong_start)
 
 
-def _derivatives(subject: Subject) -> Iterator[Check]:
+def _check_derivatives(subject: Subject) -> Iterator[Check]:
     """Check that velocities are the time derivatives of positions, and accelerations those of velocities."""
     for linkage, scenario in PLAIN:
-        run = subject.whole[linkage]
+        run = subject.plain_runs[linkage]
         title = f"velocities and accelerations are derivatives ({linkage})"
         if run.trajectory is None:
             yield check_failed_run(title, run)
             continue
         fault, is_shifted = rates_fault(run.trajectory)
         if is_shifted:  # a method of first order may have such rates, which become better with shorter steps
-            mechanism, finer = mechanism_of(linkage, scenario), [replace(subject.usual, step=STEP / k) for k in PARTS]
-            half, quarter = (subject.perform(mechanism, choice, EVERY_STEP).trajectory for choice in finer)
-            if explains_lateness(run.trajectory, half, quarter):
+            shorter_steps = [replace(subject.usual, step=STEP / k) for k in PARTS]
+            finer = [subject.perform(mechanism_of(linkage, scenario), choice, EVERY_STEP).trajectory for choice in shorter_steps]
+            if explains_lateness(run.trajectory, *finer):
                 yield Check(title, True, f"{fault}, and less the shorter the steps are: a method of first order")
                 continue
         yield check_fault(title, fault)
@@ -119,7 +119,8 @@ def rates_fault(x: Trajectory) -> tuple[str, bool]:
     or earlier time than that of their sample.
     """
     for low, high, words in ((x.q, x.v, "velocities"), (x.v, x.a, "accelerations")):
-        slope, reported = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None], high[1:-1]  # central differences (k - 2, n)
+        slope = (low[2:] - low[:-2]) / (x.t[2:] - x.t[:-2])[:, None]  # central differences (k - 2, n)
+        reported = high[1:-1]  # (k - 2, n)
         apart = np.median(np.abs(slope - reported).max(axis=1)) / max(np.abs(slope).max(), 1e-12)
         if apart > DERIVED:
             fault = f"{words} and differences are {apart:.1%} apart: units, order of links, a reference point, or another time"
@@ -155,40 +156,41 @@ def lateness(slope: Array, reported: Array) -> float:
     return float(((slope - reported)[1:-1] * change).sum()) / scale if scale else 0.0
 
 
-def _same_again(subject: Subject) -> Iterator[Check]:
+def _check_repetition(subject: Subject) -> Iterator[Check]:
     """Check that a repeated run returns the same numbers, bit for bit."""
     (linkage, scenario), title = PLAIN[0], "a run repeats bit by bit"
-    second = subject.run(linkage, scenario, EVERY_STEP)
-    third = subject.run(linkage, scenario, EVERY_STEP, partial(run_before, EVERY_STEP))
-    runs = [subject.whole[linkage], second, third]
-    if failed := next((run for run in runs if run.trajectory is None), None):
-        yield check_failed_run(title, failed)
-        return
-    yield check_fault(title, "" if _equal(runs[0], second) else "two runs differ")
-    fault = "" if _equal(runs[0], third) else "a model that has run before gives another motion: prepare must reset everything"
+    first, second = subject.plain_runs[linkage], subject.run(linkage, scenario, EVERY_STEP)
+    after_a_run = subject.run(linkage, scenario, EVERY_STEP, partial(run_before, EVERY_STEP))  # by a model that has run before
+    for run in (first, second, after_a_run):
+        if run.trajectory is None:
+            yield check_failed_run(title, run)
+            return
+    yield check_fault(title, "" if _agree(first, second) else "two runs differ")
+    fault = "" if _agree(first, after_a_run) else "a model that has run before gives another motion: prepare must reset everything"
     yield check_fault("a model can run again", fault)
 
 
-def _is_undisturbed(subject: Subject) -> Iterator[Check]:
+def _check_undisturbed(subject: Subject) -> Iterator[Check]:
     """Check that asking for an acceleration does not change the run."""
     (linkage, scenario), title = PLAIN[0], "asking for an acceleration changes nothing"
     m = mechanism_of(linkage, scenario)
     question = partial(accelerations, np.zeros(1), m.q0[None], m.v0[None])  # at the start
-    plain, asked = subject.whole[linkage], subject.run(linkage, scenario, EVERY_STEP, question, m.n)
-    if plain.trajectory is None or asked.trajectory is None:
-        yield check_failed_run(title, plain if plain.trajectory is None else asked)
-        return
+    plain, asked = subject.plain_runs[linkage], subject.run(linkage, scenario, EVERY_STEP, question, m.n)
+    for run in (plain, asked):
+        if run.trajectory is None:
+            yield check_failed_run(title, run)
+            return
     fault = "" if asked.answer is not None and np.isfinite(np.asarray(asked.answer, dtype=float)).all() else "it is not finite"
     yield check_fault("an acceleration is a finite number for each coordinate", fault)
-    yield check_fault(title, "" if _equal(plain, asked) else "a run changes after a question at its start")
+    yield check_fault(title, "" if _agree(plain, asked) else "a run changes after a question at its start")
 
 
-def _step_counts(subject: Subject) -> Iterator[Check]:
+def _check_step_counts(subject: Subject) -> Iterator[Check]:
     """Check that the engine reports the correct number of steps, if it counts its steps."""
     title, wanted = "steps are counted", len(EVERY_STEP) - 1  # these sample times are one step apart
     if subject.offer.integrators[0] in subject.offer.adaptive:
         yield Check(title, None, "its first integrator chooses its own steps")
-    elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.whole.values()):
+    elif all(run.trajectory is not None and run.trajectory.steps is None for run in subject.plain_runs.values()):
         yield Check(title, None, "it does not count its steps")
     else:
 
@@ -199,9 +201,9 @@ def _step_counts(subject: Subject) -> Iterator[Check]:
         yield from _check_runs(subject, title, find_wrong_count)
 
 
-def _equal(one: Run, other: Run) -> bool:
+def _agree(one: Run, other: Run) -> bool:
     """Tell whether the samples of two complete runs are identical, bit for bit."""
     return all(np.array_equal(getattr(one.trajectory, x), getattr(other.trajectory, x)) for x in ("t", "q", "v", "a"))
 
 
-CHECKS = (_times, _start, _derivatives, _same_again, _is_undisturbed, _step_counts, *MEASURED)
+CHECKS = (_check_times, _check_start, _check_derivatives, _check_repetition, _check_undisturbed, _check_step_counts, *MEASURED)

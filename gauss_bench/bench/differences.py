@@ -18,7 +18,7 @@ class Differences:
     Attributes:
         compared: number of figures (measured numbers, and statuses of cases) that both runs have.
         beyond: figures that differ by more than the accuracy gate allows, and cases with different statuses.
-        only_here, only_there: number of cases that only the one or only the other run has.
+        only_here, only_there: number of cases that one run has and the other lacks, and the other way round.
     """
 
     compared: int
@@ -40,9 +40,8 @@ def differences(here: Path, there: Path) -> Differences:
     own_cases, other_cases = (set(map(case_of, x)) for x in (own, other))
     shared = own_cases & other_cases
     metrics = {row["metric"] for row in own} & {row["metric"] for row in other}  # a table of an earlier format may lack a metric
-
-    common = ([row for row in x if case_of(row) in shared and row["metric"] in metrics] for x in (own, other))
-    verdicts = compare(*common)
+    here_rows, there_rows = ([row for row in x if case_of(row) in shared and row["metric"] in metrics] for x in (own, other))
+    verdicts = compare(here_rows, there_rows)
     # observed orders of convergence are left out: they follow from the errors, which are compared
     beyond = tuple(v for v in verdicts if v.outcome != "ok" and v.metric != "observed_order")
     return Differences(len(verdicts), beyond, count_cases(own_cases - shared), count_cases(other_cases - shared))
@@ -54,7 +53,7 @@ def read_figures(folder: Path) -> list[Row]:
 
 
 def count_cases(keys: set[tuple[Any, ...]]) -> int:
-    """Return the number of cases among the keys of figures, without those of references."""
+    """Return the number of keys that belong to cases; the others belong to references."""
     return sum(engine != "reference" for _, _, engine, *_ in keys)
 
 
@@ -116,14 +115,14 @@ def _apart(what: str, column: str, row: Mapping[str, Any], other: Mapping[str, A
     what = f"{what}: {column}"
     if not column.endswith("ratio"):
         if row[column] not in (None, "") and other[column] not in (None, ""):
-            here, there = (x if isinstance(x, str) else "yes" if x else "no" for x in (row[column], other[column]))
+            here, there = ({True: "yes", False: "no"}.get(x, x) for x in (row[column], other[column]))  # a flag or a word
             yield None if row[column] == other[column] else Clocked(what, here, there, matters=True)
         return
     spreads = [[x[f"{column}{end}"] for end in ENDS] for x in (row, other)]  # value, lower and upper end of each row
     if all(math.isfinite(x) and x > 0 for values in spreads for x in values):
         (x, low, high), (y, other_low, other_high) = spreads
         here, there = (f"{value:.3g} ({least:.3g}..{most:.3g})" for value, least, most in spreads)
-        is_crossed = (x > 1) != (y > 1)  # another side is the faster one
+        is_crossed = (x > 1) != (y > 1)  # the faster one of the two is the slower one in the other run
         overlap = low <= other_high and other_low <= high
         yield None if overlap else Clocked(what, here, there, matters=is_crossed, factor=x / y)
 

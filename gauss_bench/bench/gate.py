@@ -117,17 +117,18 @@ def key_of(figure: Row) -> Key:
 def compare(figures: Iterable[Row], baseline: Iterable[Row]) -> list[Verdict]:
     """Return a verdict for every figure of a run and of the baseline; a figure that is missing in one of the two fails.
 
-    If the status of a case differs, its missing figures get no verdict, because the verdict on the status tells why they are
-    missing.
+    If the status of a case differs, those of its figures that are missing get no verdict, because the verdict on the status says
+    why they are missing.
     """
-    here, there = ({key_of(row): row for row in some} for some in (figures, baseline))
+    here, there = {key_of(row): row for row in figures}, {key_of(row): row for row in baseline}
     verdicts = []
     for key in sorted(here.keys() | there.keys(), key=str):
-        status = (*key[:-1], "status")
-        statuses = {str(x[status]["value"]) for x in (here, there) if status in x}
+        status = (*key[:-1], "status")  # the key of the case's status
+        statuses = {str(rows[status]["value"]) for rows in (here, there) if status in rows}
         if len(statuses) > 1 and key != status and not (key in here and key in there):
             continue
-        verdict = judge_figure(key, *(str(x[key]["value"]) if key in x else None for x in (here, there)))
+        value, base = (str(rows[key]["value"]) if key in rows else None for rows in (here, there))
+        verdict = judge_figure(key, value, base)
         if verdict.outcome == "fail" and key in here:
             verdict = replace(verdict, cause=str(here[key].get("message", "")))
         verdicts.append(verdict)
@@ -142,7 +143,7 @@ def judge_figure(key: Key, value: str | None, base: str | None) -> Verdict:
 
     Args:
         key: the values of the columns that FIGURE lists: those of the case, and the metric.
-        value, base: the figure of the run and the figure of the baseline, as texts; None if it is missing.
+        value, base: the figure of the run and that of the baseline, as texts; None for a missing one.
     """
     metric, missing = str(key[-1]), "none"
     case = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in key[:-1] if x != "")
@@ -209,9 +210,9 @@ def accept(figures: Iterable[Row], path: Path, reason: str) -> tuple[int, list[s
     for key, row in rows_by_key.items():
         if key[:-1] in refused:
             continue
-        same = key in old_rows and judge_figure(key, str(row["value"]), str(old_rows[key]["value"])).outcome == "ok"
-        rows.append(old_rows[key] if same else {**row, "accepted": stamp})
-        changed += not same
+        keeps = key in old_rows and judge_figure(key, str(row["value"]), str(old_rows[key]["value"])).outcome == "ok"
+        rows.append(old_rows[key] if keeps else {**row, "accepted": stamp})
+        changed += not keeps
     table, columns = TABLES["baseline"], (*FIGURE, "value", "accepted")
     typed = [row_of(table, {k: row[k] for k in columns} | {"format": BASELINE_FORMAT}) for row in sorted(rows, key=key_of)]
     write_text(path, csv_text(table.columns, typed))
@@ -225,15 +226,15 @@ def known_cases(cases: Sequence[Case], baseline: Iterable[Row]) -> list[Case]:
     case of the same linkage and engine: the gate must then fail, because the run lacks figures that the baseline has.
     """
     known = {case_of(row) for row in baseline}
-    pairs = {(row[0], row[2]) for row in known}  # linkage and engine
-    kept = []
+    pairs = {(key[0], key[2]) for key in known}  # linkage and engine
+    chosen = []
     for case in cases:
         mechanism = load(case.linkage, case.scenario or None)
         # in the order of the columns KEY: mechanism, scenario, and the fields of a case after linkage and scenario
         key = (mechanism.name, mechanism.scenario, *astuple(case)[2:])
         if key in known or ((mechanism.name, case.engine) in pairs and not offer(case.engine).usable):
-            kept.append(case)
-    return kept
+            chosen.append(case)
+    return chosen
 
 
 def restrict(baseline: Iterable[Row], mechanisms: set[str], engines: set[str]) -> list[Row]:

@@ -30,7 +30,7 @@ def fingerprint() -> str:
     return hashlib.sha256(f"{versions} {sources}".encode()).hexdigest()[:16]
 
 
-SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and digits of the checksum
+SUM, DIGITS = b', "sum": "', 16  # text before the checksum of a line, and number of the checksum's digits
 
 
 def line_of(entry: dict[str, Any]) -> bytes:
@@ -49,6 +49,7 @@ def entry_of(line: bytes) -> dict[str, Any] | None:
 
 def _add_checksum(content: bytes) -> bytes:
     """Return the text of a JSON object as a line, with the text's checksum as a last key."""
+    # content[:-1]: without the closing brace
     return content[:-1] + SUM + hashlib.sha256(content).hexdigest()[:DIGITS].encode() + b'"}\n'
 
 

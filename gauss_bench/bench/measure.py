@@ -20,7 +20,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
 from gauss_bench.reference.build import sample_times as reference_times
 from gauss_bench.reference.store import load_stored
-from gauss_bench.runs.apart import Alteration, Request, is_unaltered, run_of
+from gauss_bench.runs.apart import Alteration, Request, leave_unaltered, run_of
 from gauss_bench.runs.offers import Offer, in_python, offer
 from gauss_bench.runs.one_run import Run, sampling
 from gauss_bench.runs.questions import accelerations
@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, Samples, Status, Trajectory
 
 SERIES = 100  # points of a curve in the report, or fewer than twice as many
-NO_TRUTH = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
+NO_REFERENCE = (ArithmeticError, ValueError, np.linalg.LinAlgError)  # raised for a linkage without a reference
 
 
 @lru_cache(maxsize=8)
@@ -44,7 +44,7 @@ def states_of(linkage: str, scenario: str) -> Samples | None:
     """Return random states with their reference accelerations, or None if the accelerations are not unique."""
     try:
         return random_states(mechanism_of(linkage, scenario))
-    except NO_TRUTH:
+    except NO_REFERENCE:
         return None
 
 
@@ -53,32 +53,32 @@ def reference_of(linkage: str, scenario: str, t_end: float, store: str) -> Refer
     """Return the reference of a scenario until `t_end` [s], which is kept in the folder `store`.
 
     Raises:
-        ArithmeticError, ValueError, LinAlgError: the linkage has no reference (the exceptions in NO_TRUTH).
+        ArithmeticError, ValueError, LinAlgError: the linkage has no reference (the exceptions in NO_REFERENCE).
     """
     return load_stored(mechanism_of(linkage, scenario), t_end, Path(store))
 
 
 @lru_cache(maxsize=4)
-def truth_of(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
-    """Return the reference as `reference_of` does, or the reason why there is none; both are slow to find and cached."""
+def reference_or_reason(linkage: str, scenario: str, t_end: float, store: str) -> Reference | str:
+    """Return the reference as `reference_of` does, or the reason why there is none; both are cached, because both take long."""
     try:
         return reference_of(linkage, scenario, t_end, store)
-    except NO_TRUTH as error:
+    except NO_REFERENCE as error:
         return str(error)
 
 
-def measure(case: Case, store: str, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
-    """Run a case and judge the run; return its row of results, and the rows of the report's curves and of the poses that it plays.
+def measure(case: Case, store: str, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT, posed: bool = False) -> Tables:
+    """Run a case and judge the run; return its row of results, the rows of the report's curves, and those of the poses it plays.
 
-    The run is repeated more finely to estimate its errors, unless a reference decides whether it is valid and its velocities and
-    accelerations are derivatives of its positions. The engine is also asked for its accelerations at states with known ones, if
-    there are such states.
+    The run is repeated with finer steps to estimate its errors, unless a reference is exact enough to decide whether it is valid
+    and its velocities and accelerations are derivatives of its positions. The engine is also asked for its accelerations at states
+    whose accelerations are known, if there are such states.
 
     Args:
         store: folder of references.
         alter: plants a fault in the mechanism that the engine is given; the run is judged by the unaltered one.
         limit: time [s] after which an engine in a process of its own is stopped.
-        posed: whether poses are computed, which takes a reference and a run that reached its end.
+        posed: whether poses are computed; they need a reference, and a run that reached its end.
     """
     mechanism, offered = mechanism_of(case.linkage, case.scenario), offer(case.engine)
     key = {k: x for k, x in asdict(case).items() if k in KEY} | place_of(mechanism)
@@ -100,8 +100,8 @@ def measure(case: Case, store: str, alter: Alteration = is_unaltered, limit: flo
         row |= acceleration_errors(run.answer, states)
     if run.trajectory is None:
         return fail(run.status, run.message)
-    truth = truth_of(case.linkage, case.scenario, case.t_end, store)
-    reference, why_no_reference = (None, f"no truth to compare with: {truth}") if isinstance(truth, str) else (truth, "")
+    found = reference_or_reason(case.linkage, case.scenario, case.t_end, store)
+    reference, why_no_reference = (None, f"no truth to compare with: {found}") if isinstance(found, str) else (found, "")
     try:
         finer_run, why_no_repetition = None, ""
         if not (reference and decides(reference, mechanism) and has_sound_rates(mechanism, run.trajectory)):
@@ -131,7 +131,7 @@ def repeat_run(request: Request, offered: Offer, run: Run, mechanism: Mechanism,
     assert run.trajectory is not None
     times, spent = run.trajectory.t, run.seconds + run.build_time
     longest = min(LONGEST, (limit - spent) / 2)
-    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # at half the step, the first sample alone takes longer
+    if len(times) < 2 or not longest > run.seconds * 2 / len(times):  # even the first sample would take longer at half the step
         return None, "it was not repeated: no time is left"
     again = run_of(repeat_finer(request, offered, run.seconds, times, longest), mechanism, limit - spent)
     return at_samples(again, times), ""
@@ -181,8 +181,8 @@ def at_checkpoints(name: str, t: Array, values: Array) -> dict[str, float]:
     """
     columns = {}
     for checkpoint in metrics.CHECKPOINTS:
-        at = np.flatnonzero(np.abs(t - checkpoint) < 1e-9)
-        columns[f"{name}_t{checkpoint:g}".replace(".", "")] = float(values[at[0]]) if len(at) else np.nan
+        samples = np.flatnonzero(np.abs(t - checkpoint) < metrics.SAME_TIME)
+        columns[f"{name}_t{checkpoint:g}".replace(".", "")] = float(values[samples[0]]) if len(samples) else np.nan
     return columns
 
 
@@ -191,16 +191,16 @@ def curves(trajectory: Trajectory, evidence: Evidence) -> list[dict[str, float]]
     drift, errors = evidence.drift, evidence.errors
     if errors is None:
         return []
-    near = np.searchsorted(trajectory.t, errors.t - 1e-9)  # samples at the times of the errors
+    samples = np.searchsorted(trajectory.t, errors.t - metrics.SAME_TIME)  # indices of the samples at the times of the errors
     shown = slice(None, None, max(1, len(errors.t) // SERIES))
     columns = {
         "t": errors.t,
         "measured_error": errors.measured,
         "length_error": errors.length.max(axis=1),
         "angle_error": errors.angle.max(axis=1),
-        "position_drift": drift.position[near],
-        "velocity_drift": drift.velocity[near],
-        "energy_error": evidence.energy[near],
+        "position_drift": drift.position[samples],
+        "velocity_drift": drift.velocity[samples],
+        "energy_error": evidence.energy[samples],
     }
     points = zip(*(x[shown].tolist() for x in columns.values()), strict=True)
     return [dict(zip(columns, point, strict=True)) for point in points]

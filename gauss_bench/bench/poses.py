@@ -59,9 +59,9 @@ def wrap(q: Array) -> Array:
 def true_poses(mechanism: Mechanism, truth: Reference) -> Rows:
     """Return a row (link, time, pose) for each link at each of the times `frames` of the reference; angles are in [-pi, pi)."""
     times = frames(truth)
-    at = common_times(truth.t, times)[0]
+    reference_rows, _ = common_times(truth.t, times)
     rows: Rows = []
-    for t, q in zip(times, truth.q[at], strict=True):
+    for t, q in zip(times, truth.q[reference_rows], strict=True):
         rows += _rows(mechanism, float(t), {"": wrap(q)})  # the names of these columns have no suffix
     return rows
 
@@ -72,11 +72,11 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
     With p the pose nearest to the run's pose q whose loops are closed, the columns "_ahead" have p - reference, and "_gap" q - p.
     """
     times = frames(truth)
-    sampled, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and of these frames
-    true = truth.q[common_times(truth.t, times[reached])[0]]
+    own, reached = common_times(trajectory.t, times)  # indices of the run's samples at frames, and mask of these frames
+    true, _ = common_times(truth.t, times[reached])  # indices of the reference's samples
     evaluator = Evaluator(mechanism)
     rows: Rows = []
-    for t, q, v, true_q in zip(times[reached], trajectory.q[sampled], trajectory.v[sampled], true, strict=True):
+    for t, q, v, true_q in zip(times[reached], trajectory.q[own], trajectory.v[own], truth.q[true], strict=True):
         closed, _ = evaluator.project(float(t), q, v)
         if not np.isfinite(closed).all():  # the loops are too far open to be closed
             break
@@ -85,18 +85,18 @@ def poses(mechanism: Mechanism, trajectory: Trajectory, truth: Reference) -> Row
 
 
 def _rows(mechanism: Mechanism, t: float, parts: Mapping[str, Array]) -> Rows:
-    """Return one row for each link at a time; `parts` maps the suffix of three columns to coordinates (n,) of all links."""
+    """Return one row for each link at a time; `parts` maps a suffix of the columns x, y, angle to coordinates (n,) of all links."""
     rows: Rows = [{"link": link.name, "t": t} for link in mechanism.links]
-    for part, x in parts.items():
-        for row, pose in zip(rows, bodies(x).tolist(), strict=True):
-            row |= zip([f"{axis}{part}" for axis in AXES], pose, strict=True)
+    for suffix, coordinates in parts.items():
+        for row, pose in zip(rows, bodies(coordinates).tolist(), strict=True):
+            row |= zip([f"{axis}{suffix}" for axis in AXES], pose, strict=True)
     return rows
 
 
 def keep(results: Rows, poses: Rows) -> Rows:
     """Return, for each linkage and engine, the poses of its default case and of its most accurate valid case."""
     posed = {case_of(row) for row in poses}
-    shown: set[tuple[Any, ...]] = set()
+    shown: set[tuple[Any, ...]] = set()  # keys of cases
     best: dict[tuple[Any, ...], tuple[float, tuple[Any, ...]]] = {}  # linkage, scenario, engine -> least error, and key of its case
     for row in results:
         key = case_of(row)

@@ -29,7 +29,7 @@ PROBE = str(FOLDER / "linkages" / "probe.toml")
 STATES, SEED = 8, 20261123  # number of states of a probe, and the seed of their random numbers
 REACH, SLOW, FAST = 0.4, 2.0, 6.0  # [m, rad] step between states; [m/s, rad/s] least and largest velocities along free directions
 FLOOR = 0.05  # share of the largest size among the states: near equilibrium, errors are relative to this share
-RESTING = 1e-9  # a constraint force below this share of the largest one is rounding: nothing holds its row
+RESTING = 1e-9  # a constraint force below this share of the largest one is rounding: its row holds nothing
 AS_IT_IS, EVERYTHING = "as it is", "every number changed"
 FACTORS = {  # kind -> its plural, and what its numbers are multiplied by
     "mass": ("masses", 1.3),
@@ -71,13 +71,13 @@ class Probe:
         The columns of N are a basis of the velocities that the constraints allow; the result is 0 without degrees of freedom.
         """
         motion = AbsoluteCoordinates(self.mechanism)
-        left, loads = [], []  # of each state: the largest component of the residual, and of N^T Q
+        residuals, loads = [], []  # of each state: the largest component of the residual, and of N^T Q
         for t, q, v, given in zip(self.t, self.q, self.v, a, strict=True):
             N = motion.null_space(q)  # (n, dof)
             terms = motion.evaluator.terms(float(t), q, v)
-            left.append(np.abs(N.T @ (terms.M @ given - terms.Q)).max(initial=0.0))
+            residuals.append(np.abs(N.T @ (terms.M @ given - terms.Q)).max(initial=0.0))
             loads.append(np.abs(N.T @ terms.Q).max(initial=0.0))
-        return _share(np.array(left), np.array(loads))
+        return _share(np.array(residuals), np.array(loads))
 
     def share_of_gamma(self, a: Array) -> float:
         """Estimate, for each row of J a, which share of its velocity term an engine used; return the smallest share.
@@ -91,8 +91,7 @@ class Probe:
             J a = gamma + (c - 1) g + r f
 
         Here f is the constraint force that the accelerations need, and r is a compliance: if the row's constraint is a spring, J a
-        differs from gamma in proportion to f, and c is 1. For each row, that candidate for g counts which leaves the smallest
-        residual.
+        differs from gamma in proportion to f, and c is 1. For each row, the candidate for g with the smallest residual is taken.
 
         Rows without a velocity term or without a force are left out. The share is 1 if no row remains, or if rows are redundant,
         whose forces are not determined.
@@ -123,10 +122,10 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
         velocities: three candidates of the velocity term g, (k, 3, m); the first is gamma.
     """
     largest = np.abs(velocities[:, 0]).max(initial=0.0)
-    # rows with a force: where the force is rounding, nothing holds the row
-    held = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
+    # where the force of a row is rounding, no constraint acts there
+    has_force = np.abs(forces).max(axis=0) > RESTING * np.abs(forces).max(initial=0.0)  # (m,)
     shares = []
-    for row in np.flatnonzero(held):
+    for row in np.flatnonzero(has_force):
         fits = []  # (largest residual, c - 1) of each candidate
         for g in velocities[:, :, row].T:
             if np.abs(g).max() > FLOOR * largest:
@@ -144,8 +143,8 @@ def _least_share(extra: Array, forces: Array, velocities: Array) -> float:
 def _share(errors: Array, sizes: Array) -> float:
     """Return max(errors / sizes) over k states, where sizes below FLOOR * max(sizes) are replaced by this bound.
 
-    The result is infinite if an error is NaN. If all sizes are 0, it is the largest absolute error, so that rounding passes and a
-    wrong term does not.
+    The result is infinite if an error is NaN. If all sizes are 0, it is the largest error itself: a limit for the share is then met
+    by rounding and not by a wrong term.
     """
     floored = np.maximum(sizes, FLOOR * sizes.max(initial=0.0)) if sizes.any() else np.ones_like(sizes)
     return float((errors / floored).max(initial=0.0)) if np.isfinite(errors).all() else float("inf")
@@ -194,14 +193,14 @@ def changes(linkage: str, scenario: str) -> Mapping[str, Mapping[Path, float]]:
     for each kind, and a change of one number for each number.
     """
     document, _, _ = document_of(linkage)
-    every = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]
-    found: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in every}}
-    for path, plural, factor in every:
-        found.setdefault(f"all {plural} x {factor:g}", {})[path] = factor
-    for path, _, factor in every:
-        name = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")
-        found[f"{name} x {factor:g}"] = {path: factor}
-    return found
+    factors = [(path, *FACTORS[_kind(path)]) for path in numbers(document, scenario)]  # (path, plural of its kind, factor)
+    named: dict[str, dict[Path, float]] = {AS_IT_IS: {}, EVERYTHING: {path: factor for path, _, factor in factors}}
+    for path, plural, factor in factors:
+        named.setdefault(f"all {plural} x {factor:g}", {})[path] = factor
+    for path, _, factor in factors:
+        number = "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in path).lstrip(".")  # such as links.crank.mass
+        named[f"{number} x {factor:g}"] = {path: factor}
+    return named
 
 
 def numbers(document: dict[str, Any], scenario: str) -> Iterator[Path]:

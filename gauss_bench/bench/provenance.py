@@ -19,7 +19,7 @@ PACKAGES = ("gauss-bench", "numpy", "scipy", "casadi", "llvmlite", "pin", "exudy
 
 
 def package_versions() -> dict[str, str]:
-    """Return package -> version of PACKAGES and of the packages that engines name, as far as they are installed.
+    """Return package -> version, for PACKAGES and the packages that engines name, without those that are not installed.
 
     If the environment of an engine has another version of a package, that version is listed as "PACKAGE of ENGINE".
     """
@@ -29,8 +29,9 @@ def package_versions() -> dict[str, str]:
             versions[name] = version(name)
     for engine in offers_from_outside():
         for name, found in engine.packages.items():
+            is_same = versions.get(name, found) == found  # as in this process's environment, if the package is installed there
             if found != NOT_INSTALLED:
-                versions[name if versions.get(name, found) == found else f"{name} of {engine.name}"] = found
+                versions[name if is_same else f"{name} of {engine.name}"] = found
     return versions
 
 
@@ -45,10 +46,10 @@ def check_publishable(folder: Path) -> None:
     """
     facts = read_environment(folder)
     faults = {
-        "does not name the commit that the run was made from": not facts.get("commit"),
+        "does not name the commit of the code that was run": not facts.get("commit"),
         "the run was made from changed code": facts.get("dirty"),
         f"kernels were made in haste, with {facts.get('shortened')}": facts.get("shortened"),
-        "does not name the processor that times were taken on": (folder / TIMES).exists() and not facts.get("cpu"),
+        "does not name the processor on which times were measured": (folder / TIMES).exists() and not facts.get("cpu"),
     }
     for fault, is_present in faults.items():
         if is_present:

@@ -31,7 +31,7 @@ from gauss_bench.bench.tasks import CASE_LIMIT, Context, Rows, Tables, Task, fin
 from gauss_bench.engines import AUTHORED
 from gauss_bench.judge import LIMITS
 from gauss_bench.linkage.load import built_in, load
-from gauss_bench.runs.apart import Alteration, is_unaltered
+from gauss_bench.runs.apart import Alteration, leave_unaltered
 from gauss_bench.runs.offers import offers
 from gauss_bench.suites.read import linkages_of
 from gauss_bench.suites.schema import Suite
@@ -47,8 +47,9 @@ def modules() -> list[ModuleType]:
 
 
 def list_tasks(function_name: str, *arguments: Any) -> list[Task]:
-    """Call a function of every measurement module that defines it, and return all tasks together."""
-    return [task for module in modules() if hasattr(module, function_name) for task in getattr(module, function_name)(*arguments)]
+    """Return the tasks that the function with this name returns, of every measurement module that has such a function."""
+    functions = [getattr(module, function_name) for module in modules() if hasattr(module, function_name)]
+    return [task for function in functions for task in function(*arguments)]
 
 
 def run(
@@ -92,7 +93,7 @@ def complete_rows(suite: Suite, tables: Tables) -> None:
 
 
 def measure_all(
-    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = is_unaltered, limit: float = CASE_LIMIT
+    cases: Sequence[Case], folder: Path, jobs: int = 2, alter: Alteration = leave_unaltered, limit: float = CASE_LIMIT
 ) -> tuple[Rows, Rows]:
     """Run accuracy cases, without times and without a journal; return the rows of results and of the references used.
 
@@ -108,7 +109,8 @@ def measure_all(
 
 def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
     """Describe a run for the report: machine, date, suite, and the versions and settings of its engines."""
-    engines = dict.fromkeys(r["engine"] for table in ("results", "search_ladder") for r in tables.get(table, []) if r.get("engine"))
+    rows = [*tables.get("results", []), *tables.get("search_ladder", [])]
+    engines = dict.fromkeys(row["engine"] for row in rows if row.get("engine"))  # each once
     described: dict[str, dict[str, Any]] = {}
     for offer in offers([*engines]):
         about = described[offer.name] = {"version": offer.version, "settings": offer.settings}
@@ -129,6 +131,6 @@ def describe_run(tables: Tables, suite: Suite, name: str) -> dict[str, Any]:
 
 
 def own_files(suite: Suite) -> dict[str, str]:
-    """Return name -> text of the linkage files that are not built in, so that a report can draw them without the files."""
+    """Return name of a linkage -> text of its file, for linkages that are not built in: a report can then draw them."""
     paths = [Path(x) for x in linkages_of(suite) if x not in built_in()]
     return {load(x).name: x.read_text(encoding="utf-8") for x in paths if x.is_file()}

@@ -7,8 +7,8 @@ First, each variant is evaluated at sizes from coarse to fine: an evaluation is 
 a coarse sequence of sizes (rungs of a ladder) until each requirement is met or it is clear that it cannot be met. Then it halves
 the interval between the coarsest size that meets a requirement and the next coarser size tried.
 
-Then the settings that meet the requirement race: those of an estimated cost of at most NEAR times the least and, in further
-processes, those whose time in the first one is at most CLOSE times the shortest. If several settings tie with the fastest
+Then settings that meet the requirement race: in a first process those whose estimated cost is at most NEAR times the least, and in
+further processes those whose time in the first one is at most CLOSE times the shortest. If several settings tie with the fastest
 (`ties_with`), the first one in the engine's file wins. A repeated search names the same winner or another setting that tied.
 """
 
@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from gauss_bench.bench.clock import common, quotients, time_of
+from gauss_bench.bench.clock import quotients, restrict_to_common, time_of
 from gauss_bench.reach import Requirement, Trial, convergence
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -69,21 +69,21 @@ def equal_steps(until: float, beats: int, most: int) -> Scale:
         return times * round(x / times)
 
     octaves = math.log2(most / COARSEST)
-    near = [round_steps(COARSEST * 2 ** (k / PER_OCTAVE)) for k in range(math.floor(PER_OCTAVE * octaves) + 1)]
-    counts = sorted({x for x in near if x <= most})
-    rungs = {counts.index(x) for x in near[::PER_OCTAVE] if x <= most}
+    rounded = [round_steps(COARSEST * 2 ** (k / PER_OCTAVE)) for k in range(math.floor(PER_OCTAVE * octaves) + 1)]
+    counts = sorted({x for x in rounded if x <= most})  # numbers of steps
+    rungs = {counts.index(x) for x in rounded[::PER_OCTAVE] if x <= most}
     return Scale(tuple(until / x for x in counts), tuple(sorted({*rungs, len(counts) - 1})))
 
 
 def no_coarser(scale: Scale, size: float) -> Scale:
-    """Return the sizes of a scale that are at most `size`, or the finest alone if all are larger."""
-    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)
+    """Return the part of a scale with the sizes that are at most `size`, or the finest size alone if all are larger."""
+    first = next((k for k, x in enumerate(scale.sizes) if x <= size), len(scale.sizes) - 1)  # index of the coarsest that is left
     return Scale(scale.sizes[first:], tuple(sorted({0, *(k - first for k in scale.rungs if k > first)})))
 
 
-def tolerances(largest: int = 2, smallest: int = 13) -> Scale:
-    """Return tolerances from 10^-`largest` to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
-    exponents = range(2 * largest, 2 * smallest + 1)
+def tolerances(smallest: int = 13) -> Scale:
+    """Return tolerances from 10^-2 to 10^-`smallest` with factors of 10^(1/2); the rungs are the whole powers of ten."""
+    exponents = range(2 * 2, 2 * smallest + 1)  # k of the tolerance 10^(-k / 2)
     return Scale(tuple(10.0 ** (-k / 2) for k in exponents), tuple(range(0, len(exponents), 2)))
 
 
@@ -108,24 +108,24 @@ def explore(
             ended = reason
             break
     # the budget that is left is used to find the coarsest size that meets each requirement
-    while len(tried) < budget and (gaps := _halve_gaps(tried, wanted)):
-        tried[gaps[0]] = evaluate(scale.sizes[gaps[0]])
+    while len(tried) < budget and (halfway := _halve_gaps(tried, wanted)):
+        tried[halfway[0]] = evaluate(scale.sizes[halfway[0]])
     return [tried[k] for k in sorted(tried)], ended
 
 
 def _halve_gaps(tried: Mapping[int, Trial], wanted: Sequence[Requirement]) -> list[int]:
-    """Return for each requirement the index halfway from the coarsest size that meets it to the next coarser size tried.
+    """Return the indices of the sizes to be tried next, one per requirement, to bisect for the coarsest size that meets it.
 
-    There is none for a requirement that no size meets or that has no untried size in between. `tried` maps indices of sizes to
-    trials.
+    The index lies halfway between the coarsest size that meets the requirement and the next coarser size tried. There is none for a
+    requirement that no size meets, or if no untried size lies between the two. `tried` maps indices of sizes to trials.
     """
-    halves = []
+    halfway = []
     for requirement in wanted:
         passing = min((k for k, trial in tried.items() if trial.meets(requirement)), default=0)
         coarser = max((k for k in tried if k < passing), default=passing)
         if passing - coarser > 1:
-            halves.append((passing + coarser) // 2)
-    return halves
+            halfway.append((passing + coarser) // 2)
+    return halfway
 
 
 def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int = 0) -> str:
@@ -153,7 +153,7 @@ def why_ended(trials: Sequence[Trial], wanted: Sequence[Requirement], most: int 
 
 
 def _has_stalled(errors: Sequence[float]) -> bool:
-    """Tell whether each of the last STALLED errors is larger than FALLS times the smallest error before them."""
+    """Tell whether errors no longer fall: the last STALLED errors all exceed FALLS times the smallest one before them."""
     before, after = min(errors[:-STALLED], default=math.inf), min(errors[-STALLED:])
     return after > FALLS * before or (math.isinf(before) and math.isinf(after))
 
@@ -170,14 +170,17 @@ def nearest(trials: Sequence[Trial], kind: str) -> Trial | None:
 
 
 def finalists(costs: Mapping[K, float]) -> list[K]:
-    """Return the settings to be timed, in the order given: at most FINALISTS, of at most NEAR times the least cost [s]."""
-    chosen = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
+    """Return the settings to be timed, in the order of `costs`: the FINALISTS cheapest, without those above NEAR times the least.
+
+    `costs` maps a setting to the estimated time of its run [s].
+    """
+    cheapest = sorted(costs, key=lambda k: costs[k])[:FINALISTS]
     least = min(costs.values(), default=math.inf)
-    return [k for k in costs if k in chosen and costs[k] <= NEAR * least]
+    return [k for k in costs if k in cheapest and costs[k] <= NEAR * least]
 
 
-def close(times: Mapping[K, float]) -> list[K]:
-    """Return the settings, in the order given, whose time [s] in the first process is at most CLOSE times the least."""
+def close_to_fastest(times: Mapping[K, float]) -> list[K]:
+    """Return the settings, in the order of `times`, whose time [s] in the first process is at most CLOSE times the least."""
     least = min(times.values(), default=math.inf)
     return [k for k, x in times.items() if x <= CLOSE * least]
 
@@ -199,5 +202,5 @@ def ties_with(samples: Array, fastest: Array) -> bool:
     If only one process did, it must take no longer in at least a share LUCK of the bootstrap samples of its rounds. Both arguments
     are times [s] (processes, rounds).
     """
-    several = len(common(samples, fastest)[0]) > 1
+    several = len(restrict_to_common(samples, fastest)[0]) > 1
     return bool(np.quantile(quotients(samples, fastest), 0.25 if several else LUCK) <= 1.0)

@@ -15,7 +15,7 @@ from gauss_bench.engines.base import Choice
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import Asked, Run, nothing, sampling_at
+from gauss_bench.runs.one_run import Asked, Run, ask_nothing, sampling_at
 from gauss_bench.runs.worker import Worker
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -25,6 +25,7 @@ LONGEST = 100.0  # [s] processor time after which no further run is started
 PATIENCE = 6.0  # factor of both limits for engines in environments of their own: one of them compiles each linkage for a minute
 STEP, DURATION = 1e-3, 0.1  # [s] of the runs
 EVERY_STEP = STEP * np.arange(round(DURATION / STEP) + 1)  # [s] sample times
+ONE_STEP = np.array([0.0, STEP])  # [s] sample times of a short run, which shows whether the engine takes a linkage
 PLAIN = (("four_bar", "torque"), ("crank_slider", "paper"))  # linkages and scenarios that nearly all engines take
 
 
@@ -73,7 +74,7 @@ class Subject:
 
     Attributes:
         tell: called with a sentence of progress before each run.
-        before: processor time [s] of this process and its ended children before the first check.
+        before: processor time [s] that this process and its ended children had used before the first check.
     """
 
     offer: Offer
@@ -92,8 +93,8 @@ class Subject:
         return self.offer.choose(None, None, None, STEP)
 
     @cached_property
-    def whole(self) -> dict[str, Run]:
-        """Linkage of PLAIN -> its run with a sample at every step, which most checks use."""
+    def plain_runs(self) -> dict[str, Run]:
+        """The runs that most checks use: linkage of PLAIN -> its run with a sample at every step."""
         return {linkage: self.run(linkage, scenario, EVERY_STEP) for linkage, scenario in PLAIN}
 
     @cached_property
@@ -103,31 +104,32 @@ class Subject:
         These are PROBE, a linkage with every kind of load, if the engine can run it, otherwise the linkages in PLAIN that it can
         run, or all of PLAIN if it can run none, so that the checks report the refusals.
         """
-        one_step = np.array([0.0, STEP])
         for places in ([(PROBE, "loaded")], PLAIN):
-            if taken := [x for x in places if self.run(*x, one_step).status is not Status.SKIP]:
+            if taken := [x for x in places if self.run(*x, ONE_STEP).status is not Status.SKIP]:
                 return taken
         return [*PLAIN]
 
-    def run(self, linkage: str, scenario: str, times: Array, ask: Asked = nothing, answers: int = 0) -> Run:
+    def run(self, linkage: str, scenario: str, times: Array, ask: Asked = ask_nothing, answers: int = 0) -> Run:
         """Run a linkage with the engine's defaults; the other arguments are those of `perform`."""
         return self.perform(mechanism_of(linkage, scenario), self.usual, times, ask, answers)
 
     def perform(
-        self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = nothing, answers: int = 0, again: bool = False
+        self, mechanism: Mechanism, choice: Choice, times: Array, ask: Asked = ask_nothing, answers: int = 0, keep: bool = False
     ) -> Run:
         """Run a mechanism; once the time allowed for all checks is spent, return a run with the status SKIP instead.
 
         Args:
             times: sample times [s].
             ask: function that is called with the model before the run; its result has at most `answers` numbers.
-            again: whether the worker may keep the model, for a further run with another step or tolerance.
+            keep: whether the worker may keep the model, for a further run with another step or tolerance.
         """
-        wanted, patience = sampling_at(choice.step, times), PATIENCE if environment_of(self.offer.name) else 1.0
+        wanted = sampling_at(choice.step, times)
+        patience = PATIENCE if environment_of(self.offer.name) else 1.0
         if self.processor_time >= patience * LONGEST:
-            return Run(Status.SKIP, f"not asked: {patience * LONGEST:g} s of the processor are spent", None, None, wanted)
+            return Run(Status.SKIP, f"not asked: all {patience * LONGEST:g} s of processor time are used", None, None, wanted)
+        # the digest is the name of the linkage, because linkages with changed numbers have the same name
         request = Request(mechanism.sha256, mechanism.scenario, self.offer.name, choice, wanted, ask, answers=answers)
-        return run_apart(request, mechanism, patience * LIMIT, self.worker, again=again)
+        return run_apart(request, mechanism, patience * LIMIT, self.worker, keep_model=keep)
 
     def choices(self) -> Iterator[Choice]:
         """Yield the engine's default choice, then each other setting, each other integrator, and every variant."""

@@ -29,22 +29,20 @@ def race_here(
     A block whose `facts` has further columns gets one more row with them. All engines take part unless `engines` names some. The
     name of the running engine is written into the file `path`, if given, before its code runs.
     """
-    watch = watching(path) if path else watch_nothing
+    watch = write_engine_to(path) if path else watch_nothing
     race = Race(watch)
     for key, make in entries(*arguments):
         if engines is None or key.engine in engines:
             race.add(key, make)
     measured, rows = race.run(rounds), []
-    for block in race.blocks:
+    for block in (x for x in race.blocks if x.entry in measured.samples):  # a block whose process ended has none
         names = block.entry._asdict()  # type: ignore[attr-defined]
         seconds = measured.samples[block.entry][0].tolist()
         rows += [names | {"process": 0, "round": k, "seconds": x} for k, x in enumerate(seconds)]
         watch(block.entry)  # facts may crash too
         if facts := block.facts():
             rows.append(names | {"facts": facts})
-    for key, failure in measured.failed.items():
-        rows.append(key._asdict() | failure.columns)  # type: ignore[attr-defined]
-    return rows
+    return rows + [key._asdict() | failure.columns for key, failure in measured.failed.items()]  # type: ignore[attr-defined]
 
 
 def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, engines: Sequence[str]) -> Rows:
@@ -54,9 +52,8 @@ def race_survivors(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
     entries is repeated.
     """
     rows, lost = list_survivors(race_here, (entries, arguments, rounds), engines)
-    for key, _ in entries(*arguments) if lost else ():
-        if key.engine in lost:
-            rows.append(key._asdict() | lost[key.engine].columns)
+    if lost:
+        rows += [key._asdict() | lost[key.engine].columns for key, _ in entries(*arguments) if key.engine in lost]
     return list(rows)
 
 
@@ -72,11 +69,7 @@ def race_processes(entries: Entries, arguments: tuple[Any, ...], rounds: int, en
 
 
 def list_survivors(
-    race: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    engines: Sequence[str],
-    limit: float = LIMIT,
-    longest: float = math.inf,
+    race: Callable[..., Any], arguments: tuple[Any, ...], engines: Sequence[str], limit: float = LIMIT, longest: float = math.inf
 ) -> tuple[Any, dict[str, WorkerFailure]]:
     """Call race(*arguments, engines, path) in a worker; after a crash or a hang, repeat it without the engine that was running.
 
@@ -94,18 +87,18 @@ def list_survivors(
     with tempfile.NamedTemporaryFile() as file, Worker() as worker:
         while True:
             Path(file.name).write_bytes(bytes(ROOM))  # no engine is running
-            left = tuple(x for x in engines if x not in lost)
+            remaining = tuple(x for x in engines if x not in lost)
             try:
-                return worker.call(race, (*arguments, left, file.name), limit, longest=longest), lost
+                return worker.call(race, (*arguments, remaining, file.name), limit, longest=longest), lost
             except WorkerFailure as failure:
-                guilty = at_work(file.name)
-                if failure.status not in LOST or guilty not in left:  # neither a crash nor a hang of an engine
+                guilty = read_engine(file.name)
+                if failure.status not in LOST or guilty not in remaining:  # neither a crash nor a hang of an engine
                     raise
-                lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was at work: {failure}")
+                lost[guilty] = WorkerFailure(failure.status, f"in the race of all engines, while this one was running: {failure}")
 
 
-def watching(path: str) -> Watch:
-    """Return a function that, given the key of an entry, writes the name of the entry's engine into the file `path`.
+def write_engine_to(path: str) -> Watch:
+    """Return a function that writes the name of an entry's engine into the file `path`; its argument is the key of the entry.
 
     The name is filled up to ROOM bytes, so that it replaces the whole of an earlier name; a call takes a microsecond.
     """
@@ -113,6 +106,6 @@ def watching(path: str) -> Watch:
     return lambda entry: os.pwrite(file, str(getattr(entry, "engine", "")).encode()[:ROOM].ljust(ROOM, b"\0"), 0)
 
 
-def at_work(path: str) -> str:
-    """Return the name of the engine that `watching` has last written into the file `path`, or an empty text."""
+def read_engine(path: str) -> str:
+    """Return the name of the engine that was last written into the file `path`, or an empty text if none was."""
     return Path(path).read_bytes().rstrip(b"\0").decode()

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from gauss_bench.bench.journal import Journal
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.apart import Alteration, is_unaltered
+from gauss_bench.runs.apart import Alteration, leave_unaltered
 from gauss_bench.runs.worker import Worker, WorkerFailure
 from gauss_bench.suites.schema import OnLinkages
 from gauss_bench.tables import TABLES
@@ -36,7 +36,7 @@ def place_of(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def group_by(rows: Rows, *columns: str) -> dict[tuple[Any, ...], Rows]:
-    """Return the values of some columns -> the rows that have these values, in their order."""
+    """Group rows that have the same values in some columns; return these values -> the rows of the group, in their order."""
     groups: dict[tuple[Any, ...], Rows] = {}
     for row in rows:
         groups.setdefault(tuple(row[x] for x in columns), []).append(row)
@@ -49,8 +49,8 @@ class Task(NamedTuple):
     Attributes:
         key: identifies the task in the journal, the file of finished tasks.
         stamp: digest of the code and data that the rows depend on.
-        table, start: name of the table that gets a row if the task fails, and the first columns of that row.
-        limit: [s] after which the worker is stopped.
+        table, start: the name of the table that gets a row if the task fails, and the columns with which this row begins.
+        limit: time [s] after which the worker is stopped.
     """
 
     key: str
@@ -62,7 +62,10 @@ class Task(NamedTuple):
     limit: float = LIMIT
 
     def rows_of_failure(self, failure: WorkerFailure) -> Tables:
-        """Return the row, as table -> rows, of a task whose worker crashed, was stopped, or raised an error."""
+        """Return the row, as table -> rows, of a task whose worker crashed, was stopped, or raised an error.
+
+        It is a row of the task's table or, if this table has no column for a status, of the table `lost`.
+        """
         if "status" in TABLES[self.table].names:
             return {self.table: [{**self.start, **failure.columns}]}
         place = {k: x for k, x in self.start.items() if k in ("mechanism", "scenario")}
@@ -75,7 +78,7 @@ class Task(NamedTuple):
 
 
 def with_race_limit(task: Task, processes: int = 1) -> Task:
-    """Return a task that times engines, with time for RACES attempts in each of `processes` processes."""
+    """Return a task that times engines, with a limit that suffices for RACES attempts in each of `processes` processes."""
     return task._replace(limit=processes * RACES * LIMIT)
 
 
@@ -84,8 +87,8 @@ def finish(tasks: list[Task], jobs: int, label: str, journal: Journal | None = N
 
     Finished tasks are added to the journal; `label` names the tasks in reports of progress.
     """
-    found = {task.key: journal.find(task.key, task.stamp, task.stamp_if_lost) for task in tasks} if journal else {}
-    done: dict[str, Tables] = {key: known for key, known in found.items() if known is not None}
+    stored = {task.key: journal.find(task.key, task.stamp, task.stamp_if_lost) for task in tasks} if journal else {}
+    done: dict[str, Tables] = {key: rows for key, rows in stored.items() if rows is not None}
     waiting = {task.key: task for task in tasks if task.key not in done}
     todo: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
     answers: queue.SimpleQueue[tuple[str, str, Tables] | BaseException] = queue.SimpleQueue()
@@ -158,12 +161,12 @@ class Context:
         stamp: digest of the code, the libraries and the certificates.
         alter: plants a fault in the mechanism that engines are given.
         until, steps: end and steps [s] that a user asks for instead of the suite's.
-        limit: [s] that one case may take.
+        limit: time [s] that one case may take.
     """
 
     store: str
     stamp: str
-    alter: Alteration = is_unaltered
+    alter: Alteration = leave_unaltered
     until: float | None = None
     steps: tuple[float, ...] | None = None
     limit: float = CASE_LIMIT
@@ -182,10 +185,10 @@ class Context:
         """
         tasks = []
         for part in parts:
-            asked = part.model_copy(update={"linkages": {}})  # so that the task's key does not depend on the other linkages
+            without_linkages = part.model_copy(update={"linkages": {}})  # so that the task's key depends on no other linkage
             for place in part.linkages.items():
-                task = self.task(table, function, (*place, asked), *place)
-                processes = getattr(part, "processes", 0)  # a race repeats itself in so many processes, one after the other
+                task = self.task(table, function, (*place, without_linkages), *place)
+                processes = getattr(part, "processes", 0)  # of a race, which is repeated in as many processes one after the other
                 tasks.append(with_race_limit(task, processes) if processes else task)
         return tasks
 

@@ -17,7 +17,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.metrics import joint_force_errors, state_errors
 from gauss_bench.reach import Trial
 from gauss_bench.runs.apart import Request, run_of
-from gauss_bench.runs.blocks import Block, Models, Work, block_elsewhere, build_or_reuse, leading, running, share_of, stepping
+from gauss_bench.runs.blocks import Block, Models, Work, block_elsewhere, get_model, lead_block, run_block, share_of, steps_block
 from gauss_bench.runs.offers import Offer, offer
 from gauss_bench.runs.one_run import Run as Ended
 from gauss_bench.runs.one_run import Sampling
@@ -64,9 +64,9 @@ def space(engine: Offer) -> list[Variant]:
 
 
 def options_of(way: Way) -> Mapping[str, Any]:
-    """Return option -> value for an engine's setting; empty if the engine does not know `way.settings`.
+    """Return option -> value for an engine's setting; empty if the engine does not know the settings that `way` names.
 
-    These are a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
+    `way.settings` is a list of assignments "key=value", the name of a variant, or the label of one of the engine's settings.
     """
     engine = offer(way.engine)
     if is_assignment(way.settings):
@@ -100,7 +100,7 @@ def evaluate_run(run: Run, evaluator: Evaluator, truth: Reference, way: Way, ada
     steps = beats if adaptive else round(run.until / way.size)
     # k equal parts end at ends of steps and at sample times if k divides both numbers
     request = request_of(run, way, adaptive, sample(run, steps, math.gcd(steps, beats)))
-    return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, again=True))
+    return judge_trial(run, evaluator, truth, way, run_of(request, run.mechanism, CASE_LIMIT, keep_model=True))
 
 
 def sample(run: Run, steps: int, samples: int) -> Sampling:
@@ -143,7 +143,7 @@ def block_of(run: Run, way: Way, models: Models, work: Work) -> Block:
     """
     choice = choice_of(way, is_adaptive(way), run.until)
     if environment_of(way.engine) is None:
-        return work(build_or_reuse(models, way.engine, run.mechanism, choice))
+        return work(get_model(models, way.engine, run.mechanism, choice))
     return block_elsewhere(way.engine, run.mechanism, choice, work)
 
 
@@ -154,7 +154,7 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
     not count its steps (None).
     """
     if not is_adaptive(way):
-        return block_of(run, way, models, partial(stepping, NO_KEY, step=way.size, native=True))
+        return block_of(run, way, models, partial(steps_block, NO_KEY, step=way.size, native=True))
     block = whole_run(run, way, steps, seconds=0.0, lead=math.inf, models=models)  # lead=inf: the whole run is timed
     block.count = steps or 1
     return block
@@ -163,20 +163,19 @@ def one_step(run: Run, way: Way, steps: int | None, models: Models) -> Block:
 def whole_run(run: Run, way: Way, steps: int | None, seconds: float, lead: float, models: Models) -> Block:
     """Return a timing block whose time is that of the whole run.
 
-    A run with equal steps that would take longer than `lead` [s] by its estimated time `seconds` is run in part, and extrapolated.
-    `steps` is None if the engine does not count the steps that its integrator chooses.
+    If a run with equal steps would take longer than `lead` [s], as estimated by `seconds`, only its first part is timed, and the
+    time of the whole is extrapolated. `steps` is None if the engine does not count the steps that its integrator chooses.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    adaptive = is_adaptive(way)
-    share = 1.0 if adaptive or steps is None else share_of(seconds, lead, steps)
-    choice = choice_of(way, adaptive, run.until)
-    return block_of(run, way, models, partial(running, NO_KEY, choice, np.array([0.0, share * run.until]), share))
+    share = 1.0 if is_adaptive(way) or steps is None else share_of(seconds, lead, steps)
+    choice = choice_of(way, is_adaptive(way), run.until)
+    return block_of(run, way, models, partial(run_block, NO_KEY, choice, np.array([0.0, share * run.until]), share))
 
 
 def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, models: Models) -> Block:
-    """Return a timing block as `whole_run` does, but estimate the time of the run by its first steps, which are timed now.
+    """Return a timing block as `whole_run` does, but time the first steps of the run now, to estimate the time of the whole.
 
     Args:
         samples: number of sample times if the integrator chooses its steps: as in the run in which its errors were measured.
@@ -184,8 +183,7 @@ def pace_run(run: Run, way: Way, steps: int | None, lead: float, samples: int, m
     Raises:
         RunFailure: the engine cannot run the mechanism.
     """
-    adaptive = is_adaptive(way)
-    choice = choice_of(way, adaptive, run.until)
-    if adaptive or steps is None:
-        return block_of(run, way, models, partial(running, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
-    return block_of(run, way, models, partial(leading, NO_KEY, choice, run.until, steps, lead))
+    choice = choice_of(way, is_adaptive(way), run.until)
+    if is_adaptive(way) or steps is None:
+        return block_of(run, way, models, partial(run_block, NO_KEY, choice, np.linspace(0.0, run.until, samples + 1), 1.0))
+    return block_of(run, way, models, partial(lead_block, NO_KEY, choice, run.until, steps, lead))

@@ -377,11 +377,11 @@ def check_clocks() -> Findings:
         second = one_run.measure_seconds(lambda: spend(1.0))
         yield off(second, 1.0, 1e-9), "a second is measured as another time"
         # preparation, 5 s, must not be timed; 500 steps in 0.5 s, done twice, are 1 ms each
-        block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, again=2)
+        block = blocks.Block("steps", ready=lambda: spend(5.0), go=lambda: spend(0.5), count=500, calls=2)
         yield off(block.seconds(), 1e-3, 1e-9), "a thousand steps in a second take another time than a millisecond each"
         # a block repeats a short call until it lasts some milliseconds; each call counts as `work` repetitions
         for duration, work in ((1e-7, 1), (3e-5, 40)):
-            repeated = blocks.lasting("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
+            repeated = blocks.calls_block("call", lambda duration=duration: spend(duration), work)  # type: ignore[misc]
             whole = one_run.measure_seconds(repeated.go)
             wrong = off(whole / repeated.count / duration * work, 1.0, 1e-6) or not 1e-3 <= whole <= 5e-3
             yield wrong, "the time of a call is wrong, or its block is too short"

@@ -32,8 +32,8 @@ from gauss_bench.releases.library import Library
 from gauss_bench.releases.probes import states_of_probe
 from gauss_bench.runs.apart import Request, run_apart
 from gauss_bench.runs.offers import Offer, interpreter_of, offer
-from gauss_bench.runs.one_run import Run, nothing, sampling_at
-from gauss_bench.runs.questions import accelerations, ask_room, describe_python, shift_start
+from gauss_bench.runs.one_run import Run, ask_nothing, sampling_at
+from gauss_bench.runs.questions import accelerations, call_by_name, describe_python, shift_start
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
@@ -150,7 +150,7 @@ def ask_case(name: str, offered: Offer, case: Case, worker: Worker) -> Iterator[
         return
     shifted = []  # runs from slightly changed starts, which show how much rounding alone changes the result
     for seed in range(SHIFTS):
-        again = replace(request, ask=nothing, answers=0, alter=partial(shift_start, seed))
+        again = replace(request, ask=ask_nothing, answers=0, alter=partial(shift_start, seed))
         shifted.append(run_apart(again, mechanism, LIMIT, worker))
     yield from read_motion(case, place, run, [x for x in shifted if x.trajectory], choice.integrator in offered.adaptive)
 
@@ -228,7 +228,7 @@ def call_engine_function(worker: Worker, place: str, *arguments: object) -> Any:
     No function that is called here returns a text itself.
     """
     try:
-        return worker.call(ask_room, (place, *arguments), LIMIT)
+        return worker.call(call_by_name, (place, *arguments), LIMIT)
     except WorkerFailure as failure:
         return str(failure)
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.clock import NO_KEY, Race, foreseen, quartiles
+from gauss_bench.bench.clock import NO_KEY, Race, prediction_interval, quartiles
 from gauss_bench.bench.measure import mechanism_of
 from gauss_bench.engines.base import Choice
 from gauss_bench.releases.asking import FOLDERS, LONGEST
 from gauss_bench.releases.cases import STEP, linkage_of
 from gauss_bench.releases.environments import Release, second_name
 from gauss_bench.releases.library import Library
-from gauss_bench.runs.blocks import block_elsewhere, running
+from gauss_bench.runs.blocks import block_elsewhere, run_block
 from gauss_bench.runs.offers import interpreter_of
 from gauss_bench.runs.worker import keep
 from gauss_bench.terms import Array
@@ -77,7 +77,7 @@ def race(linkage: str, choice: Choice, entrants: dict[str, str]) -> tuple[dict[s
         runners = Race()
         for version, name in entrants.items():
             for count in (SHORT, LONG):
-                work = partial(running, NO_KEY, choice, np.array([0.0, count * STEP]), 1.0)  # the whole run
+                work = partial(run_block, NO_KEY, choice, np.array([0.0, count * STEP]), 1.0)  # the whole run
                 runners.add((version, count), block_elsewhere, name, mechanism, choice, work)
         measured = runners.run(ROUNDS)
         for version, name in entrants.items():
@@ -155,7 +155,7 @@ def ratio_of(times: Array, others: Array) -> tuple[float, float, float]:
     if good.sum() < 2 or not good.all():
         return float("nan"), float("nan"), float("nan")
     quotients = times / others
-    low, high = foreseen(quotients)
+    low, high = prediction_interval(quotients)
     return float(np.median(quotients)), low, high
 
 

@@ -113,7 +113,7 @@ def explain_missing(rows: Iterable[Row], position: float) -> str:
     """
     variants = group_by(rows, "settings", "integrator", "stabilization").values()
     trials = [[trial_of(row) for row in variant] for variant in variants]
-    answer = reach(trials, [Requirement("position", position)], untimed="no race took it in")
+    answer = reach(trials, [Requirement("position", position)], untimed="it took part in no race")
     return answer.words.partition(":")[0]  # without the details after the colon
 
 

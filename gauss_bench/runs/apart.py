@@ -16,7 +16,7 @@ from gauss_bench.engines import SAFE, get
 from gauss_bench.engines.base import Choice, Model, ask
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.runs.offers import LIMIT, interpreter_of, is_isolated, offer
-from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, nothing, one_run, receive
+from gauss_bench.runs.one_run import Asked, Outcome, Run, Sampling, ask_nothing, one_run, receive
 from gauss_bench.runs.worker import Worker, WorkerFailure, keep
 from gauss_bench.trajectory import Status, Trajectory, in_a_sentence
 
@@ -26,7 +26,7 @@ BUILDING = 1800.0  # [s] to build a library: on a busy machine it takes ten time
 Alteration = Callable[[Mechanism], Mechanism]
 
 
-def is_unaltered(mechanism: Mechanism) -> Mechanism:
+def leave_unaltered(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism itself: no fault is planted."""
     return mechanism
 
@@ -36,7 +36,7 @@ class Request:
     """A request for a run: the arguments of `one_run`, with the engine given by name.
 
     Attributes:
-        linkage, scenario: names of the mechanism; a process that keeps a model for a later request identifies the model by them.
+        linkage, scenario: names of the mechanism, by which a process finds the model that it kept from an earlier request.
         engine, choice, wanted, ask, shortest: as in `one_run`; `ask` must be picklable.
         answers: the largest count of numbers in the result of `ask`.
         alter: function that plants a fault in the mechanism that the engine is given; the default changes nothing.
@@ -47,31 +47,31 @@ class Request:
     engine: str
     choice: Choice
     wanted: Sampling
-    ask: Asked = nothing
+    ask: Asked = ask_nothing
     shortest: float = 0.0
     answers: int = 0
-    alter: Alteration = is_unaltered
+    alter: Alteration = leave_unaltered
 
     def largest(self, n: int) -> int:
         """Return the largest size of an answer [bytes]: t, and q, v, a of n coordinates at every sample."""
         return 8 * (len(self.wanted.times) * (1 + len(LEVELS) * n) + self.answers) + TEXT
 
 
-def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, again: bool = False) -> Run:
+def run_of(request: Request, mechanism: Mechanism, limit: float, worker: Worker | None = None, keep_model: bool = False) -> Run:
     """Carry out a requested run: one of the suite's own formulations in this process, any other engine in a worker process.
 
     Args:
         limit: time [s] after which a worker is stopped; waits for a processor do not count.
         worker: None takes the worker that is kept for the engine.
-        again: whether the process may keep the model that it builds for the next request.
+        keep_model: whether the process may keep the model that it builds for the next request.
     """
     if is_isolated(request.engine):
-        return run_apart(request, mechanism, limit, worker or keep(request.engine), again)
-    return _run(request, mechanism, again)
+        return run_apart(request, mechanism, limit, worker or keep(request.engine), keep_model)
+    return _run(request, mechanism, keep_model)
 
 
 def run_apart(
-    request: Request, mechanism: Mechanism, limit: float, worker: Worker, again: bool = False, longest: float = math.inf
+    request: Request, mechanism: Mechanism, limit: float, worker: Worker, keep_model: bool = False, longest: float = math.inf
 ) -> Run:
     """Carry out a requested run in a worker; arguments are as in `run_of`.
 
@@ -79,26 +79,26 @@ def run_apart(
     """
     try:
         process = worker.under(interpreter_of(request.engine))
-        answer = process.call(perform_there, (request, mechanism, again), limit, request.largest(mechanism.n), longest)
+        answer = process.call(perform_there, (request, mechanism, keep_model), limit, request.largest(mechanism.n), longest)
     except WorkerFailure as failure:
         return Run(failure.status, str(failure), None, None, request.wanted)
     return receive(outcome_of(answer), request.wanted, mechanism.n)
 
 
-def perform_there(request: Request, mechanism: Mechanism, again: bool) -> dict[str, Any]:
+def perform_there(request: Request, mechanism: Mechanism, keep_model: bool) -> dict[str, Any]:
     """Carry out a request in the engine's process, and return the run as texts, numbers and arrays, which `outcome_of` reads."""
-    run = _run(request, mechanism, again)
+    run = _run(request, mechanism, keep_model)
     trajectory = run.samples  # of a failed run, the part before the failure
     fields = {"status": str(run.status), "message": run.message, "build_time": run.build_time, "seconds": run.seconds}
     answer = None if run.answer is None else np.asarray(run.answer, dtype=float)
     return fields | {"answer": answer, "trajectory": None if trajectory is None else asdict(trajectory)}
 
 
-def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
+def _run(request: Request, mechanism: Mechanism, keep_model: bool) -> Run:
     """Carry out a request in this process.
 
-    With `again`, the model of a `resizable` engine (which accepts another step and tolerance) is kept for requests that differ only
-    in step, tolerance or samples; one model is kept at a time.
+    With `keep_model`, the model of a `resizable` engine (which accepts another step and tolerance) is kept for requests that differ
+    only in step, tolerance or samples; one model is kept at a time.
     """
     engine, choice, mechanism = get(request.engine), request.choice, request.alter(mechanism)
     # identifies the model: all parts of the request on which the built model depends
@@ -114,7 +114,7 @@ def _run(request: Request, mechanism: Mechanism, again: bool) -> Run:
         model.choice = choice  # an attribute that models of resizable engines have
         return model  # type: ignore[no-any-return]
 
-    keeps = again and ask(engine, "resizable")
+    keeps = keep_model and ask(engine, "resizable")
     run = one_run(engine, mechanism, choice, request.wanted, request.ask, request.shortest, build if keeps else None)
     if keeps and run.status is not Status.OK:  # a model may be unusable after a failure
         _kept.clear()
@@ -130,8 +130,8 @@ def outcome_of(answer: object) -> Outcome:
         case {"status": str(status), "message": str(message), **rest} if status in tuple(Status):
             numbers = rest.get("answer")
             answered = numbers if isinstance(numbers, np.ndarray) else None
-            given = (rest.get(key) for key in ("build_time", "seconds"))
-            built, seconds = (float(x) if isinstance(x, (int, float)) and x >= 0 else math.nan for x in given)
+            times = (rest.get(key) for key in ("build_time", "seconds"))
+            built, seconds = (float(x) if isinstance(x, (int, float)) and x >= 0 else math.nan for x in times)
             return Outcome(Status(status), in_a_sentence(message), _trajectory(rest.get("trajectory")), answered, built, seconds)
     return Outcome(Status.ERROR, "the answer of the engine's process is no run")
 
@@ -161,11 +161,11 @@ def build_first(engine: str, settings: Iterable[str], told: Callable[[str], obje
                 # `under` selects the engine's Python interpreter
                 worker.under(interpreter_of(engine)).call(build_there, (engine,), BUILDING)
         except WorkerFailure as failure:
-            told(f"it was not built: {failure}")
+            told(f"the code was not built: {failure}")
 
 
 def find_unbuilt(engine: str, settings: Iterable[str], worker: Worker) -> str:
-    """Return the name of the code that settings of an engine need and that is not compiled yet, or an empty text.
+    """Return the name of code that settings of an engine need and that must still be compiled, or an empty text.
 
     Adapters in this package are asked in this process, plug-ins in the worker process.
 

@@ -1,4 +1,4 @@
-"""Timing blocks: pieces of work to be timed, some milliseconds of steps, runs or calls. A race times all engines' blocks in turn.
+"""Timing blocks: pieces of work of some milliseconds (steps, runs or calls), which a race times in turn.
 
 A block is timed inside the process that does the work. All blocks of engines in another environment are in one process there, and
 the race asks it to time one block at a time. An engine's environment may contain no package except numpy, so that this file imports
@@ -34,14 +34,14 @@ LONGEST = 600.0  # [s] limit of one block in another environment
 class Block:
     """The work that is timed for one quantity of an engine, which is one entry of a race.
 
-    To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `again` times each. The result is
+    To time a block, `ready`, which is not timed, and `go`, which is timed, are called in turn, `calls` times each. The result is
     the mean time of one repetition of the work.
 
     Attributes:
         entry: key of the entry; a race sets it.
         ready, go: prepares the work, untimed, and does it, timed.
         count: number of repetitions of the work in one call of `go`; a fraction if the call does only a part of the work.
-        again: number of calls of `ready` and `go` in one block.
+        calls: number of calls of `ready` and `go` in one block.
         facts: returns further columns of the entry's row; called after the race.
     """
 
@@ -49,22 +49,23 @@ class Block:
     ready: Callable[[], object]
     go: Callable[[], object]
     count: float
-    again: int = 1
+    calls: int = 1
     facts: Callable[[], dict[str, Any]] = dict
 
     def seconds(self) -> float:
         """Time the block, and return the time of one repetition of the work [s]: the mean over all repetitions in the block."""
-        whole = 0.0
-        for _ in range(self.again):
+        total = 0.0
+        for _ in range(self.calls):
             self.ready()
-            whole += measure_seconds(self.go)
-        return whole / (self.count * self.again)  # each call of `go` repeats the work `count` times
+            total += measure_seconds(self.go)
+        return total / (self.count * self.calls)  # each call of `go` repeats the work `count` times
 
 
-def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
+def calls_block(entry: Hashable, call: Callable[[], object], work: float = 1) -> Block:
     """Return a timing block that repeats a call, which is `work` repetitions of the timed work, for about BLOCK seconds."""
     call()  # code may be generated or cached in the first call
-    count = max(1, math.ceil(BLOCK / max(min(measure_seconds(call) for _ in range(3)), 1e-8)))
+    shortest = max(1e-8, min(measure_seconds(call) for _ in range(3)))  # [s] of three calls; the clock may measure 0
+    count = max(1, math.ceil(BLOCK / shortest))
 
     def calls() -> None:
         for _ in range(count):
@@ -73,11 +74,11 @@ def lasting(entry: Hashable, call: Callable[[], object], work: float = 1) -> Blo
     return Block(entry, lambda: None, calls, count * work)
 
 
-def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
+def steps_block(entry: Hashable, model: Model, step: float, native: bool) -> Block:
     """Return a timing block of steps of a model, either in the engine's own loop (`native`) or called one by one from Python.
 
-    The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds; if this takes less than BLOCK
-    seconds to compute, the block computes it several times.
+    The motion has as many steps as take BLOCK seconds to compute, but lasts at most MOTION seconds. If its computation takes less
+    than BLOCK seconds, the block repeats it.
 
     Raises:
         RunFailure: the engine cannot run the mechanism.
@@ -89,21 +90,21 @@ def stepping(entry: Hashable, model: Model, step: float, native: bool) -> Block:
         block.ready()
         elapsed = measure_seconds(block.go)
         if elapsed >= BLOCK or count >= most:
-            block.again = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
+            block.calls = max(1, math.ceil(BLOCK / max(elapsed, 1e-6)))
             return block
         # as many steps as would last 1.3 BLOCK, but at most ten times as many: the first steps may be slow
         count = min(most, int(count * min(10.0, 1.3 * BLOCK / max(elapsed, 1e-7))) + 1)
 
 
-def accelerating(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
-    """Return a block that computes the accelerations of a model at one state q, v (n,) again and again, by calls from Python."""
-    return lasting(entry, partial(model.acceleration, 0.0, q, v))
+def accelerations_block(entry: Hashable, q: Array, v: Array, model: Model) -> Block:
+    """Return a timing block of calls from Python that compute the accelerations of a model at one state q, v (n,)."""
+    return calls_block(entry, partial(model.acceleration, 0.0, q, v))
 
 
-def running(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
-    """Return a block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
+def run_block(entry: Hashable, choice: Choice, times: Array, share: float, model: Any) -> Block:
+    """Return a timing block that repeats a run over sample times (k,) [s] until it has taken about BLOCK seconds.
 
-    The sample times cover the fraction `share` of the whole run, whose time is that of the block.
+    The sample times cover the fraction `share` of a whole run; the time that the block measures is that of the whole run.
 
     Raises:
         RunFailure: the run fails.
@@ -112,20 +113,20 @@ def running(entry: Hashable, choice: Choice, times: Array, share: float, model: 
     block.ready()
     taken = measure_seconds(block.go)
     model.read()  # raises RunFailure if the run failed: a failed run must not be timed
-    block.again = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
+    block.calls = max(1, math.ceil(BLOCK / max(taken, 1e-6)))
     return block
 
 
-def leading(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
+def lead_block(entry: Hashable, choice: Choice, until: float, steps: int, lead: float, model: Any) -> Block:
     """Return a timing block of the first part of a run of `steps` equal steps until `until` [s], which takes about `lead` [s].
 
-    The length of the part is estimated from the time of the first steps. The block's time is that of the whole run.
+    The length of the part is estimated from the time of the first steps. The time that the block measures is that of the whole run.
     """
     first = min(steps, FIRST) / steps  # fraction of the run
     block = _run_once(entry, choice, np.array([0.0, first * until]), first, model)
     block.ready()
-    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)
-    return running(entry, choice, np.array([0.0, share * until]), share, model)
+    share = share_of(max(measure_seconds(model.run), 1e-9) / first, lead, steps)  # by the estimated time of the whole run
+    return run_block(entry, choice, np.array([0.0, share * until]), share, model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +145,7 @@ class TimedCall:
 
 
 def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mechanism: Mechanism, q: Array, v: Array) -> TimedCall:
-    """Prepare a call of a library's function at a state q, v (n,), which `prepare` returns.
+    """Return the timed call of a library's function at a state q, v (n,); prepare(mechanism, q, v) returns the call.
 
     Raises:
         RunFailure: the library cannot model the mechanism.
@@ -152,10 +153,10 @@ def prepare_call(prepare: Callable[[Mechanism, Array, Array], LibraryCall], mech
     start = time.perf_counter()
     prepared = prepare(mechanism, q, v)
     seconds = time.perf_counter() - start
-    # A call of one repetition (count 1) is short and is repeated by the block. A call with another count repeats the work itself,
-    # and may have to be prepared each time. The key of the block, here None, is set by the race.
-    several = prepared.count != 1
-    block = Block(None, prepared.ready, prepared.call, prepared.count) if several else lasting(None, prepared.call)
+    # The block repeats a call of one repetition (count 1), which is short. A call with another count repeats the work itself, and
+    # may have to be prepared each time. The key of the block, here None, is set by the race.
+    repeats_itself = prepared.count != 1
+    block = Block(None, prepared.ready, prepared.call, prepared.count) if repeats_itself else calls_block(None, prepared.call)
     return TimedCall(block, np.asarray(prepared.acceleration, dtype=float), seconds)
 
 
@@ -167,8 +168,8 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
     """
     if environment_of(engine) is not None:
         ask_there = _asking_there(engine)
-        *made, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
-        return TimedCall(_block_there(ask_there, *made), np.asarray(acceleration, dtype=float), seconds)
+        number, count, calls, acceleration, seconds = ask_there(make_call_there, engine, name, mechanism, q, v)
+        return TimedCall(_block_there(ask_there, number, count, calls), np.asarray(acceleration, dtype=float), seconds)
     try:
         return prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     except (RunFailure, ImportError):
@@ -178,9 +179,9 @@ def call_of(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) ->
 
 
 def share_of(seconds: float, lead: float, steps: int) -> float:
-    """Return the fraction of a run that takes about `lead` seconds, rounded to whole steps; 1 if the whole run takes no longer.
+    """Return the fraction of a run that can be computed in about `lead` [s], rounded to whole steps; 1 for a run that is shorter.
 
-    `seconds` is the time that the whole run takes, and `steps` the number of its equal steps.
+    `seconds` is the time that the computation of the whole run takes, and `steps` the number of its equal steps.
     """
     return max(1, round(lead / seconds * steps)) / steps if seconds > lead else 1.0
 
@@ -189,7 +190,7 @@ def _run_once(entry: Hashable, choice: Choice, times: Array, share: float, model
     """Return a timing block of one run over sample times (k,) [s], which cover the fraction `share` of the whole run."""
 
     def ready() -> None:
-        model.choice = choice  # a block that was timed before may have set another one, such as another step
+        model.choice = choice  # blocks share the model: one that was timed before may have set another step
         model.prepare(times)
 
     return Block(entry, ready, model.run, share)
@@ -230,17 +231,17 @@ def block_elsewhere(engine: str, mechanism: Mechanism, choice: Choice, work: Wor
     return _block_there(ask_there, *ask_there(make_there, engine, mechanism, choice, work))
 
 
-def _block_there(ask_there: Callable[..., Any], number: int, count: float, again: int) -> BlockElsewhere:
-    """Return a block that stands for block `number`, with its `count` and `again`, of the process that `ask_there` calls."""
-    # `dict`, as a function that does nothing, for `ready` and `go`: the work is done in the other process
-    return BlockElsewhere(None, dict, dict, count, again, timed=partial(ask_there, time_there, number))
+def _block_there(ask_there: Callable[..., Any], number: int, count: float, calls: int) -> BlockElsewhere:
+    """Return a block that stands for block `number`, with its `count` and `calls`, of the process that `ask_there` calls."""
+    # for `ready` and `go`, `dict` serves as a function without effect: the work is done in the other process
+    return BlockElsewhere(None, dict, dict, count, calls, timed=partial(ask_there, time_there, number))
 
 
 def _asking_there(engine: str) -> Callable[..., Any]:
-    """Return a function that calls a given function with arguments in the process of an engine's environment.
+    """Return ask_there(function, *arguments), which calls a function in the process of an engine's environment.
 
-    It raises RunFailure if the process gives no answer. Each environment has one such process, which serves all races that the
-    calling process runs.
+    It raises RunFailure if the process gives no answer. Each environment has one such process, which serves all races of the
+    calling process.
     """
     interpreter = interpreter_of(engine)
     worker = keep(f"races in {interpreter.python}").under(interpreter)
@@ -257,8 +258,8 @@ def _asking_there(engine: str) -> Callable[..., Any]:
 Models = dict[Hashable, Any]  # linkage, scenario, engine, settings, integrator and stabilisation -> model
 
 
-def build_or_reuse(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
-    """Build a model for a choice, and keep it in `models`; or return the model that is kept there.
+def get_model(models: Models, engine: str, mechanism: Mechanism, choice: Choice) -> Any:
+    """Return a model for a choice: the one that is kept in `models` or, if there is none, a new one, which is then kept there.
 
     Only models of a `resizable` engine, which accept another step and tolerance, are used again.
     """
@@ -274,9 +275,9 @@ _models: Models = {}
 
 
 def make_there(engine: str, mechanism: Mechanism, choice: Choice, work: Work) -> tuple[int, float, int]:
-    """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `again`."""
-    _blocks.append(work(build_or_reuse(_models, engine, mechanism, choice)))
-    return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].again
+    """Make a timing block in an engine's process; return its index in `_blocks`, its `count` and its `calls`."""
+    _blocks.append(work(get_model(_models, engine, mechanism, choice)))
+    return len(_blocks) - 1, _blocks[-1].count, _blocks[-1].calls
 
 
 def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: Array) -> tuple[Any, ...]:
@@ -286,7 +287,7 @@ def make_call_there(engine: str, name: str, mechanism: Mechanism, q: Array, v: A
     """
     timed = prepare_call(ask(get(engine), "library_calls")[name], mechanism, q, v)
     _blocks.append(timed.block)
-    return len(_blocks) - 1, timed.block.count, timed.block.again, timed.acceleration, timed.seconds
+    return len(_blocks) - 1, timed.block.count, timed.block.calls, timed.acceleration, timed.seconds
 
 
 def time_there(number: int) -> float:

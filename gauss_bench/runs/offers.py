@@ -29,6 +29,7 @@ ALIASES = {"euler": "semi_implicit_euler"}
 METHODS = ("in_python", "build_once", "program")  # optional methods, which only some engines have
 MOST_STEPS = 1e10  # largest number of steps of a run: an hour with the quickest compiled step
 MOST_SAMPLES = 5e6  # largest number of samples of a run: the states of a four-bar take half a GiB, and so does each copy
+SPACING = 1e-3  # [s] usual time between two samples; if the step is longer, there is one sample a step
 
 
 class ChoiceError(BadInput, ValueError):
@@ -83,6 +84,7 @@ class Offer:
 
     @property
     def usable(self) -> bool:
+        """True if the engine is installed and describes itself."""
         return self.status is Status.OK
 
     def choose(self, settings: str | None, integrator: str | None, stabilization: str | None, step: float) -> Choice:
@@ -141,7 +143,7 @@ class Offer:
 
 
 def in_python(name: str, mechanism: Mechanism, choice: Choice) -> str:
-    """Return in words the Python code, besides its library, that runs while an engine is timed; NOT_TOLD if it does not say."""
+    """Return in words which Python code, besides its library, runs while an engine is timed; NOT_TOLD if it does not say."""
     environment = environment_of(name)
     # an adapter that is part of this package is called without a worker
     if name in SAFE or (environment is not None and environment.class_name == ELSEWHERE.get(name)):
@@ -206,20 +208,20 @@ def offers(wanted: Sequence[str] | None = None) -> list[Offer]:
     if isinstance(wanted, str) or not all(isinstance(name, str) for name in wanted or ()):
         raise TypeError(f"engines must be a list of names, not {wanted!r}")
     if wanted is None or any(name not in _known for name in wanted):
-        there = all_names()  # slow: it looks through all installed packages
-        wanted = there if wanted is None else wanted
+        existing = all_names()  # slow: it looks through all installed packages
+        wanted = existing if wanted is None else wanted
         for name in wanted:
-            if name not in there and not is_class(name):
+            if name not in existing and not is_class(name):
                 raise unknown(name)
     with _lock:
-        unknown_yet = [name for name in wanted if name not in _known]
-        others = [name for name in unknown_yet if name not in SAFE]
-        _known.update({name: describe(name) for name in unknown_yet if name in SAFE})
-        if len(others) == 1:  # an engine that is asked alone will probably run next, in the same worker
-            _known[others[0]] = _ask(keep(others[0]), others[0])
-        elif others:
+        not_asked = [name for name in wanted if name not in _known]
+        isolated = [name for name in not_asked if name not in SAFE]
+        _known.update({name: describe(name) for name in not_asked if name in SAFE})
+        if len(isolated) == 1:  # an engine that is asked alone will probably run next, in the same worker
+            _known[isolated[0]] = _ask(keep(isolated[0]), isolated[0])
+        elif isolated:
             with Worker() as worker:
-                _known.update({name: _ask(worker, name) for name in others})
+                _known.update({name: _ask(worker, name) for name in isolated})
         return [_known[name] for name in dict.fromkeys(wanted)]
 
 
@@ -245,7 +247,7 @@ def _describe(name: str) -> dict[str, Any]:
 
 
 def _read_offer(name: str, answer: object) -> Offer:
-    """Return the engine's description from the answer of a worker, or the reason why the answer is no valid description."""
+    """Return the description that a worker's answer has or, if the answer is not valid, a description with the reason."""
     from pydantic import TypeAdapter, ValidationError  # imported here, because the process of an engine does not need it
 
     try:
@@ -254,8 +256,9 @@ def _read_offer(name: str, answer: object) -> Offer:
         return _reject(name, TypeError("it does not describe itself"))
     names = (*offer.settings, *offer.integrators, *offer.stabilizations, *offer.adaptive, *offer.library_calls)
     words = (offer.version, offer.reason, offer.environment, *names, *offer.packages, *offer.packages.values())
-    if odd := next((word for word in words if not word.isprintable()), ""):
-        return _reject(name, TypeError(f"it reports {ascii(odd)[:80]}, which is no plain text"))
+    unprintable = [word for word in words if not word.isprintable()]
+    if unprintable:
+        return _reject(name, TypeError(f"it reports {ascii(unprintable[0])[:80]}, which is no plain text"))
     if offer.usable and not (offer.settings and offer.integrators and offer.stabilizations):
         return _reject(name, TypeError("it does not describe itself"))
     return replace(offer, name=name)
@@ -371,21 +374,22 @@ def duration(own: float, suite: float | None = None, until: float | None = None)
     Raises:
         ChoiceError: the duration is not a positive time, or too long.
     """
-    if until is not None and until > (most := MOST_SAMPLES * 1e-3):  # samples are a millisecond apart
+    most = MOST_SAMPLES * SPACING
+    if until is not None and until > most:
         raise ChoiceError(f"the end of a run must be at most {most:g} s, not {until:g}: more samples are not kept")
     end = next(x for x in (until, suite, own) if x is not None)
     check_positive("the end of a run", end)
     return end
 
 
-def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
-    """Check that a run until `t_end` has not too many equal steps, nor too many samples, which are about `spacing` apart [s].
+def check_size(step: float, t_end: float) -> None:
+    """Check that a run until `t_end` has not too many equal steps, nor too many samples, SPACING or a step apart [s].
 
     Raises:
         ChoiceError: the run is too large; the message states its number of steps or samples.
     """
     with np.errstate(all="ignore"):  # tiny steps give infinitely many
-        steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, spacing))
+        steps, samples = np.float64(t_end) / np.float64(step), np.float64(t_end) / np.float64(max(step, SPACING))
     if not steps <= MOST_STEPS:
         raise ChoiceError(f"{steps:.2g} steps of {step:g} s up to {t_end:g} s; at most {MOST_STEPS:.0e} are allowed")
     if not samples <= MOST_SAMPLES:
@@ -393,7 +397,7 @@ def check_size(step: float, t_end: float, spacing: float = 1e-3) -> None:
 
 
 def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: float) -> None:
-    """Check that a run until `t_end` [s] by steps [s] that take at least `seconds_a_step` [s] can end within its budget [s].
+    """Check that a run until `t_end` [s] can end within its budget [s] if each of its steps takes at least `seconds_a_step` [s].
 
     Raises:
         ChoiceError: the steps take longer than the budget; the message states the least time that they need.
@@ -401,10 +405,8 @@ def check_affordable(step: float, t_end: float, seconds_a_step: float, budget: f
     check_size(step, t_end)
     least = t_end / step * seconds_a_step
     if least > budget:
-        raise ChoiceError(
-            f"{t_end / step:.2g} steps take {least:.2g} s at least, and the budget is {budget:g} s: take longer steps, an earlier "
-            "end or a larger budget"
-        )
+        advice = "take longer steps, an earlier end or a larger budget"
+        raise ChoiceError(f"{t_end / step:.2g} steps take {least:.2g} s at least, and the budget is {budget:g} s: {advice}")
 
 
 def usable_steps(steps: Sequence[float], t_end: float) -> tuple[float, ...]:

@@ -58,6 +58,7 @@ def sampling(step: float, t_end: float, meet: Sequence[float] | Array = (), spac
 
     The end time is always a sample time; if it is no multiple of the step, the last step is shorter.
     """
+    # the factor admits an end that is rounded up
     reached = [x for x in np.asarray(meet, dtype=float) if x <= t_end * (1 + 1e-12) and _is_multiple(x, step)]
     return _sample(step, _grid(step, t_end, spacing), [*reached, _whole_steps(step, t_end) * step, t_end])
 
@@ -88,8 +89,8 @@ def _whole_steps(step: float, t_end: float) -> int:
 
 def _grid(step: float, t_end: float, spacing: float) -> Array:
     """Return the times [s] from 0 to at most `t_end` that are multiples of the step, about `spacing` [s] apart."""
-    each = max(1, round(spacing / step))
-    return np.arange(_whole_steps(step, t_end) // each + 1) * (each * step)
+    steps_a_sample = max(1, round(spacing / step))
+    return np.arange(_whole_steps(step, t_end) // steps_a_sample + 1) * (steps_a_sample * step)
 
 
 def _is_multiple(t: float, step: float) -> bool:
@@ -98,7 +99,7 @@ def _is_multiple(t: float, step: float) -> bool:
 
 
 def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
-    """Return the sampling at the times in `grid`, and at those times in `more` that differ from others by more than rounding."""
+    """Return the sampling at the times in `grid` and `more` [s]; a time that equals another one up to rounding counts once."""
     near = 1e-9 * min(step, 1.0)  # [s] times that are closer than this, or than their rounding, count as equal
     times = [*grid]
     for x in sorted(more):
@@ -112,12 +113,12 @@ def _sample(step: float, grid: Array, more: Sequence[float]) -> Sampling:
     return Sampling(distinct, step, sum(count for count, _ in counts), shortened)
 
 
-Asked = Callable[[Model], object]  # a question for a model before its run
+Asked = Callable[[Model], object]  # a function that is called with a model before its run, to ask it for accelerations or loads
 Build = Callable[[Mechanism, Choice], Model]
 
 
-def nothing(model: Model) -> None:
-    """Do nothing with the model before its run."""
+def ask_nothing(model: Model) -> None:
+    """Ask the model nothing before its run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,7 @@ def one_run(
     mechanism: Mechanism,
     choice: Choice,
     wanted: Sampling,
-    ask: Asked = nothing,
+    ask: Asked = ask_nothing,
     shortest: float = 0.0,
     build: Build | None = None,
 ) -> Run:
@@ -226,7 +227,7 @@ def perform(
         running = None  # the run is complete: if `read` fails, it is not called again
         return Outcome(Status.OK, "", model.read(), answer, built, seconds)
     except RunFailure as failure:
-        # a status that no failure can have becomes ERROR
+        # an engine may raise any object as a status: if no failure can have it, it becomes ERROR
         status = next((x for x in Status if x == failure.status and x not in (Status.OK, Status.INVALID)), Status.ERROR)
         message, reached = in_a_sentence(failure), failure.reached
     except ImportError as error:
@@ -239,7 +240,7 @@ def perform(
 
 
 def _read(model: Model | None) -> object:
-    """Return the samples that a model reached before its run was broken off, or None if it cannot return them."""
+    """Return the samples that a model reached before its run was broken off; None without a model, or if it cannot return them."""
     try:
         return None if model is None else model.read()
     except RunFailure as failure:
@@ -251,7 +252,7 @@ def _read(model: Model | None) -> object:
 def receive(outcome: Outcome, wanted: Sampling, n: int) -> Run:
     """Check an engine's samples of n coordinates, and return the run: complete, or with the samples that it reached."""
     costs = (outcome.answer, outcome.build_time, outcome.seconds)
-    reached = judge.leading(outcome.returned, wanted.times, n)
+    reached = judge.cut_at_fault(outcome.returned, wanted.times, n)
     if outcome.status is not Status.OK:
         return Run(outcome.status, outcome.message, None, reached, wanted, *costs)  # no complete trajectory
     verdict = judge.completeness(outcome.returned, wanted.times, n)
@@ -278,7 +279,7 @@ def draw_samples(trajectory: Trajectory) -> NDArray[np.intp]:
 
 
 def acceleration_error(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the median relative error of a trajectory's accelerations, against Gauss's principle at some of its states.
+    """Return the median relative error of a trajectory's accelerations at some of its states, against Gauss's formulation.
 
     The result is None if the accelerations are not determined, as with friction on redundant rows.
     """

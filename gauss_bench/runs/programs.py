@@ -60,7 +60,7 @@ def run_there(text: str, seconds: float) -> dict[str, Any]:
 
 
 def ask_program(worker: Worker, engine: str, mechanism: Mechanism, choice: Choice, limit: float) -> str:
-    """Return the program that an engine writes in a worker within `limit` seconds.
+    """Return the program that an engine writes in a worker, which may take `limit` [s].
 
     Raises:
         RunFailure: as `read_program`.

@@ -49,7 +49,7 @@ def joint_forces(names: tuple[str, ...], t: Array, q: Array, v: Array, model: Mo
 
 @dataclass(frozen=True, eq=False)
 class ForceQuestion:
-    """Asks an engine for the joint forces that it computes at some states of a motion, and checks its answer.
+    """A question to an engine for the joint forces that it computes at some states of a motion, and the check of its answer.
 
     The `states` have the accelerations of the suite's own equations.
     """
@@ -65,11 +65,11 @@ class ForceQuestion:
 
     @property
     def answers(self) -> int:
-        """How many numbers the engine's answer contains, for `Request.answers`."""
+        """The count of numbers in the engine's answer, for `Request.answers`."""
         return COMPONENTS * len(self.mechanism.joints) * len(self.states.t)
 
     def compare(self, answer: object) -> tuple[float, float]:
-        """Return the largest error of the joint forces of an engine, and the largest correct one [N, N m]; NaN if it has none."""
+        """Return the largest error of the joint forces in an answer, and the largest true joint force [N, N m]; NaN without any."""
         shape = (len(self.states.t), len(self.mechanism.joints), COMPONENTS)
         if not isinstance(answer, np.ndarray) or answer.shape != shape:
             return np.nan, np.nan
@@ -110,8 +110,8 @@ def follow_accelerations(tableau: Tableau, times: Array, q0: Array, v0: Array, m
     return np.array(samples).transpose(1, 0, 2)
 
 
-def ask_room(place: str, *arguments: object) -> object:
-    """Return the result of a function of an engine's folder; `place` is MODULE:FUNCTION, and the result is plain data."""
+def call_by_name(place: str, *arguments: object) -> object:
+    """Call the function of an engine's folder that `place` names as MODULE:FUNCTION; return its result, which is plain data."""
     return resolve_name(place)(*arguments)
 
 
@@ -121,7 +121,7 @@ def describe_python() -> dict[str, str]:
 
 
 def shift(x: Array, rng: np.random.Generator) -> Array:
-    """Return numbers, each changed at random by up to SHIFT times the largest of them; zeros, as of a state at rest, stay zero."""
+    """Return x with each number changed at random by up to SHIFT times the largest |x|; zeros, as of a state at rest, stay zero."""
     return np.asarray(x + SHIFT * np.abs(x).max(initial=0.0) * rng.uniform(-1.0, 1.0, x.shape) * (x != 0))
 
 

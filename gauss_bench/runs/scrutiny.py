@@ -21,7 +21,7 @@ from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Mechanism, factor_of
 from gauss_bench.runs.apart import Request
 from gauss_bench.runs.offers import Offer
-from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, nothing, sampling_at
+from gauss_bench.runs.one_run import JUDGED, SAMPLING, Run, acceleration_error, ask_nothing, sampling_at
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Reference, RunFailure, Trajectory, spread_evenly
 
@@ -47,12 +47,13 @@ def sample_spacing(mechanism: Mechanism, t_end: float) -> float:
     made so small that the run has more than MOST samples.
     """
     start = Trajectory(np.zeros(1), mechanism.q0[None], mechanism.v0[None], np.zeros((1, mechanism.n)), 0)
-    rates = [float(np.abs(x).max(initial=0.0)) for x in modes_along(mechanism, start)]
-    periods = [2 * np.pi / x for x in rates if x > 0]
+    rates = [float(np.abs(eigenvalues).max(initial=0.0)) for eigenvalues in modes_along(mechanism, start)]  # [1/s]
+    periods = [2 * np.pi / rate for rate in rates if rate > 0]  # [s]
     if (period := mechanism.forcing_period) is not None:
         periods.append(period)
     periods += [2 * float(np.diff(x).min()) for x in reversal_times(mechanism) if len(x) > 1]
-    return max(min(SAMPLING, t_end / LEAST, *(x / A_PERIOD for x in periods)), min(SAMPLING, t_end / MOST))
+    wanted = min(SAMPLING, t_end / LEAST, *(period / A_PERIOD for period in periods))
+    return max(wanted, min(SAMPLING, t_end / MOST))
 
 
 def reversal_times(mechanism: Mechanism) -> list[Array]:
@@ -62,8 +63,8 @@ def reversal_times(mechanism: Mechanism) -> list[Array]:
         if factor is not None and factor.kinks:
             slopes = np.array([0.0, *(slope for _, slope in factor.lines[1:])])  # of the line before the first kink, and after each
             steep = np.flatnonzero(slopes)  # lines along which the force is not constant
-            turned = steep[1:][np.diff(np.sign(slopes[steep])) != 0]  # lines whose slope has the other sign than the last steep one
-            times.append(np.array(factor.kinks)[turned - 1])  # line k begins at kink k - 1
+            is_turn = np.diff(np.sign(slopes[steep])) != 0  # whether the slopes of a steep line and the next one differ in sign
+            times.append(np.array(factor.kinks)[steep[1:][is_turn] - 1])  # line k begins at kink k - 1
     return times
 
 
@@ -82,7 +83,7 @@ def repeat_finer(request: Request, offer: Offer, seconds: float, times: Array, l
         # a step ends at each sample: with the same samples, a tighter tolerance might have no effect
         part = np.sort(np.concatenate([part, (part[1:] + part[:-1]) / 2]))
     # the model is asked nothing before the run
-    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=nothing, answers=0)
+    return replace(request, choice=choice, wanted=sampling_at(choice.step, part), ask=ask_nothing, answers=0)
 
 
 def at_samples(finer: Run, times: Array) -> Run:
@@ -122,15 +123,15 @@ def is_same_run(one: Trajectory, other: Trajectory) -> bool:
 
 
 def depends_on_steps(mechanism: Mechanism, trajectory: Trajectory) -> bool:
-    """Tell whether the last bits of a motion must depend on its steps: it has degrees of freedom, and its accelerations vary."""
+    """Tell whether other steps must change the last bits of a motion: it has degrees of freedom, and its accelerations vary."""
     J = Evaluator(mechanism).constraints(trajectory.t[:1], trajectory.q[:1], trajectory.v[:1]).J[0]
     return bool(np.ptp(trajectory.a, axis=0).any()) and null_space(J, mechanism.n).shape[1] > 0
 
 
 def first_part(times: Array, seconds: float, longest: float) -> Array:
-    """Return those first sample times (k,) [s] of a run that a repetition at half the step can reach in `longest` [s].
+    """Return the sample times (k,) [s] of a run from the start up to the last that a repetition at half the step can reach.
 
-    The run itself took `seconds`.
+    The repetition may take `longest` [s], and needs twice the time `seconds` [s] that the run took.
     """
     if not seconds > longest / 2:  # also true for NaN, the time of a failed run
         return times
@@ -207,21 +208,21 @@ def as_truth(trajectory: Trajectory) -> Reference:
 
 
 def measurable_gain(mechanism: Mechanism, trajectory: Trajectory, evidence: Evidence) -> Array | None:
-    """Return the energy (k,) [J] that a run gains beyond the work done on it, as far as its samples can show this.
+    """Return the energy (k,) [J] that a run gains beyond the work done on it, without losses that its samples cannot resolve.
 
     Losses between samples further apart than the time constant of the fastest damping are left out. The result is None if the run
-    passes the judge's check of energy, or if no motion of the linkage decays by damping.
+    passes the judge's check of energy without this correction, or if no motion of the linkage decays by damping.
     """
     if not any(x.subject is Subject.ENERGY for x in judge(evidence).objections):
         return None
-    modes = modes_along(mechanism, trajectory)  # eigenvalues: a negative real part is the rate of a decay
-    fastest = max((float(-x.real.min(initial=0.0)) for x in modes), default=0.0)
+    modes = modes_along(mechanism, trajectory)  # eigenvalues [1/s]: a negative real part is the rate of a decay
+    fastest = max((float(-eigenvalues.real.min(initial=0.0)) for eigenvalues in modes), default=0.0)
     return metrics.without_loss(trajectory.t, evidence.energy, 1.0 / fastest) if fastest > 0 else None
 
 
 def fastest_rate(mechanism: Mechanism, trajectory: Trajectory) -> float | None:
-    """Return the angular frequency [rad/s] of the fastest oscillation about a motion, or None if it cannot be computed."""
-    rates = [float(np.abs(x.imag).max(initial=0.0)) for x in modes_along(mechanism, trajectory)]
+    """Return the angular frequency [rad/s] of the fastest oscillation about a motion (median of some states); None if unknown."""
+    rates = [float(np.abs(eigenvalues.imag).max(initial=0.0)) for eigenvalues in modes_along(mechanism, trajectory)]
     return float(np.median(rates)) if rates else None
 
 

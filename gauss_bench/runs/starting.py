@@ -78,10 +78,9 @@ def time_with_compilers(call: Callable[[], object]) -> dict[str, Any]:
 def time_start(
     start: Callable[..., dict[str, Any]], engine: str, mechanism: Mechanism, choice: Choice, limit: float
 ) -> dict[str, Any]:
-    """Return what `start` (`start_there` or `cold_there`) returns in a new process, or the columns of the process's failure."""
+    """Call `start` (`start_there` or `cold_there`) in a new process; return its result, or the columns of the process's failure."""
     try:
         with Worker() as worker:
-            timed: dict[str, Any] = worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit)
-            return timed
+            return dict(worker.under(interpreter_of(engine)).call(start, (engine, mechanism, choice), limit))
     except WorkerFailure as failure:
         return failure.columns

@@ -23,6 +23,7 @@ import json
 import math
 import os
 import pickle
+import resource
 import select
 import signal
 import struct
@@ -101,7 +102,7 @@ class Worker:
         self.log.close()
 
     def under(self, interpreter: Interpreter) -> "Worker":
-        """Set the Python interpreter for the next task, and return this worker; a process of another interpreter is ended."""
+        """Set the Python interpreter for the next task, and return this worker; a process under another interpreter is ended."""
         if interpreter != self.interpreter:
             self.stop()
             self.interpreter = interpreter
@@ -168,7 +169,6 @@ class Worker:
         """
         process = self.start()
         assert process.stdin is not None
-        assert process.stdout is not None
         token = os.urandom(16)
         self.log.seek(0)
         self.log.truncate()  # so that the last line is of this task
@@ -187,7 +187,7 @@ class Worker:
                 raise WorkerFailure(Status.CRASHED, "the process was stopped") from error
             if not isinstance(error, (EOFError, BrokenPipeError)):
                 raise
-            code = self._exit_code(process)
+            code = _exit_code(process)
             printed = self._last_words()
             self.stop()
             if code == os.EX_CONFIG:  # `elsewhere.py` found that the interpreter cannot run a worker, and printed why
@@ -201,15 +201,6 @@ class Worker:
                 raise WorkerFailure(Status.ERROR, in_a_sentence(text))
         raise WorkerFailure(Status.ERROR, "the worker gave no answer")
 
-    @staticmethod
-    def _exit_code(process: "subprocess.Popen[bytes]") -> int:
-        """Return the exit code of a process, which is killed if it has closed its pipe but still runs."""
-        try:
-            return process.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            return process.wait()
-
     def _last_words(self) -> str:
         """Return a colon and the last line that the worker printed, or an empty text."""
         self.log.seek(0)
@@ -218,7 +209,16 @@ class Worker:
         return f": {line}" if line else ""
 
 
-_kept: dict[str, Worker] = {}
+def _exit_code(process: "subprocess.Popen[bytes]") -> int:
+    """Return the exit code of a process, which is killed if it has closed its pipe but still runs."""
+    try:
+        return process.wait(GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+_kept: dict[str, Worker] = {}  # engine -> its worker
 
 
 def keep(engine: str) -> Worker:
@@ -275,7 +275,7 @@ def _receive_within(process: "subprocess.Popen[bytes]", token: bytes, clock: "_C
 
 
 def read_waits(pid: int) -> dict[int, float]:
-    """Return thread of a process -> seconds for which it has waited for a processor; empty if the system does not say."""
+    """Return thread ID -> time [s] for which this thread of a process has waited for a processor; empty if it is not known."""
     waits = {}
     with contextlib.suppress(OSError):
         for thread in Path(f"/proc/{pid}/task").iterdir():
@@ -285,7 +285,7 @@ def read_waits(pid: int) -> dict[int, float]:
 
 
 class _Clock:
-    """The remaining time of a task of process `pid`, which starts to run when this object is made.
+    """The time that is left to a task of process `pid`; the task begins when this object is made.
 
     The time during which the process waits for a processor does not count towards `limit` [s], if the system reports it. All
     elapsed time counts towards `longest` [s].
@@ -317,7 +317,7 @@ def _end_all(mark: str) -> None:
     The process group would not be enough, because processes in sessions of their own do not belong to it.
     """
     sign = f"{MARK}={mark}".encode()
-    _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has(pid, sign)])
+    _end_each(lambda: [pid for pid in _processes() if pid != os.getpid() and _has_mark(pid, sign)])
 
 
 def _end_descendants(root: int) -> None:
@@ -333,7 +333,7 @@ def _end_each(find: Callable[[], list[int]]) -> None:
         for pid in found:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, signal.SIGKILL)
-        time.sleep(0.01)
+        time.sleep(0.01)  # [s] in which they end
 
 
 def _processes() -> list[int]:
@@ -359,7 +359,7 @@ def _descendants(root: int) -> list[int]:
     return [pid for pid in found[1:] if pid not in ended]
 
 
-def _has(pid: int, sign: bytes) -> bool:
+def _has_mark(pid: int, sign: bytes) -> bool:
     """Tell whether the environment variables of a process contain `sign`, the text "NAME=mark" of a worker.
 
     The mark of a worker that was started within it counts too: it is the worker's mark, followed by a slash and more.
@@ -383,13 +383,11 @@ def _leave_with_parent() -> None:
 
 def _limit_memory() -> None:
     """Limit the memory of this process, so that too large an array fails in this process and ends no other."""
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with contextlib.suppress(ValueError, OSError):
+        installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")  # bytes
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        most = min(whole, int(os.environ.get(MOST_MEMORY, MEMORY)))
-        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))
+        most = min(installed, int(os.environ.get(MOST_MEMORY, MEMORY)))
+        resource.setrlimit(resource.RLIMIT_AS, (most if hard < 0 else min(most, hard), hard))  # hard < 0: no limit
 
 
 def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:

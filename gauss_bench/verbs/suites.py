@@ -25,7 +25,7 @@ from gauss_bench.engines.authors import read_settings
 from gauss_bench.linkage.load import load
 from gauss_bench.report.build import build_report, refuse_pages_of_others
 from gauss_bench.report.field_run import folders_of
-from gauss_bench.runs.apart import build_first, is_unaltered
+from gauss_bench.runs.apart import build_first, leave_unaltered
 from gauss_bench.runs.offers import ChoiceError, check_budget, offers
 from gauss_bench.suites.read import join_entries, of_engines, read_suite, restrict, scenario_of
 from gauss_bench.suites.schema import Suite
@@ -117,7 +117,7 @@ def run(options: Namespace, told: Told) -> Answer[Annotated[Tables, TABLES]]:
         refuse_pages_of_others(options.out)
     names = options.suite or ["quick"]
     suite, limit = choose_suite(options, names), check_budget(options.budget, CASE_LIMIT)
-    cases.as_asked(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
+    cases.adapt_cases(cases.cases(suite), options.until, options.steps)  # raises ChoiceError before anything is run
     if options.against:
         accuracy_rows(options.against)  # raises an error if there is no other run to compare with
     if suite.steps and not suite.accuracy:  # a suite about compiled code alone needs the compiler
@@ -178,7 +178,7 @@ def check(options: Namespace, told: Told) -> Answer[Checked] | Answer[Accepted]:
             raise ChoiceError(f"{options.baseline} has no figure of {named}; --accept REASON writes them there")
         if len(chosen) < len(asked):
             told(f"{len(asked) - len(chosen)} of {len(asked)} cases are not in the baseline and are not run")
-    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else is_unaltered
+    alter = partial(gate.scale_inertia, options.plant_inertia) if options.plant_inertia else leave_unaltered
     rows, references = measure_all(chosen, options.baseline.parent, options.jobs, alter)
     figures = gate.figures_of(rows, references)
     if baseline is None:

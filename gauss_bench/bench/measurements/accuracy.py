@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.bench.cases import Case, as_asked, cases
+from gauss_bench.bench.cases import Case, adapt_cases, cases
 from gauss_bench.bench.measure import at_checkpoints, measure, mechanism_of, reference_of
 from gauss_bench.bench.poses import choose_played, keep, true_poses
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, place_of
@@ -21,15 +21,16 @@ JUDGING = 20.0  # [s] for the reference and the metrics of a case, besides the l
 
 
 def exact_tasks(suite: Suite, context: Context) -> list[Task]:
-    """Return the tasks of the references, which cases share, then those of the cases."""
-    chosen = as_asked(cases(suite), context.until, context.steps)
+    """Return the tasks of all references and cases of a suite."""
+    chosen = adapt_cases(cases(suite), context.until, context.steps)
     return tasks(chosen, context, choose_played(chosen))
 
 
 def tasks(chosen: Sequence[Case], context: Context, posed: Collection[Case] = ()) -> list[Task]:
-    """Return the tasks that compute the references and those that run the cases; only cases in `posed` store poses."""
+    """Return the tasks that compute the references, then those that run the cases; only cases in `posed` store poses."""
     listed = []
-    for linkage, scenario, t_end in sorted({(c.linkage, c.scenario, c.t_end) for c in chosen}):
+    motions = {(case.linkage, case.scenario, case.t_end) for case in chosen}  # each has one reference, which cases share
+    for linkage, scenario, t_end in sorted(motions):
         arguments: tuple[Any, ...] = (linkage, scenario, t_end, context.store)
         listed.append(context.task("references", reference, arguments, linkage, scenario, t_end=t_end))
     for case in chosen:
@@ -64,7 +65,7 @@ def complete(suite: Suite, tables: Tables) -> None:
 
 
 def in_order(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the values by which a row is sorted: its key columns, with larger steps first."""
+    """Return the values by which rows are sorted: those of their key columns; of the steps, the larger one comes first."""
     return (*(row[k] for k in KEY[:6]), -row["step"], row["t_end"])
 
 
@@ -76,10 +77,10 @@ def with_orders(rows: Rows) -> Rows:
     """
     for group in group_by(rows, *(k for k in KEY if k != "step")).values():
         steps, floors = _numbers(group, "step"), np.nan_to_num(_numbers(group, "position_error_bar"))
-        errors = [_numbers(group, f"measured_error_{at}") for at in ("t2", "t1", "t05")]
-        known = [x for x in errors if not np.isnan(x).all()]
-        if known and len(group) > 1:
-            for row, order in zip(group, observed_order(steps, known[0], floors).tolist(), strict=True):
+        errors = [_numbers(group, f"measured_error_{checkpoint}") for checkpoint in ("t2", "t1", "t05")]  # the last one first
+        reached = [x for x in errors if not np.isnan(x).all()]
+        if reached and len(group) > 1:
+            for row, order in zip(group, observed_order(steps, reached[0], floors).tolist(), strict=True):
                 row["observed_order"] = order
     return rows
 

@@ -29,7 +29,6 @@ from gauss_bench.suites.schema import Agreement, Suite
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import Status
 
-RANDOM = "random states"
 CENTRES = "dead centres"
 FOLDED = {"parallelogram": (0.0, np.pi)}  # [rad] crank angles at which all its bars lie in one line
 OFFSETS = {CENTRES: (0.0, 1e-9, 1e-6, 1e-3), "change points": (1e-6, 1e-4, 1e-2)}  # [rad] of the crank from these positions
@@ -44,21 +43,21 @@ def agreement(linkage: str, scenario: str, part: Agreement) -> Tables:
     """Return one row for each kind of states and formulation: the largest relative difference of a kernel from numpy."""
     mechanism = load(linkage, scenario or None)
     rows = []
-    for place, q, v in places(mechanism, part.states):
+    for kind, q, v in list_states(mechanism, part.states):
         for formulation in FORMULATIONS:
-            start: Row = place_of(mechanism) | {"formulation": formulation, "place": place, "states": len(q)}
+            start: Row = place_of(mechanism) | {"formulation": formulation, "place": kind, "states": len(q)}
             rows.append(at_most(row(start, differences, mechanism, formulation, q, v), "error", part.target))
     return {"kernel_agreement": rows}
 
 
-def places(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
+def list_states(mechanism: Mechanism, count: int) -> Iterator[tuple[str, Array, Array]]:
     """Yield the name of each kind of states, and states q, v (k, n) of that kind, which obey the constraints.
 
-    These are `count` random states, and for each distance of the crank in OFFSETS the states on both sides of every singular
-    position, at the crank speed SPEED.
+    The kinds are `count` random states and, for each distance of the crank from singular positions in OFFSETS, the states on both
+    sides of every such position, at the crank speed SPEED.
     """
     states = random_states(mechanism, count)
-    yield RANDOM, states.q, states.v
+    yield "random states", states.q, states.v
     motion = MinimalCoordinate(mechanism)
     name, cranks = _singular(mechanism)
     for offset in OFFSETS[name] if cranks else ():
@@ -83,7 +82,8 @@ def differences(mechanism: Mechanism, formulation: str, q: Array, v: Array) -> R
     """Return the columns `error`, `numpy_error` and `against`, which compare a kernel with formulations in numpy at states (k, n).
 
     `against` is the formulation in numpy whose accelerations are taken as true. `error` is the largest relative error of the
-    kernel, called for each state and for all states together; `numpy_error` is that of a second formulation in numpy.
+    kernel, both if it is called for one state after the other and if it is called for all states together. `numpy_error` is the
+    largest relative error of a second formulation in numpy.
 
     Raises:
         Missing, RunFailure: the kernel or a formulation has no accelerations.

@@ -21,7 +21,7 @@ from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.build import random_states
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import Block, calls_block
 from gauss_bench.suites.schema import Batch, Suite
 from gauss_bench.terms import Array
 
@@ -42,8 +42,7 @@ def race_batch(linkage: str, scenario: str, part: Batch) -> Tables:
     start: Row = place_of(mechanism) | {"states": part.states, "steps": part.step_count}
     start |= {"rival": part.rival, "settings": part.settings, "rival_steps": part.rival_step_count}
     own, rival = list_keys(part)
-    arguments = (linkage, scenario, part)
-    measured = race_processes(entries, arguments, part.rounds, [own.engine, rival.engine], part.processes)
+    measured = race_processes(entries, (linkage, scenario, part), part.rounds, [own.engine, rival.engine], part.processes)
     result = row(start, lambda: measured.compare(own, rival) | measured.facts.get(own, {}))
     return {"kernel_batch": [at_least(result, "ratio", part.targets.get(mechanism.name))]}
 
@@ -73,12 +72,12 @@ def make_block(mechanism: Mechanism, part: Batch, key: Key, q: Array, v: Array, 
     trajectories that are computed together with single ones.
     """
     model: Any = get(key.engine).build(mechanism, Choice(key.settings, "rk4", "none", part.step))
-    block = lasting(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
+    block = calls_block(key, ask(model, "batch")(q, v, steps), steps * len(q))  # the measured time is divided by the last argument
     return replace(block, facts=partial(check_lanes, model, q, v, steps)) if key.engine == part.own else block
 
 
 def check_lanes(model: Any, q: Array, v: Array, steps: int) -> Row:
-    """Run all trajectories in vector lanes and some again one by one, and return the columns `lanes`, `lanes_error` and `lost`.
+    """Compute all trajectories in vector lanes, and CHECKED of them one by one; return the columns `lanes`, `lanes_error`, `lost`.
 
     `lanes` is the number of trajectories that are computed at once, `lanes_error` the largest difference [m, rad] of a last state
     in a lane from that of a single run, `lost` the number of trajectories that failed in lanes. States q, v are (k, n).

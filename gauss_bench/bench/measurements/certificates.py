@@ -42,7 +42,8 @@ def certify_one(
         digits: number of digits that the certificate should guarantee.
         until: end of the motion [s]; by default the end of the scenario.
         out: the file to be written; None writes no file.
-        told: function that is called with a sentence of progress at the start and, if stderr is no terminal, every PAUSE seconds.
+        told: function that is called with a sentence at the start and, if stderr is no terminal, with one of progress every PAUSE
+            seconds.
 
     Raises:
         LinkageError: the linkage file has faults.
@@ -57,8 +58,8 @@ def certify_one(
     end = duration(mechanism.duration, until=until)
     told(f"{mechanism.name}, scenario {mechanism.scenario}, until {end:g} s: two independent computations")
     started = last_line = time.perf_counter()
-    shape = "{desc} {bar} {n:.3g}/{total:.3g} s"
-    with tqdm(total=end, disable=not sys.stderr.isatty(), file=sys.stderr, bar_format=shape) as bar:
+    bar_format = "{desc} {bar} {n:.3g}/{total:.3g} s"
+    with tqdm(total=end, disable=not sys.stderr.isatty(), file=sys.stderr, bar_format=bar_format) as bar:
 
         def report(stage: str, t: float) -> None:
             """Show that a stage of the computation has reached the time t [s] of the motion."""
@@ -81,12 +82,12 @@ def certify_one(
 
 
 def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
-    """Return the table row of a certificate: its guaranteed digits, its last finite error bars, and how it was computed."""
+    """Return the table row of a certificate: its guaranteed digits, its error bars at the end, and how it was computed."""
     c = certificate
     row: dict[str, Any] = {"status": "ok", "message": c.stopped, "mechanism": c.name, "scenario": c.scenario}
     row |= {"digits": c.digits, "until": c.until, "duration": c.duration, "complete": c.until >= c.duration * (1 - 1e-12)}
     for bar in ("error_q", "error_v", "error_a", "error_multipliers", "floor_q", "floor_v", "floor_a"):
-        known = getattr(c, bar)[np.isfinite(getattr(c, bar))]
+        known = getattr(c, bar)[np.isfinite(getattr(c, bar))]  # NaN: not computed for that sample
         row[bar] = float(known[-1]) if len(known) else None
     if not c.multipliers.size:  # a linkage without constraints
         row["error_multipliers"] = None
@@ -107,8 +108,8 @@ def describe(certificate: Certificate, mechanism: Mechanism) -> dict[str, Any]:
 def scenarios_to_certify() -> list[tuple[str, str]]:
     """Return linkage and scenario of every certificate of the suite.
 
-    These are all scenarios of the built-in linkages, and those of the linkages in CLOSED_FORMS that have a closed form, without
-    scenarios with dry friction, whose motions cannot be certified.
+    They are all scenarios of the built-in linkages, and those scenarios of the linkages in CLOSED_FORMS whose motion is known in
+    closed form. Scenarios with dry friction are left out, because their motions cannot be certified.
     """
     pairs = [(name, scenario) for name in (*built_in(), *CLOSED_FORMS) for scenario in document_of(name)[0]["scenarios"]]
     # a generated linkage with a driver has no closed form
@@ -122,7 +123,7 @@ def certify_built_in(jobs: int = 2) -> list[dict[str, Any]]:
 
 
 def _task(place: tuple[str, str], function: Callable[..., Tables], arguments: tuple[str, ...]) -> Task:
-    """Return the task function(*arguments), which returns the row of a certificate of `place`, a linkage and scenario."""
+    """Return the task that calls function(*arguments), which returns a row; `place` is linkage and scenario of its certificate."""
     start = dict(zip(("mechanism", "scenario"), place, strict=True))
     return Task("|".join((*place, *arguments)), function, arguments, "", TABLE, start, LIMIT)
 
@@ -147,8 +148,9 @@ def verify_all(files: list[Path], linkage: str | None = None, jobs: int = 2) -> 
     tasks = []
     for path in files:
         certificate = read_certificate(path)
-        beside = path.resolve().parent.parent / f"{certificate.name}.toml"  # a user's linkage; others are built in or generated
-        owner = linkage or (str(beside) if beside.is_file() else certificate.name)
+        # a user's linkage lies in the folder above that of its certificates; others are built in or generated
+        user_file = path.resolve().parent.parent / f"{certificate.name}.toml"
+        owner = linkage or (str(user_file) if user_file.is_file() else certificate.name)
         check_holds(certificate, load(owner, certificate.scenario), path)
         tasks.append(_task((certificate.name, certificate.scenario), _verify, (str(path), owner)))
     return _rows(tasks, jobs)
@@ -163,7 +165,7 @@ def _verify(path: str, linkage: str) -> Tables:
 
 
 def certificates_digest() -> str:
-    """Return a digest of all certificates of the suite: figures that depend on them are stale when one changes."""
+    """Return a digest of all certificates of the suite; if it has changed, figures that depend on certificates are stale."""
     digest = hashlib.sha256()
     folder = built_in_folder()
     for path in sorted((folder / "certificates").glob("*.npz")) if folder else ():

@@ -3,7 +3,7 @@
 Here n is the number of coordinates and m the number of constraints. Gauss's formulation has n - m unknowns, Lagrange's has n + m.
 The compiled codes of both use the same elimination, the same search for pivots and the same code generator, and race in several
 processes: a step of one trajectory, a step with projection, and a step in a batch of trajectories. The reported ratio is the median
-of the ratios of all processes, with the spread of `clock.foreseen`; the verdict is "open" if the spread covers 1.
+of the ratios of all processes, with the spread of `clock.prediction_interval`; the verdict is "open" if the spread covers 1.
 
 For one evaluation of the accelerations, including the checks of pivots, the table also has the number of operations, the number of
 divisions, and the number of operations in the longest dependent chain.
@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.bench.clock import Key, Row, foreseen, gather_rounds, row
+from gauss_bench.bench.clock import Key, Row, gather_rounds, prediction_interval, row
 from gauss_bench.bench.measurements import cost
 from gauss_bench.bench.measurements.cost import BATCH, NATIVE
 from gauss_bench.bench.survived import race_survivors
@@ -36,7 +36,7 @@ QUANTITIES = {STEP: (NATIVE, "none"), PROJECTED: (NATIVE, "projection"), LANES: 
 
 
 def pairs(part: Claim) -> dict[str, list[Key]]:
-    """Return, for each of QUANTITIES, two keys: of the engine with n - m unknowns, and of the one with n + m."""
+    """Return the keys of two entries for each of QUANTITIES: of the engine with n - m unknowns, and of the one with n + m."""
     return {
         what: [Key(quantity, engine, stabilization=stabilization) for engine in part.compiled]
         for what, (quantity, stabilization) in QUANTITIES.items()
@@ -107,16 +107,16 @@ def claim_row(start: Row, races: Rows) -> Row:
 
     If no race has a ratio of the times of a step, the status of the row is that of a race that failed or, if none failed, "skip".
     """
-    columns: Row = {"status": str(Status.SKIP), "message": "no step was timed"}
+    columns = start | {"status": str(Status.SKIP), "message": "no step was timed", "processes": 0}
     # a race that failed as a whole has a row that does not say what was timed
-    if failed := next((r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")), None):
-        columns = {"status": failed["status"], "message": failed["message"]}
-    columns = start | columns | {"processes": 0}
+    failed = [r for r in races if r["status"] != Status.OK and r.get("what") in (STEP, None, "")]
+    if failed:
+        columns |= {"status": failed[0]["status"], "message": failed[0]["message"]}
     for what, prefix in COLUMNS.items():
         ended = [float(r["ratio"]) for r in races if r.get("what") == what and r["status"] == Status.OK]
         if not ended:
             continue
-        low, high = foreseen(np.array(ended))
+        low, high = prediction_interval(np.array(ended))
         columns |= {f"{prefix}ratio": statistics.median(ended), f"{prefix}ratio_low": low, f"{prefix}ratio_high": high}
         columns |= {f"{prefix}verdict": verdict(low, high)}
         if what == STEP:
@@ -125,7 +125,7 @@ def claim_row(start: Row, races: Rows) -> Row:
 
 
 def verdict(low: float, high: float) -> str:
-    """Decide by both ends of a ratio's spread whether fewer unknowns make a step faster: "holds", "reversed", or "open"."""
+    """Return "holds" if fewer unknowns make a step faster, "reversed" if slower, and "open" if the ratio's spread covers 1."""
     if low > 1.0:
         return "holds"
     return "reversed" if high < 1.0 else "open"

@@ -33,7 +33,7 @@ from gauss_bench.engines import environment_of, get, names
 from gauss_bench.engines.base import Choice, ask
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.runs.blocks import Block, Work, accelerating, block_elsewhere, lasting, stepping
+from gauss_bench.runs.blocks import Block, Work, accelerations_block, block_elsewhere, calls_block, steps_block
 from gauss_bench.runs.offers import offer
 from gauss_bench.runs.starting import build_model, cold_there, first_step, start_there, time_start
 from gauss_bench.suites.schema import Cost, Suite
@@ -73,7 +73,7 @@ def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
 
 
 def task_of_first_step(context: Context, place: tuple[str, str], engine: str, step: float, quantity: str, number: int = 0) -> Task:
-    """Return the task that calls `time_first_step` for a linkage and scenario."""
+    """Return the task that calls `time_first_step` for a linkage and scenario (`place`), in process `number`."""
     arguments = (*place, engine, step, quantity, number)
     return context.task("untimed", time_first_step, arguments, *place, engine=engine, quantity=quantity)
 
@@ -121,21 +121,21 @@ def quantities(name: str, mechanism: Mechanism, choice: Choice, part: Cost) -> I
 
     def batch() -> Block:
         q, v = (np.tile(x, (TRAJECTORIES, 1)) for x in start)
-        return lasting(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
+        return calls_block(NO_KEY, ask(model(), "batch")(q, v, BATCH_STEPS), BATCH_STEPS * TRAJECTORIES)
 
     if (choice.integrator, choice.stabilization) == (offered.integrators[0], "none"):
         if is_here:
-            yield BUILD, lambda: lasting(NO_KEY, lambda: first_step(engine, mechanism, choice))
-        yield ACCELERATION, partial(make, partial(accelerating, NO_KEY, *start))
+            yield BUILD, lambda: calls_block(NO_KEY, lambda: first_step(engine, mechanism, choice))
+        yield ACCELERATION, partial(make, partial(accelerations_block, NO_KEY, *start))
         if is_here and name in part.bare:  # `bare_calls` returns the library's call and an empty one
-            yield BARE, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[0])
-            yield EMPTY, lambda: lasting(NO_KEY, ask(model(), "bare_calls")()[1])
+            yield BARE, lambda: calls_block(NO_KEY, ask(model(), "bare_calls")()[0])
+            yield EMPTY, lambda: calls_block(NO_KEY, ask(model(), "bare_calls")()[1])
         if is_here and name in part.batch and choice.settings == next(iter(offered.settings)):
             yield BATCH, batch
     if offered.python_loop:
-        yield STEP, partial(make, partial(stepping, NO_KEY, step=part.step, native=False))
+        yield STEP, partial(make, partial(steps_block, NO_KEY, step=part.step, native=False))
     if offered.native_loop:
-        yield NATIVE, partial(make, partial(stepping, NO_KEY, step=part.step, native=True))
+        yield NATIVE, partial(make, partial(steps_block, NO_KEY, step=part.step, native=True))
 
 
 def time_first_step(linkage: str, scenario: str, engine: str, step: float, quantity: str, number: int = 0) -> Tables:
@@ -146,8 +146,8 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
     """
     offered, mechanism = offer(engine), load(linkage, scenario or None)
     key = Key(quantity, engine, next(iter(offered.settings)), offered.integrators[0])
-    start = place_of(mechanism) | key._asdict()
-    sample = time_start(IN_NEW_PROCESS[quantity], engine, mechanism, Choice(*key[2:], step), LIMIT)
+    start, choice = place_of(mechanism) | key._asdict(), Choice(key.settings, key.integrator, key.stabilization, step)
+    sample = time_start(IN_NEW_PROCESS[quantity], engine, mechanism, choice, LIMIT)
     if "status" in sample:
         return {"untimed": [start | sample]}
     return {"samples": [start | {"step": step, "process": number, "round": 0} | sample]}
@@ -156,14 +156,15 @@ def time_first_step(linkage: str, scenario: str, engine: str, step: float, quant
 def gather_by_linkage(tables: Tables) -> dict[tuple[Any, ...], Measured]:
     """Return (mechanism, scenario) -> the results of its races."""
     places = group_by([*tables.get("samples", []), *tables.get("untimed", [])], "mechanism", "scenario")
-    # a race that failed as a whole has one row without a quantity
+    # a row without a quantity, which is left out, is that of a race that failed as a whole
     return {place: gather_rounds(r for r in rows if "quantity" in r) for place, rows in places.items()}
 
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Fill in the cost columns of the table `results`, and keep one of equal rows of `untimed` from several processes."""
     if "untimed" in tables:
-        tables["untimed"] = [dict(x) for x in dict.fromkeys(tuple(r.items()) for r in tables["untimed"])]
+        distinct = dict.fromkeys(tuple(r.items()) for r in tables["untimed"])
+        tables["untimed"] = [dict(items) for items in distinct]
     add_costs(tables.get("results", []), gather_by_linkage(tables))
 
 
@@ -184,8 +185,8 @@ def _columns(races: dict[tuple[Any, ...], Measured], mechanism: str, scenario: s
     columns: dict[str, float] = {}
     for quantity in (BUILD, COLD, ACCELERATION, STEP, NATIVE):
         wanted = key._replace(quantity=quantity)
-        same = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
-        own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:same] == wanted[:same]), None)
+        fields = len(wanted) if quantity in (STEP, NATIVE) else 3  # the others depend on quantity, engine and settings alone
+        own = next((x for k, x in samples.items() if isinstance(k, Key) and k[:fields] == wanted[:fields]), None)
         if own is None:
             continue
         columns[f"{quantity.replace(' ', '_')}_time"] = time_of(own)

@@ -41,8 +41,9 @@ def driving(linkage: str, scenario: str, part: Driving) -> Tables:
             reactions = metrics.reactions(evaluator, x)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             raise RunFailure(Status.ERROR, f"no joint forces: {error}") from error
-        at, met = metrics.common_times(x.t, reference.t)  # indices of the times that both have
-        errors, largest = np.abs(reactions[at] - exact[met]).max(axis=0), np.abs(exact).max(axis=0)  # (m,)
+        own_rows, reference_rows = metrics.common_times(x.t, reference.t)  # at the times that both have
+        errors = np.abs(reactions[own_rows] - exact[reference_rows]).max(axis=0)  # (m,)
+        largest = np.abs(exact).max(axis=0)  # (m,)
         return {
             "torque_error": float(errors[driver] / largest[driver]),
             "mean_torque": float(abs(reactions[:-1, driver].mean()) / largest[driver]),  # the last sample repeats the first

@@ -1,4 +1,4 @@
-"""Further questions to every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
+"""Measure further figures of every engine, for the table `field`: repetition, joint forces, start-up time and installed size.
 
 Two runs in two new processes must agree bit by bit. The suite computes joint forces from the engine's accelerations; those that the
 engine itself reports are compared with the reference as well. A start is the first use of the engine in a new process: import,
@@ -33,13 +33,13 @@ from gauss_bench.trajectory import Status, Trajectory
 
 
 def engines_of(part: SameQuestions) -> list[str]:
-    """Return those engines of a section of the suite that are installed."""
+    """Return the installed engines among those that a section of the suite names, or all installed ones if it names none."""
     installed = names()
     return [x for x in part.engines or installed if x in installed]
 
 
-def absent(part: SameQuestions) -> list[str]:
-    """Return those engines of a section of the suite that are not installed."""
+def absent_engines(part: SameQuestions) -> list[str]:
+    """Return the engines that are not installed, among those that a section of the suite names or, if it names none, ELSEWHERE."""
     installed = names()
     return [x for x in part.engines or ELSEWHERE if x not in installed]
 
@@ -89,7 +89,7 @@ def compare_runs(linkage: str, scenario: str, engine: str, chosen: Sequence[str]
 
 
 def repeats(one: Trajectory, other: Trajectory) -> tuple[bool, float]:
-    """Tell whether two runs agree bit for bit, and return the largest difference of their positions [m, rad]."""
+    """Return whether two runs agree bit for bit, and the largest difference of their positions [m, rad]."""
     pairs = [(getattr(one, x), getattr(other, x)) for x in ("t", "q", "v", "a")]
     same = all(x.shape == y.shape and x.tobytes() == y.tobytes() for x, y in pairs)
     apart = np.abs(one.q - other.q).max() if one.q.shape == other.q.shape else np.inf
@@ -118,18 +118,18 @@ def complete(suite: Suite, tables: Tables) -> None:
     """
     rows = tables.get("field", [])
     for part in suite.field:
-        redundant = next((load(*x).name for x in part.redundant.items()), "")
+        redundant = [load(*place).name for place in part.redundant.items()]  # the first one counts
         for linkage, scenario in part.linkages.items():
             place = place_of(load(linkage, scenario or None))
-            missing = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
+            skipped = {"status": str(Status.SKIP), "settings": "", "integrator": "", "stabilization": "", "step": part.step}
             # the error for an unknown name says how the engine can be installed
-            rows += [place | missing | {"engine": name, "message": str(unknown(name).args[0])} for name in absent(part)]
+            rows += [place | skipped | {"engine": name, "message": str(unknown(name).args[0])} for name in absent_engines(part)]
             for row in rows:
                 if {k: row[k] for k in place} == place:
-                    row["redundant"] = redundant
+                    row["redundant"] = redundant[0] if redundant else ""
     for (engine,), own in group_by(rows, "engine").items():
         size = size_of(engine)
-        columns = {"size": size.megabytes, "size_of": size.of} | start_columns(tables.get("samples", []), engine)
+        columns = {"size": size.megabytes, "size_of": size.measured} | start_columns(tables.get("samples", []), engine)
         for row in own:
             row |= columns
     if rows:

@@ -21,7 +21,7 @@ from gauss_bench.terms import Array
 
 POSITIONS = 361  # of a turn
 STARTS = 60  # random starts of a search: a share is known to 6 %, which distinguishes "always", "half" and "seldom"
-FORMS = (  # name of a form of the equations, distances of starts, function that makes the equations
+FORMS = (  # name of a form of the equations, distances of starts from the solution, function that makes the equations
     ("loop variables", (0.5, 1.0, np.pi), loop_form),
     ("point coordinates", (0.1, 0.2, 0.5), point_form),
 )
@@ -64,7 +64,7 @@ def exact_motion(motion: MinimalCoordinate, angles: Array, speeds: Any = 1.0, ac
 
 
 def basin_rows(mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Return the shares of random starts from which a search finds the assembly.
+    """Return rows with the share of random starts from which a search finds the assembly.
 
     There is one row for each form of the equations, each search method (of `basins`), and each distance of the starts from the
     solution.

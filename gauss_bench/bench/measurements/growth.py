@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from gauss_bench.bench.clock import NO_KEY, Key, Row, foreseen, gather_rounds, row, spread
+from gauss_bench.bench.clock import NO_KEY, Key, Row, gather_rounds, prediction_interval, row, spread
 from gauss_bench.bench.survived import race_survivors
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, group_by, with_race_limit
 from gauss_bench.compiler.errors import KernelError
@@ -28,7 +28,7 @@ from gauss_bench.engines.pinocchio import library_calls as pinocchio
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.exact import closed_form
-from gauss_bench.runs.blocks import Block, TimedCall, call_of, lasting, prepare_call
+from gauss_bench.runs.blocks import Block, TimedCall, call_of, calls_block, prepare_call
 from gauss_bench.runs.offers import offers_from_outside
 from gauss_bench.suites.schema import Suite
 from gauss_bench.terms import Array
@@ -44,8 +44,9 @@ SIZE_LIMITS = {"pinocchio": (64, "building and checking the model takes more tha
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return one task for each process and size of the linkage; the processes of one size do not follow each other directly."""
-    calls, tasks = list_calls() if suite.growth else [], []
+    tasks = []
     for part in suite.growth:
+        calls = [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]  # (engine, name of a call)
         for number, size in product(range(part.processes), part.sizes):
             arguments = (size, part.rounds, number, calls)
             tasks.append(with_race_limit(context.task("scaling_races", race_growth, arguments, size=size, process=number)))
@@ -56,7 +57,7 @@ def complete(suite: Suite, tables: Tables) -> None:
     """Add the table of times over all processes, and the table of the exponents with which the times grow with the size."""
     races = tables.get("scaling_races", [])
     for part in suite.growth:  # suites have one such part; of several, the last would count
-        tables["scaling"] = over_races(races)
+        tables["scaling"] = summarise_races(races)
         tables["kernel_growth"] = exponents(races, part.large)
 
 
@@ -85,14 +86,9 @@ class Contender:
 def exact_state(size: int) -> ExactState:
     """Return the chain of `size` four-bars in its state at the time MOMENT, with the accelerations from the closed form."""
     mechanism = load(f"n_four_bar_{size}")
-    motion = closed_form(mechanism, [MOMENT])
+    motion = closed_form(mechanism, [MOMENT])  # (1, n) arrays
     assert motion is not None
     return ExactState(mechanism, *(np.array(x[0], dtype=float) for x in (motion.q, motion.v, motion.a)))
-
-
-def list_calls() -> list[tuple[str, str]]:
-    """Return engine and name of each library call that an engine from outside offers."""
-    return [(x.name, call) for x in offers_from_outside() if x.usable for call in x.library_calls]
 
 
 def contenders(outside: Sequence[Sequence[str]]) -> dict[str, Contender]:
@@ -158,8 +154,8 @@ def make_kernel_blocks(formulation: str, state: ExactState) -> list[Block]:
     facts = {"generate_seconds": kernel.generate_seconds, "compile_seconds": kernel.compile_seconds}
     facts |= {"error": state.error(kernel.acceleration(state.q, state.v))}
     # a step of the Runge-Kutta method has four right-hand sides: a call does the work of 4 LOOPED of them
-    steps = lasting(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
-    single = lasting(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
+    steps = calls_block(NO_KEY, lambda: kernel.rollout(state.q, state.v, STEP, LOOPED), 4 * LOOPED)
+    single = calls_block(NO_KEY, lambda: kernel.acceleration(state.q, state.v))
     return [replace(x, facts=lambda: facts) for x in (steps, single)]
 
 
@@ -194,20 +190,21 @@ for library, calls, quantity in (
     ("mujoco", mujoco.CALLS, CALLED),
     ("exudyn", exudyn.CALLS, IMPLICIT),
 ):
-    CONTENDERS |= {f"{library}, {way}": Contender((quantity,), partial(make_library_blocks, asked)) for way, asked in calls.items()}
+    for call, prepare in calls.items():
+        CONTENDERS[f"{library}, {call}"] = Contender((quantity,), partial(make_library_blocks, prepare))
 
 
-def over_races(races: Rows) -> Rows:
+def summarise_races(races: Rows) -> Rows:
     """Return a row for each engine, quantity and size: the time over all processes, or the reason why there is no time."""
     ended = [r for r in races if r["status"] == Status.OK]
     summary = []
     for rows in group_by(ended, "engine", "quantity", "size").values():
         # the row of a single process has the spread over its rounds
-        found = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
-        first = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
-        built = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
-        times = {"seconds": found["seconds"], "low": found["seconds_low"], "high": found["seconds_high"]}
-        summary.append(first | built | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
+        time = spread("seconds", np.array([[r["seconds"]] for r in rows])) if len(rows) > 1 else rows[0]
+        names = {k: x for k, x in rows[0].items() if k != "process" and not k.startswith("seconds")}
+        preparation = {k: statistics.median(r[k] for r in rows) for k in ("generate_seconds", "compile_seconds")}
+        times = {"seconds": time["seconds"], "low": time["seconds_low"], "high": time["seconds_high"]}
+        summary.append(names | preparation | times | {"error": max(r["error"] for r in rows), "processes": len(rows)})
     timed = group_by(ended, "engine", "size")
     for place, rows in group_by([r for r in races if r["status"] != Status.OK], "engine", "size").items():
         if place not in timed:
@@ -216,17 +213,17 @@ def over_races(races: Rows) -> Rows:
 
 
 def exponents(races: Rows, large: int) -> Rows:
-    """Return a row for each engine and quantity with the exponent p of time ~ size^p, of two or more sizes >= `large`."""
+    """Return rows with the exponent p of time ~ size^p, of each engine and quantity timed at two or more sizes >= `large`."""
     ended = [r for r in races if r["status"] == Status.OK and r["size"] >= large]
     summary = []
     for (engine, quantity), rows in group_by(ended, "engine", "quantity").items():
         by_size = {size: statistics.median(r["seconds"] for r in same) for (size,), same in group_by(rows, "size").items()}
         if len(by_size) == 1:
             continue
-        whole = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
-        by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in whole]
-        # `foreseen` works on the logarithms of positive values: given exp(exponent), it works on the exponents
-        low, high = np.log(foreseen(np.exp(by_process))).tolist()
+        timed_all = [x for x in group_by(rows, "process").values() if len(x) == len(by_size)]  # processes that timed all sizes
+        by_process = [exponent([r["size"] for r in x], [r["seconds"] for r in x]) for x in timed_all]
+        # `prediction_interval` works on the logarithms of positive values: given exp(exponent), it works on the exponents
+        low, high = np.log(prediction_interval(np.exp(by_process))).tolist()
         names = {"engine": engine, "quantity": quantity, "sizes": len(by_size), "from": large, "processes": len(by_process)}
         of_medians = exponent([*by_size], [*by_size.values()])
         summary.append(names | {"exponent": of_medians, "exponent_low": low, "exponent_high": high})

@@ -35,21 +35,21 @@ def long_run(linkage: str, scenario: str, part: LongRuns) -> Tables:
     mechanism = load(linkage, scenario)
     rows, windows = [], []
     for formulation in FORMULATIONS:
-        before: Row = {}  # the row at twice the step
+        coarse: Row = {}  # the row at twice the step
         for step in (part.step, part.step / 2):
             start: Row = place_of(mechanism) | {"formulation": formulation, "step": step}
-            found = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
-            energy_errors = found.pop("energies", [])
-            rows.append(judge_row(found, before, part))
+            fine = row(start | {"t_end": part.duration}, measure, mechanism, formulation, step, part.duration)
+            energy_errors = fine.pop("energies", [])
+            rows.append(judge_row(fine, coarse, part))
             windows += [start | {"t": (k + 1) * part.duration / WINDOWS, "energy_error": x} for k, x in enumerate(energy_errors)]
-            before = found
+            coarse = fine
     return {"kernel_long": rows, "kernel_energy": windows}
 
 
 def measure(mechanism: Mechanism, formulation: str, step: float, duration: float) -> Row:
-    """Run a linkage once, and return columns: drift, and the largest energy errors [J] in the first window, in the last and in all.
+    """Run a linkage once; return the columns of its drift and of its energy errors [J] in the first time window, the last, and all.
 
-    `energy` is the largest kinetic energy [J]; `energies` has the largest energy error in each time window.
+    An energy error is the largest in a window. `energies` lists those of all windows; `energy` is the largest kinetic energy [J].
 
     Raises:
         RunFailure: the mechanism has no kernel, or the run ended too early.
@@ -77,10 +77,10 @@ def judge_row(fine: Row, coarse: Row, part: LongRuns) -> Row:
 
     The order is that of the energy error, computed from the row `coarse` at twice the step, if that run reached its end.
     """
-    found = fine | {"target": part.drift, "met": False}
+    judged = fine | {"target": part.drift, "met": False}
     if fine["status"] == Status.OK:
-        found["met"] = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift
+        judged["met"] = max(fine["position_drift"], fine["velocity_drift"]) <= part.drift
         if coarse.get("status") == Status.OK:
-            found["order"] = float(np.log2(coarse["energy_max"] / fine["energy_max"])) if fine["energy_max"] > 0 else np.inf
-            found["met"] = found["met"] and found["order"] >= part.order - part.margin
-    return found
+            judged["order"] = float(np.log2(coarse["energy_max"] / fine["energy_max"])) if fine["energy_max"] > 0 else np.inf
+            judged["met"] = judged["met"] and judged["order"] >= part.order - part.margin
+    return judged

@@ -28,7 +28,7 @@ def example_motion(store: str) -> Tables:
 
 
 def list_published() -> Tables:
-    """Return one row for each published value, compared with that of the certified motion; none if its file is missing."""
+    """Return one row for each published value, compared with that of the certified motion; none if the certificate is missing."""
     name, scenario, t = SQUEEZER
     mechanism = load(name, scenario)
     reference = find_certified(mechanism, t)

@@ -18,7 +18,7 @@ from gauss_bench.bench.tasks import Rows
 from gauss_bench.compiler.machine import native_code
 from gauss_bench.compiler.machine.graph import LATENCY
 from gauss_bench.compiler.machine.llvm import Listing
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import Block, calls_block
 from gauss_bench.trajectory import RunFailure, Status
 
 CYCLES = LATENCY["fma"]
@@ -64,14 +64,14 @@ def _loop(chains: int, lanes: int | None) -> Block:
     def call() -> None:
         code.call(None, None, None, out.ctypes.data, TURNS)  # `out` lives as long as this function
 
-    return lasting(NO_KEY, call, chains * LINKS * TURNS)
+    return calls_block(NO_KEY, call, chains * LINKS * TURNS)
 
 
 def name_machine() -> Rows:
     """Return a row for each fact of the machine and each version of a library."""
-    where = environment()
-    rows: Rows = [{"key": x, "status": "ok", "statement": str(where[x])} for x in FACTS]
-    return rows + [{"key": name, "status": "ok", "statement": x} for name, x in sorted(where["versions"].items())]
+    facts = environment()
+    rows: Rows = [{"key": x, "status": "ok", "statement": str(facts[x])} for x in FACTS]
+    return rows + [{"key": name, "status": "ok", "statement": x} for name, x in sorted(facts["versions"].items())]
 
 
 def processor_rows(measured: Measured) -> Rows:
@@ -85,10 +85,10 @@ def processor_rows(measured: Measured) -> Rows:
     def rate() -> Row:
         """Return the columns of the operations per second and their spread: the longest time gives the lowest rate."""
         seconds = spread("value", measured.of(RATE_KEY))  # of one multiply-add of vectors, two operations in each lane
-        pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))
-        return {name: 2 * lanes / seconds[of] for name, of in pairs}
+        pairs = (("value", "value"), ("value_low", "value_high"), ("value_high", "value_low"))  # column of the rate and of its time
+        return {name: 2 * lanes / seconds[time] for name, time in pairs}
 
-    waiting = {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"}
-    cycle = {"key": "cycle", "quantity": f"a cycle, {CYCLES} to that latency", "unit": "s"}
-    most = {"key": "rate", "quantity": f"most operations in vectors of {lanes}, two to a fused multiply-add", "unit": "1/s"}
-    return [row(waiting, partial(value, 1.0)), row(cycle, partial(value, 1 / CYCLES)), row(most, rate)]
+    latency = {"key": "latency", "quantity": "a fused multiply-add that waits for the one before", "unit": "s"}
+    cycle = {"key": "cycle", "quantity": f"a cycle, of which that latency has {CYCLES}", "unit": "s"}
+    peak = {"key": "rate", "quantity": f"peak rate of operations on vectors of {lanes}, with two per multiply-add", "unit": "1/s"}
+    return [row(latency, partial(value, 1.0)), row(cycle, partial(value, 1 / CYCLES)), row(peak, rate)]

@@ -21,7 +21,7 @@ from gauss_bench.suites.schema import RightHandSide, Steps, Suite
 
 LOOP, CALLED = "in its own loop", "called from Python"
 AS_CALLED, NET = "as called", "less the call"
-LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival's net time negative
+LEAST = 1e-9  # [s] least time of a right-hand side: noise could make the rival's time less the call negative
 
 
 def complete(suite: Suite, tables: Tables) -> None:
@@ -57,8 +57,8 @@ def step_rows(place: tuple[str, str], part: Steps, step: float | None, measured:
 def rhs_rows(place: tuple[str, str], part: RightHandSide, measured: Measured) -> Rows:
     """Return a row for each setting of the rival engine, each method of timing our kernel, and each method of timing the rival.
 
-    The kernel is timed in its own loop or called from Python; of the rival's time, the cost of the call is subtracted or not. Only
-    the kernel in its own loop against the rival without the call has a target. `place` is mechanism and scenario.
+    The kernel is timed in its own loop or called from Python. The rival's time is taken as measured, or less the cost of the call.
+    Only the kernel in its own loop has a target, against the rival's time less the call. `place` is mechanism and scenario.
     """
     rows = []
     for settings, own, rival in product(part.settings, (LOOP, CALLED), (AS_CALLED, NET)):

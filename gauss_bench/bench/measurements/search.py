@@ -25,7 +25,7 @@ import numpy as np
 
 from gauss_bench.bench.clock import Measured, Row, at_least, gather_rounds, quartiles, ratio, ratio_columns, row, spread, time_of
 from gauss_bench.bench.measure import reference_of
-from gauss_bench.bench.search import close, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
+from gauss_bench.bench.search import close_to_fastest, coarsest, equal_steps, explore, finalists, nearest, pick_winner, tolerances
 from gauss_bench.bench.survived import list_survivors, race_here
 from gauss_bench.bench.tasks import Context, Rows, Tables, Task, gather, group_by, place_of, with_race_limit
 from gauss_bench.bench.ways import (
@@ -81,16 +81,19 @@ def requirements(part: Search) -> list[Requirement]:
 
 
 def engines_of(part: Search) -> list[Offer]:
-    """Return the descriptions of the engines among whose settings a section of the suite searches."""
-    usual = names() if part.brief else [x for x in all_names() if x not in OWN]
-    return [offer(x) for x in part.engines or usual]
+    """Return the descriptions of the engines whose settings a section of the suite searches.
+
+    If the section names none, these are all but RIVALS for a brief search, and all but the numpy formulations (OWN) for others.
+    """
+    by_default = names() if part.brief else [x for x in all_names() if x not in OWN]
+    return [offer(x) for x in part.engines or by_default]
 
 
 def space_of(engine: Offer, part: Search) -> list[Variant]:
     """Return the variants of an engine that a section of the suite searches, without those that the engine's authors sent in.
 
-    A brief search tries the variants that the engine lists under `first` or, if it lists none, those with one of its first BRIEF
-    integrators and without stabilisation or, if there are none, all.
+    A brief search tries the variants that the engine lists under `first`. If the engine lists none, it tries those that have no
+    stabilisation and one of the first BRIEF integrators, or all variants if none of them is such.
     """
     every = space(engine)
     if not part.brief:
@@ -116,17 +119,19 @@ def exact_tasks(suite: Suite, context: Context) -> list[Task]:
     tasks = []
     for part, place in _races(suite):
         # the trials of one variant do not depend on these fields: they are emptied, so that the key of its task does not either
-        asked = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
+        stripped = part.model_copy(update={"linkages": {}, "engines": (), "authors": ()})
         for engine in engines_of(part):
             for variant in candidates(engine, part):
-                arguments = (*place, engine.name, variant, asked, context.store)
-                columns = name_variant(engine.name, variant) | ({"owner": variant.owner} if variant.owner else {})
+                arguments = (*place, engine.name, variant, stripped, context.store)
+                owner = {"owner": variant.owner} if variant.owner else {}
+                columns = name_variant(engine.name, variant) | owner
                 tasks.append(context.task("search_ladder", ladder, arguments, *place, **columns))
     return tasks
 
 
 def timing_tasks(suite: Suite, context: Context, tables: Tables) -> list[Task]:
     """Return a task for the first process of every race, in which all settings that met a requirement may take part."""
+    # its limit is that of two races: `first_race` times steps in one process, and runs in another
     return [with_race_limit(_task(context, first_race, part, place, tables), 2) for part, place in _races(suite)]
 
 
@@ -174,27 +179,28 @@ def _task(context: Context, function: Callable[..., Tables], part: Search, place
 
 def complete(suite: Suite, tables: Tables) -> None:
     """Add the tables of the search: cheapest settings and their times, variants that were searched, meaning of engines' options."""
-    found = []
+    results = []
     for part, place in _races(suite):
         if races := _rows_at(tables, "search_races", place):
-            found.append(winners_and_times(*place, part, _rows_at(tables, "search_ladder", place), races))
-    tables |= gather(found)
+            results.append(winners_and_times(*place, part, _rows_at(tables, "search_ladder", place), races))
+    tables |= gather(results)
     variants: dict[str, Rows] = {}  # engine -> rows of its variants, each once although parts may share engines
     knobs: Rows = []
     for part in suite.search:
         for engine in (x for x in engines_of(part) if x.usable):
             if engine.name not in variants:
-                knobs += [{"engine": engine.name, "knob": k, "meaning": x, "source": y} for k, (x, y) in engine.knobs.items()]
-            own = variants.setdefault(engine.name, [])
-            own += [r for r in (space_row(engine, x) for x in candidates(engine, part)) if r not in own]
+                for knob, (meaning, source) in engine.knobs.items():
+                    knobs.append({"engine": engine.name, "knob": knob, "meaning": meaning, "source": source})
+            listed = variants.setdefault(engine.name, [])
+            found = [space_row(engine, x) for x in candidates(engine, part)]
+            listed += [r for r in found if r not in listed]
     if variants:
-        tables |= {"search_space": [r for own in variants.values() for r in own], "search_knobs": knobs}
+        tables |= {"search_space": [r for rows in variants.values() for r in rows], "search_knobs": knobs}
 
 
 def name_variant(engine: str, variant: Variant) -> dict[str, str]:
     """Return the columns that name a variant of an engine."""
-    columns = {"engine": engine, "settings": variant.name}
-    return columns | {"integrator": variant.integrator, "stabilization": variant.stabilization}
+    return {"engine": engine, "settings": variant.name, "integrator": variant.integrator, "stabilization": variant.stabilization}
 
 
 def space_row(engine: Offer, variant: Variant) -> Row:
@@ -214,13 +220,12 @@ def ladder(linkage: str, scenario: str, engine: str, variant: Variant, part: Sea
     start: Row = place_of(run.mechanism) | names | {"until": run.until, "owner": variant.owner}
     adaptive = variant.integrator in offer(engine).adaptive
     reference = reference_of(linkage, scenario, run.until, store)
-    # number of sample times, at equal distances, at which errors are taken: the reference has a sample at each of them
-    counts = (x for x in BEATS if common_times(reference.t, run.until / x * np.arange(x + 1))[1].all())
-    sample_count = next(counts, None)
-    if sample_count is None:
+    # number of sample times, at equal distances, at which errors are taken: the first for which the reference has all samples
+    counts = [x for x in BEATS if common_times(reference.t, run.until / x * np.arange(x + 1))[1].all()]
+    if not counts:
         reason = f"the truth has no samples at every tenth of {run.until:g} s"
         return {"search_ladder": [start | {"status": str(Status.SKIP), "message": reason, "ended": reason}]}
-    most_steps = part.steps_of.get(engine, part.most_steps)
+    sample_count, most_steps = counts[0], part.steps_of.get(engine, part.most_steps)
     sizes = tolerances() if adaptive else equal_steps(run.until, sample_count, most_steps)
     evaluator = Evaluator(run.mechanism)
 
@@ -249,13 +254,13 @@ def owners_of(rows: Rows) -> Owners:
 
 
 def passing_ways(ladders: Ladders, wanted: Requirement, engine: str) -> dict[Way, Trial]:
-    """Return, of each variant of an engine that meets a requirement, the coarsest setting that does, with its trial."""
-    found = {way: coarsest(trials, wanted) for way, trials in ladders.items() if way.engine == engine}
-    return {way._replace(size=trial.size): trial for way, trial in found.items() if trial}
+    """Return, of each variant of an engine that meets a requirement, the coarsest setting that meets it -> its trial."""
+    coarsest_trials = {way: coarsest(trials, wanted) for way, trials in ladders.items() if way.engine == engine}
+    return {way._replace(size=trial.size): trial for way, trial in coarsest_trials.items() if trial}
 
 
 def rivals(rows: Rows, part: Search) -> list[dict[Way, Trial]]:
-    """Return groups of settings, each a dict setting -> trial; the cheapest setting of each group is searched for.
+    """Return groups of settings, each as a dict setting -> trial; the cheapest setting of each group is to be found.
 
     All settings of a group meet the same requirement, and have the same engine, the same owner and the same kind of time loop
     (option `loop`). `rows` are those of the table `search_ladder` that belong to the linkage.
@@ -278,13 +283,15 @@ def first_race(linkage: str, scenario: str, part: Search, rows: Rows) -> Tables:
     """
     run, groups = motion_of(linkage, scenario, part), rivals(rows, part)
     steps = {way: trial.steps for ways in groups for way, trial in ways.items()}
-    # one step of each variant is timed, at the finest size that meets a requirement: later entries of a dict replace earlier ones
+    # one step of each variant is timed, at the finest size that meets a requirement: the last entry of a variant replaces others
     finest = {without_size(way): way for way in sorted(steps, key=lambda x: -x.size)}
     step_times, lost = race_apart(run, part, [Racer(x, steps[x], 0.0) for x in finest.values()], ROUGH_ROUNDS)
     measured = gather_rounds(step_times, entry_of)
     seconds = {variant: measured.time(way) for variant, way in finest.items() if way in measured.samples}  # of one step
     costs = {way: seconds[without_size(way)] * (steps[way] or 1) for way in steps if without_size(way) in seconds}
-    chosen = dict.fromkeys(x for ways in groups for x in finalists({way: costs[way] for way in ways if way in costs}))
+    chosen: dict[Way, None] = {}  # each setting once, although groups for different requirements may share it
+    for ways in groups:
+        chosen |= dict.fromkeys(finalists({way: costs[way] for way in ways if way in costs}))
     timed, more_lost = race_apart(run, part, [Racer(x, steps[x], costs[x]) for x in chosen], part.rounds, lost, part.lead)
     return {"search_races": race_rows(run, 0, timed, lost | more_lost)}
 
@@ -298,9 +305,10 @@ def further_race(linkage: str, scenario: str, part: Search, rows: Rows, first: R
         number: index of this process.
     """
     run, measured = motion_of(linkage, scenario, part), gather_measured(first)
-    # of each group of settings (setting -> trial), only those that may still be the fastest take part again: setting -> steps
-    near = {way: ways[way].steps for ways in rivals(rows, part) for way in near_ways(ways, measured)}
-    racers = [Racer(way, steps, time_of(measured.of(way))) for way, steps in near.items()]
+    steps: dict[Way, int | None] = {}  # number of steps of each setting that takes part again
+    for trials in rivals(rows, part):
+        steps |= {way: trials[way].steps for way in near_ways(trials, measured)}
+    racers = [Racer(way, count, time_of(measured.of(way))) for way, count in steps.items()]
     timed, lost = race_apart(run, part, racers, part.rounds, list_lost(first), part.lead)
     return {"search_races": race_rows(run, number, timed, lost)}
 
@@ -340,8 +348,8 @@ def without_size(way: Way) -> Way:
 
 
 def near_ways(ways: Iterable[Way], measured: Measured) -> list[Way]:
-    """Return those settings that may still be the fastest, judged by their times in the first process."""
-    return close({w: float(quartiles(measured.samples[w])[0]) for w in ways if w in measured.samples})
+    """Return those settings that may still be the fastest, by their times in the first process of a race."""
+    return close_to_fastest({way: float(quartiles(measured.samples[way])[0]) for way in ways if way in measured.samples})
 
 
 def race_rows(run: Run, number: int, timed: Rows, lost: Mapping[str, WorkerFailure]) -> Rows:
@@ -365,7 +373,7 @@ def winners_and_times(linkage: str, scenario: str, part: Search, ladder_rows: Ro
         ladder_rows: the rows of the table `search_ladder` that belong to the linkage.
         races: the rows of all processes of the race.
     """
-    if not _has_times(races):  # nothing raced: only the rows of races that failed as a whole are kept
+    if not _has_times(races):  # only the rows of races that failed as a whole, which name no engine, are returned
         return {"search_winners": [{k: x for k, x in r.items() if k != "process"} for r in races if not r.get("engine")]}
     run, ladders, owners = motion_of(linkage, scenario, part), read_ladders(ladder_rows), owners_of(ladder_rows)
     measured, lost = gather_measured(races), list_lost(races)  # lost: engine that crashed or hung -> reason
@@ -405,8 +413,8 @@ def _time_over_processes(measured: Measured, way: Way) -> Row:
 
 def list_lost(races: Rows) -> dict[str, Row]:
     """Return engine -> status and reason, for each engine that crashed or hung in a race, given the rows of the race."""
-    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole, not of one setting
-    return {r["engine"]: {k: r[k] for k in ("status", "message")} for r in lost}
+    lost = [r for r in races if r.get("engine") and r.get("integrator") is None]  # rows of an engine as a whole name no setting
+    return {r["engine"]: {"status": r["status"], "message": r["message"]} for r in lost}
 
 
 def gather_measured(races: Rows) -> Measured:
@@ -481,28 +489,29 @@ def row_without_winner(wanted: Requirement, trials: Ladders, failed: Sequence[Fa
 
     `failed` are the failures of the engine's settings in the race.
     """
-    answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "no race took it in")
+    answer = reach(trials.values(), [wanted], str(failed[0]) if failed else "it took part in no race")
     status: Status | Kind = Status.SKIP if answer.kind in SKIPPED else answer.kind
     if answer.kind in (Kind.TIMED, Kind.UNTIMED) and failed:  # a setting is accurate enough, but failed when it was timed
         status = failed[0].status
     columns: Row = {"status": str(status), "message": answer.words}
-    best = [(way._replace(size=trial.size), trial) for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None]
-    if not best:
+    nearest_trials = {way: trial for way, x in trials.items() if (trial := nearest(x, wanted.kind)) is not None}
+    if not nearest_trials:
         return columns
-    way, trial = min(best, key=lambda x: x[1].errors[wanted.kind])
-    return columns | name_way(way) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
+    way = min(nearest_trials, key=lambda x: nearest_trials[x].errors[wanted.kind])
+    trial = nearest_trials[way]
+    return columns | name_way(way._replace(size=trial.size)) | {"steps": trial.steps, "error": trial.errors[wanted.kind]}
 
 
 def with_ratios(rows: Rows, measured: Measured, part: Search) -> Rows:
     """Return the rows of all engines for a requirement, with the ratio of each winner's time to that of our own fastest winner.
 
     Our own engines are those in `part.own`: the column "ours" marks all their rows, "own" their fastest winner. If the suite has an
-    aim for the ratio (`part.aims`) at this requirement, two columns tell the aim and whether it is met.
+    aim for the ratio (`part.aims`) at this requirement, two more columns have the aim and whether it is met.
     """
-    ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}
-    _, tied_own = pick_winner({way: measured.of(way) for way in ours}) if ours else (None, [])  # own winners that tie
-    own = min(ours, key=measured.time, default=None)  # the fastest winner of our own engines
-    tied_with_own = [way for x in tied_own for way in ours[x]["ties"]]
+    ours = {way_of(r): r for r in rows if r["status"] == Status.OK and r["engine"] in part.own}  # winners of our own engines
+    own = min(ours, key=measured.time, default=None)  # the fastest of them
+    _, tied_winners = pick_winner({way: measured.of(way) for way in ours}) if ours else (None, [])  # those that tie with it
+    tied_with_own = [way for winner in tied_winners for way in ours[winner]["ties"]]
     completed = []
     for r in rows:
         holds = r["status"] == Status.OK

@@ -18,7 +18,7 @@ from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.linkage.load import load
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.reference.minimal import MinimalCoordinate
-from gauss_bench.runs.blocks import Block, lasting
+from gauss_bench.runs.blocks import Block, calls_block
 from gauss_bench.suites.schema import Suite, Turns
 
 METHODS = NATIVE, LINK_UNITS = "closure, compiled", "link units, numpy"
@@ -65,12 +65,12 @@ def entries(linkage: str, scenario: str, part: Turns) -> Iterator[tuple[Key, Cal
 
     def native() -> Block:
         closure = compile_closure(mechanism)
-        block = lasting(NO_KEY, lambda: closure.turn(samples), samples)
+        block = calls_block(NO_KEY, lambda: closure.turn(samples), samples)
         return replace(block, facts=lambda: errors(mechanism, closure.turn(samples)))
 
     def plain() -> Block:
         times = np.arange(PLAIN_SAMPLES) / samples
-        return lasting(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
+        return calls_block(NO_KEY, lambda: loop_motion(mechanism, times), PLAIN_SAMPLES)
 
     yield Key("turn", NATIVE), native
     yield Key("turn", LINK_UNITS), plain

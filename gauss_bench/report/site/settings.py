@@ -340,7 +340,7 @@ def reach_of_search(run: Run, mechanism: str, engine: str, wanted: Sequence[Requ
     race = find_race(run, mechanism, engine, wanted[0]) if len(wanted) == 1 else None
     ladders = _ladders(run).get((mechanism, engine), [])
     if race is None or (ladders and race["status"] == Status.SKIP):
-        return reach(ladders, wanted, "no race took it in")
+        return reach(ladders, wanted, "it took part in no race")
     if not ladders:
         return _read_race(race)
     untimed = None if race["status"] == Status.OK else race["message"].removeprefix(f"{Kind.UNTIMED}: ")
