@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.linkage.bodies import BARREL, ROD, write_out
+from gauss_bench.linkage.bodies import BARREL, ROD, expand_cylinders
 from gauss_bench.linkage.errors import Fault
 from gauss_bench.linkage.limits import follow
 from gauss_bench.linkage.schema import GRAMMAR
@@ -139,10 +139,10 @@ class Names:
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Return all faults in names and combinations of keys; `stem` is the file's name without suffix, if there is a file."""
-    cylinder_faults = _cylinder_faults(document)  # first, because `write_out` needs faultless cylinders to expand them
+    cylinder_faults = _cylinder_faults(document)  # first, because `expand_cylinders` needs faultless cylinders to expand them
     if cylinder_faults:
         return cylinder_faults
-    document = write_out(document)
+    document = expand_cylinders(document)
     names = Names(document)
     if stem is not None and document.get("name") not in (None, stem):
         names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
