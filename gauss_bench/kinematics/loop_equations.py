@@ -215,7 +215,7 @@ class LoopEquations:
             count, last = count + 1, float(size)
             return not last >= SETTLED  # true for NaN too
 
-        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, still=has_settled)
+        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, stop_after=has_settled)
         A, J = residual(phi)
         if last >= SETTLED or not largest(A) < CLOSED:
             raise Stopped("the loops do not close", singular=False)

@@ -127,7 +127,7 @@ class Curve:
     def _close(self, q: Array) -> Array:
         """Project q (n,) onto the constraints by Gauss-Newton."""
         shortest = partial(minimum_norm, tolerance=RANK_TOLERANCE)
-        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, stop_after=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
         """Return the position (n,) on the last step of a curve, which ended at q (n,), at which a coordinate reverses.

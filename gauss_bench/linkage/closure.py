@@ -49,14 +49,14 @@ class Held:
     target: Array
     rate: Array
 
-    def of(self, q: Array) -> tuple[Array, Array]:
+    def evaluate(self, q: Array) -> tuple[Array, Array]:
         """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
     def distance(self, q: Array) -> float:
         """Return the largest difference [m or rad] of the held coordinates at q (n,) from their targets."""
-        return largest(self.of(q)[0] - self.target)
+        return largest(self.evaluate(q)[0] - self.target)
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
@@ -72,10 +72,11 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     q = close_joints(mechanism, joints, sketch(mechanism, document))
     q = reach_held(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
-    J = joints.residual(q)[1]
+    _, J = joints.residual(q)
     rank = _rank(J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
-    if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
+    names_measured = mechanism.drivers or mechanism.crank is not None or "measure" in document
+    if not names_measured:
         closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
     closed = replace(closed, warnings=tuple(check_springs(closed)))
@@ -87,7 +88,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
 
 
 def joint_constraints(mechanism: Mechanism) -> Constraints:
-    """Return the rows of the joints alone, without drivers and knife edges."""
+    """Return the constraint rows of the joints and couplings of a mechanism, without those of drivers and knife edges."""
     return Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
 
@@ -97,15 +98,15 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
     for x in _list_coordinates(mechanism):
-        more = np.vstack([J, gradient(x.coordinate, q)])
-        if rank < mechanism.n and _rank(more) > rank:
-            J, rank = more, rank + 1
+        extended = np.vstack([J, gradient(x.coordinate, q)])
+        if rank < mechanism.n and _rank(extended) > rank:
+            J, rank = extended, rank + 1
             names.append(x.name)
     return names
 
 
 def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
-    """Return the angle of every link, then the coordinate along every slide."""
+    """Return the angle of every link, then the coordinate along every slide, in the order of the file."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
     return [*angles, *map(measure_slide, mechanism.slides)]
 
@@ -136,9 +137,9 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 
 def check_springs(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning about each spring with a force at zero length, whose end points can coincide in some position.
+    """Yield a warning about each spring that has a force at zero length and whose end points can coincide in some position.
 
-    As a generator it checks nothing until it is read. Motions that do not follow from forces give no warning.
+    There is no warning if the drivers prescribe the whole motion. This is a generator: it checks nothing until it is read.
 
     Raises:
         AssemblyError: the end points of a spring with a rest length or a bias coincide at the start: its force has no direction.
@@ -173,8 +174,8 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
-        far = largest(q)
-        return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
+        coordinate = largest(q)
+        return bool(size < (enough if coordinate < FAR else max(enough, ROUNDING * coordinate)))
 
     q = project(q, residual, _shortest, iterations, is_infinite, is_still, LONGEST)
     F, J = residual(q)
@@ -241,7 +242,10 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """List the angles, slides, points and lengths that start and drivers prescribe at t = 0, with their values and rates."""
+    """Return the coordinates that the drivers and the table `start` prescribe at t = 0, with their values and rates.
+
+    Drivers come first, then the angles, slides and points of `start`.
+    """
     start = scenario.get("start", {})
     held: list[tuple[Coordinate, Any, Any]] = [(x.coordinate, *x.law(number("0"))[:2]) for x in mechanism.drivers]
     held += [(Angle(GROUND, link), *prescribed) for link, prescribed in _list_held_angles(mechanism, start, number).items()]
@@ -259,7 +263,7 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return the angle [rad] and angular speed [rad/s] that `start` prescribes, by index of the body."""
+    """Return index of a body -> (angle [rad], angular speed [rad/s]) of each body whose angle `start` prescribes."""
     speeds: dict[int, Any] = {}
     for name, speed in start.get("speeds", {}).items():
         body, _ = mechanism.find_body(name)
@@ -294,14 +298,14 @@ class _Search:
 
         With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
         """
-        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
+        # the held coordinates must equal target + share * gap, with the share falling from 1 to 0
         target = self.held.target
-        gap, error = self.held.of(q)[0] - target, np.inf
+        gap, error = self.held.evaluate(q)[0] - target, np.inf
         steps = 1 + min(MOST_STEPS, int(self.held.distance(q) / STEP))
-        for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
-            if part and error > CLOSED and self.evaluations > PATIENCE:
+        for share in np.linspace(1.0, 0.0, steps + 1)[1:]:
+            if share and error > CLOSED and self.evaluations > PATIENCE:
                 continue  # the last intermediate position failed, after many evaluations: try the target itself at once
-            q, error = gauss_newton(q, partial(self._residual, target + part * gap), enough=NEARLY if part else STILL)
+            q, error = gauss_newton(q, partial(self._residual, target + share * gap), enough=NEARLY if share else STILL)
             if stays_closed and error > CLOSED:
                 break
         return q, error
@@ -310,7 +314,7 @@ class _Search:
         """Return the residual of joints and held coordinates, which must equal `goal` (k,), at q (n,), and its Jacobian."""
         self.evaluations += 1
         F, J = self.joints.residual(q)
-        values, rows = self.held.of(q)
+        values, rows = self.held.evaluate(q)
         return np.concatenate([F, values - goal]), np.vstack([J, rows])
 
 
@@ -323,21 +327,22 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
-    path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
+    table = "driver" if mechanism.drivers else "start"
+    path = f"scenarios.{mechanism.scenario}.{table}"
     search = _Search(joints, held)
     # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
     # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
-    near = turn_links(mechanism, held, q)
-    attempts = [(q, True), (near, True), (q, False)]
+    turned = turn_links(mechanism, held, q)
+    attempts = [(q, True), (turned, True), (q, False)]  # (first position, whether to stop where the joints cannot be closed)
     if held.distance(q) > MOST_STEPS * STEP:
-        attempts = [(near, True), (near, False)]
+        attempts = [(turned, True), (turned, False)]
     for start, stays_closed in attempts:
         reached, error = search.follow(start, stays_closed)
         if error <= CLOSED:
             break
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
-    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.of(reached)[1]]), path)
+    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.evaluate(reached)[1]]), path)
     return reached
 
 
@@ -362,7 +367,7 @@ def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """
     q = q.copy()
     slides = [{end.link for end in joint.ends} for joint in mechanism.slides]
-    for coordinate, gap in zip(held.coordinates, held.target - held.of(q)[0], strict=True):
+    for coordinate, gap in zip(held.coordinates, held.target - held.evaluate(q)[0], strict=True):
         if isinstance(coordinate, Angle) and coordinate.a == GROUND:
             links = {coordinate.b}  # grows to all links that slides connect to it
             for _ in slides:
@@ -380,7 +385,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """
     rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
     # J v = 0 for joints and knife edges; the gradients of held coordinates times v equal the held rates
-    A = np.vstack([rows.J, held.of(q)[1]])
+    A = np.vstack([rows.J, held.evaluate(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
     if largest(A @ v - b) > CLOSED * max(1.0, largest(b)):

@@ -208,10 +208,10 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _toml_fault(message: str) -> tuple[str, str]:
-    """Return the text and the path of the fault for a message of the TOML parser."""
-    twice = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
-    if twice:
-        return f"duplicate name: declared twice {twice[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", twice[1]))
+    """Return the text of the fault for a message of the TOML parser, and the path of keys that the message names, or ""."""
+    duplicate = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
+    if duplicate:
+        return f"duplicate name: declared twice {duplicate[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", duplicate[1]))
     if message.startswith("Cannot overwrite a value"):
         return f"duplicate name: a key is given twice {message.removeprefix('Cannot overwrite a value ')}", ""
     return f"TOML syntax: {message}", ""

@@ -47,24 +47,24 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
     In a pattern such as `scenarios.*.hold[*]`, * stands for any key, [*] for any entry of a list, and ~ for the keys themselves.
     """
     for pattern in patterns:
-        found: list[Place] = [("", document)]
-        for part in pattern.replace("[*]", ".[*]").split("."):
-            found = [inner for path, x in found for inner in _step(path, x, part)]
-        yield from ((path, x) for path, x in found if x is not None)
+        matches: list[Place] = [("", document)]  # of the pattern's components so far
+        for component in pattern.replace("[*]", ".[*]").split("."):
+            matches = [inner for path, value in matches for inner in _match_entries(path, value, component)]
+        yield from ((path, value) for path, value in matches if value is not None)
 
 
-def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each entry of x whose key matches `part`, one component of a pattern.
+def _match_entries(path: str, x: Any, component: str) -> Iterator[Place]:
+    """Yield path and value of each entry of x, the table or list at `path`, whose key matches a component of a pattern.
 
     "[*]" is all entries of a list; "*" all values of a table; "~" all keys of a table as values; anything else one key.
     """
-    if part == "[*]":
+    if component == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
     elif isinstance(x, dict):
         for key, entry in x.items():
-            if part in ("*", "~", key):
-                yield f"{path}.{key}".lstrip("."), key if part == "~" else entry
+            if component in ("*", "~", key):
+                yield f"{path}.{key}".lstrip("."), key if component == "~" else entry
 
 
 class Names:
@@ -79,6 +79,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
+        # in the form of points that are given relative to each other, whose chains `follow` finds
         welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
         self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
@@ -96,11 +97,13 @@ class Names:
         known: dict[str, Collection[str]] = {
             "link": {*self.links, "ground"},
             "own link": self.links,
+            "joint": self.joints,
             "force": self.forces,
             "link or joint": {*self.links, *self.joints},
         }
-        if name not in known.get(kind, self.joints):
-            self.fault(path, f"unknown {kind.removeprefix('own ') if kind in known else 'joint'} {name!r}")
+        item = "joint" if kind in ("slide", "start slide") else kind
+        if name not in known[item]:
+            self.fault(path, f"unknown {item.removeprefix('own ')} {name!r}")
         elif kind in ("slide", "start slide") and table(self.joints, name).get("type") != "prismatic":
             self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
@@ -130,9 +133,9 @@ class Names:
         """Add a fault if the link has no revolute joint on the ground, unless the schema has rejected a joint."""
         # only revolute joints have `at`; None is a joint or point that the schema rejected, which may have been the missing one
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
-        if link not in self.links or any(at is None or None in at for at in points_of_joints):
+        if link not in self.links or any(points is None or None in points for points in points_of_joints):
             return
-        links_of_joints = [{reference.partition(".")[0] for reference in at} for at in points_of_joints]
+        links_of_joints = [{reference.partition(".")[0] for reference in points} for points in points_of_joints]
         if not any({"ground", link} <= links for links in links_of_joints):
             self.fault(path, f"link {link!r} has no revolute joint on the ground")
 
@@ -320,10 +323,10 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
     if holds_crank:
         angles.add(crank)
     held = {"speeds": angles, "slide_speeds": table(start, "slides"), "point_velocities": table(start, "points")}
-    loose = ["speed"] if "speed" in start and crank not in angles else []
+    unheld = ["speed"] if "speed" in start and crank not in angles else []  # paths of rates whose coordinate is not held
     for rates, coordinates in held.items():
-        loose += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
-    for place in loose:
+        unheld += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
+    for place in unheld:
         names.fault(f"{path}.{place}", "a rate without its held coordinate")
 
 

@@ -376,9 +376,9 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
         linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
         faults, accepted = [], copy.deepcopy(document)
-        for one in error.errors(include_url=False):
-            keys = _keys_to(one["loc"], document)
-            faults.append(Fault(_path(keys), _text(dict(one))))
+        for problem in error.errors(include_url=False):
+            keys = _keys_to(problem["loc"], document)
+            faults.append(Fault(_join_keys(keys), _describe_problem(dict(problem))))
             _put_none(accepted, keys)
         return faults, accepted
     if linkage.format == SECOND:
@@ -421,7 +421,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
 
 
 def _put_none(document: Any, keys: list[Any]) -> None:
-    """Replace the value at a place in a document by None."""
+    """Replace the value at the path `keys` in a document by None; a value inside a replaced one is left."""
     *parents, last = keys
     for key in parents:
         document = document[key]
@@ -429,13 +429,13 @@ def _put_none(document: Any, keys: list[Any]) -> None:
         document[last] = None
 
 
-def _path(keys: list[Any]) -> str:
+def _join_keys(keys: list[Any]) -> str:
     """Return keys and indices as the text of a path, such as joints.A.at[1]."""
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
 
 
-def _text(error: dict[str, Any]) -> str:
-    """Return the sentence for one of pydantic's errors."""
+def _describe_problem(error: dict[str, Any]) -> str:
+    """Return the text of the fault for one of the errors that pydantic lists."""
     kind, context = error["type"], error.get("ctx", {})
     if error["loc"] == ("format",) and kind == "literal_error":
         return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"

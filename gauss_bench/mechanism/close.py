@@ -21,7 +21,7 @@ def minimum_norm(J: Array, F: Array, tolerance: float = RANK_TOLERANCE) -> Array
 
 
 def never(*_: Array) -> bool:
-    """Return False: a test that never stops the iteration."""
+    """Return False: the default test of `project`, which never stops the iteration."""
     return False
 
 
@@ -30,8 +30,8 @@ def project(
     residual: Residual,
     shortest: Callable[[Array, Array], Array],
     corrections: int,
-    closed: Callable[[Array, Array, Array], bool] = never,
-    still: Callable[[Array, Array], bool] = never,
+    stop_before: Callable[[Array, Array, Array], bool] = never,
+    stop_after: Callable[[Array, Array], bool] = never,
     longest: float = np.inf,
 ) -> Array:
     """Return the position (n,), or positions (k, n), after at most `corrections` Gauss-Newton corrections of q.
@@ -39,18 +39,18 @@ def project(
     Args:
         residual: function of q that returns F (..., m) and J (..., m, n).
         shortest: function of J and F that returns the shortest vector x (..., n) with J x = F.
-        closed: function of q, F and J; if it returns True before a correction, the iteration stops. By default it never stops.
-        still: function of the corrected q and the largest entry (...) of the correction; if True, the iteration stops too.
+        stop_before: function of q, F and J, called before each correction; the iteration stops if it returns True.
+        stop_after: function of the corrected q and the largest entry (...) of the correction, called after it; as `stop_before`.
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
         F, J = residual(q)
-        if count == corrections or closed(q, F, J):
+        if count == corrections or stop_before(q, F, J):
             break
         step = shortest(J, F)
         size = np.abs(step).max(axis=-1, initial=0.0)
         q = q - (step if longest == np.inf else step * np.minimum(1.0, longest / np.maximum(size, TINY))[..., None])
-        if still(q, size):
+        if stop_after(q, size):
             break
     return q
 

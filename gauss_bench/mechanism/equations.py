@@ -20,15 +20,14 @@ from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push
 from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.generated import GeneratedFunction, Number, Program, Symbol
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import Motion, MotionLaw
 from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
-Motion = tuple[Real, Real, Real]  # a value and its first and second time derivative
 LEVELS = 3  # numbers that a motion law has at a time: value, first and second time derivative
 
 
-class Given(Placement):
+class ConstraintPlacement(Placement):
     """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
     These values have the placement's type of number: numbers of the file, parameters that stay symbols in a compiled program, or
@@ -62,17 +61,16 @@ class Row:
     phi_t: Real
 
 
-def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all constraint rows.
+def rows(mechanism: Mechanism, at: ConstraintPlacement, on_constraints: bool = False) -> Iterator[Row]:
+    """Yield the constraint rows at the state `at`: those of joints, couplings, drivers, knife edges, in this order.
 
-    If the state satisfies the constraints (`on_constraints`), the value that a constraint prescribes for a distance saves a square
-    root.
+    With `on_constraints`, the state must satisfy the constraints; a distance that one prescribes then needs no square root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for index, (coordinate, value) in enumerate(held):
-            constant = (at.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
-            yield _row(joint.name, at, coordinate, constant, on_constraints)
+            at_rest = (at.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
+            yield _row(joint.name, at, coordinate, at_rest, on_constraints)
     for driver in mechanism.drivers:
         yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
@@ -80,8 +78,8 @@ def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Itera
         yield Row(edge.name, columns((gradient,)), -bias, None, 0.0)
 
 
-def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
-    """Return the constraint row that makes a coordinate follow a given motion; `on_constraints` as in `rows`."""
+def _row(name: str, at: ConstraintPlacement, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
+    """Return the row, called `name`, of the constraint that a coordinate follows a motion; `on_constraints` as in `rows`."""
     value, rate, second = motion
     x = state(coordinate, at, value if on_constraints else None)
     return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
@@ -115,7 +113,7 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
             assert_never(load)
 
 
-class Symbols(Given):
+class Symbols(ConstraintPlacement):
     """A placement of bodies with n coordinates that are symbols; it records equations, and generates functions from them.
 
     The inputs of a recorded program are q0, q1, ..., v0, v1, ..., and g0, g1, ...: LEVELS numbers of each motion law.

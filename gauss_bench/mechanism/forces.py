@@ -142,7 +142,7 @@ class JointFriction:
             held: tuple[tuple[Coordinate, float], ...] = pair.held
             first = mechanism.held_names.index(pair.name)
             force_rows.append([row for row, (x, _) in enumerate(held, first) if x.unit == "m"])
-        self.first, self.last = (np.array([x[end] for x in force_rows], dtype=int) for end in (0, -1))
+        self.first, self.last = (np.array([rows[end] for rows in force_rows], dtype=int) for end in (0, -1))
         self.both = np.array(self.first != self.last, dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])
@@ -161,9 +161,9 @@ class JointFriction:
         """Return W (..., n, p) at state(s) q, v (..., n): column k is the generalised friction under a load of 1 N of pair k."""
         W = np.zeros((*q.shape, len(self.acting)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
-        law = -self.lever * np.tanh(rates / self.speed)
+        friction = -self.lever * np.tanh(rates / self.speed)  # (..., p) along the relative motion, per load of the pair
         for i, (k, p) in enumerate(self.places):
-            W[..., k, p] = entries[..., i] * law[..., p]
+            W[..., k, p] = entries[..., i] * friction[..., p]
         return W
 
     def loads(self, multipliers: Array) -> Array:
@@ -174,7 +174,7 @@ class JointFriction:
         """Return the generalised force W N(lambda) of friction (..., n) [N, N m]."""
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
-    def consistent(self, base: Array, gain: Array) -> Array:
+    def solve_multipliers(self, base: Array, gain: Array) -> Array:
         """Solve lambda = base + gain N(lambda) for the multipliers lambda (..., m).
 
         `base` (..., m) are the multipliers without friction, `gain` (..., m, p) their change per load of a pair.

@@ -183,7 +183,7 @@ class GeneratedFunction:
         code = compile(self.source, "<equations>", "exec")
         floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": lambda x: 1.0 / x if x else 0.0}
         arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse} | program.constants
-        self._of_floats, self._of_arrays = _function(code, floats), _function(code, arrays)
+        self._of_floats, self._of_arrays = _define_function(code, floats), _define_function(code, arrays)
         self._fits_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *inputs: Array) -> list[Array]:
@@ -213,8 +213,8 @@ class GeneratedFunction:
         return [np.array(group).reshape(*shape, size) for group, size in zip(groups, self.sizes, strict=True)]
 
 
-def _function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
-    """Return the function that a compiled text defines; `names` has what it uses."""
+def _define_function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
+    """Return the function that the compiled source text defines; `names` has the functions and constants that it uses."""
     exec(code, names)  # the code contains only names and numbers of `Program`, no text of a user
     return names["function"]  # type: ignore[no-any-return]
 

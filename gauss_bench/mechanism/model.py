@@ -501,7 +501,7 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
-        """Return the friction of a table."""
+        """Return the friction of a table; a slide has no `radius`, and gets 1."""
         numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
         return cls(name, names.pairs(table["joint"]), *numbers)
 
@@ -529,18 +529,18 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     Raises:
         UnsupportedForce: a force varies, or has no method `to_loads`; the message names it.
     """
-    found: list[Load] = []
+    result: list[Load] = []
     for force in forces:
         if not hasattr(force, "to_loads"):
             raise UnsupportedForce(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
             raise UnsupportedForce(f"force {force.name} varies with time or direction, which is not supported here")
-        parts = tuple(force.to_loads())
+        own_loads = tuple(force.to_loads())
         # nothing would apply the factor of another kind of force, or that of a load
-        if any(getattr(x, "factor", None) for x in (force, *parts)):
+        if any(getattr(x, "factor", None) for x in (force, *own_loads)):
             raise UnsupportedForce(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")
-        found += parts
-    return tuple(found)
+        result += own_loads
+    return tuple(result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -678,9 +678,9 @@ class Mechanism:
         """
         # `load` returns the same object for the same file, so a caller that changed its arrays would change them for all others
         for name in ("gravity", "q0", "v0"):
-            given = getattr(self, name)
-            if isinstance(given, np.ndarray):  # a sweep gives lists of expressions instead
-                view = given.view()
+            array = getattr(self, name)
+            if isinstance(array, np.ndarray):  # a sweep gives lists of expressions instead
+                view = array.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
         # the result is not needed: `loads` raises if a force is of an unknown type

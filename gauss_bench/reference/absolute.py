@@ -43,7 +43,7 @@ class AbsoluteCoordinates:
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])
-            multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
+            multipliers = friction.solve_multipliers(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
         blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q
         b = free + (V @ (moved - blocked)[..., None])[..., 0]

@@ -164,7 +164,7 @@ class MinimalCoordinate:
         J = self.constraints(q[:, self.crank], q, v).J
         # J^T lambda = balanced; the last multiplier is that of the crank's row, which is zero
         solution = np.linalg.solve(np.swapaxes(J, -1, -2), balanced)[:, :-1]
-        multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
+        multipliers = self.friction.solve_multipliers(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self) -> tuple[float, float]:
