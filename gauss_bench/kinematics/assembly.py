@@ -85,7 +85,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
         nearest, gap = _approach(bare, joints, chord, place)
         if gap > CLOSED:
             _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
-            links = tuple(mechanism.link_name(x.link) for x in loop.ways)
+            links = tuple(mechanism.link_name(x.link) for x in loop.paths)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
             return OpenLoop(links, chord.joint, gap, gap_alone > CLOSED, lengths)
         joints = [x for x in mechanism.joints if x in joints or x is chord]
@@ -95,7 +95,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
 
 def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
     """Return the pairs of a loop in the order of the linkage file."""
-    names = {x.leave.pair for x in loop.ways}
+    names = {x.leave.pair for x in loop.paths}
     return [x for x in mechanism.joints if x.name in names]
 
 
@@ -156,13 +156,13 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
     lengths: list[Length] = []
     a, b = chord.ends
     gap = position(q, b) - position(q, a)
-    before = next(x for x in loop.ways if x.leave.pair == chord.name)
+    before = next(x for x in loop.paths if x.leave.pair == chord.name)
     sense = -1.0 if before.link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
     pins = {x.name: x.ends for x in mechanism.joints if x.ends_meet}
-    for way in loop.ways:
-        pairs = (way.enter.pair, way.leave.pair)
+    for path in loop.paths:
+        pairs = (path.enter.pair, path.leave.pair)
         ends = [end for pair in pairs for end in pins.get(pair, ())]
-        points = [end for end in ends if end.link == way.link]
+        points = [end for end in ends if end.link == path.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue
         vector = position(q, points[1]) - position(q, points[0])
@@ -172,7 +172,7 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
         needed = length - apart / cosine if abs(cosine) > ALONG else 0.0
         if needed > 0.0:
             first, second = (point.name.partition(".")[2] for point in points)
-            lengths.append(Length(mechanism.link_name(way.link), (first, second), length, needed))
+            lengths.append(Length(mechanism.link_name(path.link), (first, second), length, needed))
     return tuple(sorted(lengths, key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0))))
 
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kinematics.link_units import MOVING, Way
+from gauss_bench.kinematics.link_units import MOVING, LinkPath
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.close import Residual, minimum_norm, project
@@ -86,7 +86,7 @@ class LoopEquations:
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
         offsets: (TK,) driven angle of each input minus that of the root, which is the variable [rad]; 0 for lengths.
-        ways: for each loop a list of (path through a link, indices in x of its slides, indices in x of all variables of its
+        paths: for each loop a list of (path through a link, indices in x of its slides, indices in x of all variables of its
             Jacobian, which are the columns of ones in U and K).
         lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
@@ -123,9 +123,9 @@ class LoopEquations:
         self.column = {x: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([isinstance(x, int) for x in self.variables])
         self.turning = np.array([[float(x == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._place(way) for way in loop.ways] for loop in self.graph.loops]
+        self.paths = [[self._find_columns(path) for path in loop.paths] for loop in self.graph.loops]
         # length of the longest vector through a moving link [m]; 1 m if there is none
-        vectors = (way.leave.at - way.enter.at for loop in self.graph.loops for way in loop.ways if way.link != GROUND)
+        vectors = (path.leave.at - path.enter.at for loop in self.graph.loops for path in loop.paths if path.link != GROUND)
         size = max(map(abs, vectors), default=0.0) or 1.0
         self.lengths = np.where(self.is_angle, 1.0, size)[: len(self.unknown)]
 
@@ -140,11 +140,11 @@ class LoopEquations:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return variable
 
-    def _place(self, way: Way) -> tuple[Way, list[int], list[int]]:
-        """Return the entry of `ways` for the path of a loop through one link."""
-        slides = [self.column[name] for name in way.slides]
+    def _find_columns(self, path: LinkPath) -> tuple[LinkPath, list[int], list[int]]:
+        """Return the path, the indices in x of its slides, and those of all variables of its Jacobian: an entry of `paths`."""
+        slides = [self.column[name] for name in path.slides]
         # in the order of the columns of the link unit: the angle of the link's root, then slides
-        return way, slides, [self.column[self.roots[way.link]], *slides] if way.turns else slides
+        return path, slides, [self.column[self.roots[path.link]], *slides] if path.turns else slides
 
     def input_levels(self, times: Array) -> Levels:
         """Return the TK inputs and their first and second time derivatives, (k, TK) each, at times (k,).
@@ -179,15 +179,15 @@ class LoopEquations:
     def at(self, x: Array, x_rate: Array) -> Matrices:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
-        L, unknowns = len(self.ways), len(self.unknown)
+        L, unknowns = len(self.paths), len(self.unknown)
         A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
-        for l, ways in enumerate(self.ways):
+        for l, paths in enumerate(self.paths):
             rows = slice(2 * l, 2 * l + 2)
-            for way, slides, own in ways:
-                unit = way.units(theta[way.link], omega[way.link], x[slides], x_rate[slides])
+            for path, slides, columns in paths:
+                unit = path.link_unit(theta[path.link], omega[path.link], x[slides], x_rate[slides])
                 A[rows] += unit.vector
-                both[rows, own] += unit.J
-                both_rate[rows, own] += unit.J_rate
+                both[rows, columns] += unit.J
+                both_rate[rows, columns] += unit.J_rate
         return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
 
     def with_inputs(self, inputs: Array) -> Residual:

@@ -20,7 +20,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, LinkPath
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -51,13 +51,13 @@ class Loop:
     The first link is the one nearest to the frame; the loop leaves it by that of its two pairs that is earlier in the file.
     """
 
-    ways: tuple[Way, ...]
+    paths: tuple[LinkPath, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of the joints around the loop; a multiple joint has one name."""
         # a multiple joint gives several equal names in a row: drop repeats, also that of the last and the first name
-        nodes = [way.leave.node for way in self.ways]
+        nodes = [path.leave.node for path in self.paths]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
 
@@ -175,7 +175,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -
     if pairs.index(crossed[0]) > pairs.index(crossed[-1]):  # reverse the loop: it leaves its first link by the earlier pair
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
     ends = [(link, crossed[k - 1].element(link), crossed[k].element(link)) for k, link in enumerate(links)]
-    return Loop(tuple(Way(link, enter, leave, turns=link not in still) for link, enter, leave in ends))
+    return Loop(tuple(LinkPath(link, enter, leave, turns=link not in still) for link, enter, leave in ends))
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
