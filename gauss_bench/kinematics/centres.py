@@ -138,18 +138,18 @@ def advantages(mechanism: Mechanism, positions: Array) -> tuple[Advantage, ...]:
     Raises:
         ValueError: the linkage has more or less than one degree of freedom.
     """
-    given = input_coordinate(mechanism)
+    driving = input_coordinate(mechanism)
     if mechanism.drivers:
-        given = Measured(mechanism.drivers[0].name, mechanism.drivers[0].coordinate)
-    outputs = [x for x in driving_coordinates(mechanism) if x.name != given.name]
+        driving = Measured(mechanism.drivers[0].name, mechanism.drivers[0].coordinate)
+    outputs = [x for x in driving_coordinates(mechanism) if x.name != driving.name]
     rates = np.zeros((len(positions), 1 + len(outputs)))  # of the input, then of the outputs
     for k, q in enumerate(positions):
         x = free_motion(mechanism, q)
-        rates[k] = [gradient(c.coordinate, q) @ x for c in (given, *outputs)]
+        rates[k] = [gradient(c.coordinate, q) @ x for c in (driving, *outputs)]
     ratios = []
     for output, rate in zip(outputs, rates[:, 1:].T, strict=True):
         velocity, mechanical = _divide(rate, rates[:, 0]), _divide(rates[:, 0], rate)
-        ratios.append(Advantage(given.name, output.name, (given.unit, output.unit), velocity, mechanical))
+        ratios.append(Advantage(driving.name, output.name, (driving.unit, output.unit), velocity, mechanical))
     return tuple(ratios)
 
 

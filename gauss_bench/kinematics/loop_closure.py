@@ -98,7 +98,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
         try:
             walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
-            raise _end(equations, first, state, change / size, error) from error
+            raise _explain_end(equations, first, state, change / size, error) from error
     return state._replace(steps=steps)
 
 
@@ -125,7 +125,7 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     return _State(closed, J, steps)
 
 
-def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
+def _explain_end(equations: LoopEquations, first: Array, last: _State, direction: Array, failure: Stopped) -> _End:
     """Return the exception that tells why a motion ends after the state `last`.
 
     The end is a singular position if the Jacobian loses rank there, or if the loops can be closed just beyond by a small turn of
@@ -134,7 +134,7 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     Args:
         first: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
         direction: (TK,) change of the inputs to the next sample time, divided by its largest entry.
-        why: the reason why the last step failed.
+        failure: the exception of the last step, which failed.
     """
     unknowns, x = len(equations.unknown), last.x
     # a state beyond the end: all variables continue their change since the sample, the inputs by BEYOND
@@ -147,13 +147,16 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     except Stopped as error:
         singular = error.singular
     if singular:
-        return _End(f"singular position, the motion can go on in more than one way ({why})", True, x)
+        return _End(f"singular position, the motion can go on in more than one way ({failure})", True, x)
     return _End("limit of motion, the linkage cannot be closed beyond", False, x)
 
 
-def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the motion through closed states, in absolute coordinates; `given`: both time derivatives (k, TK) of the inputs."""
+def _motion(equations: LoopEquations, states: list[_State], input_rates: list[Array]) -> Motion:
+    """Return the motion through closed states, in absolute coordinates.
+
+    `input_rates` are the first and second time derivatives (k, TK) of the inputs.
+    """
     # x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
-    x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
+    x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *input_rates, strict=False)]
     x = np.array(x_and_rates).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -32,7 +32,7 @@ import networkx as nx
 import numpy as np
 
 from gauss_bench.kinematics.points import SAME, Points, place
-from gauss_bench.kinematics.root_finding import Residual
+from gauss_bench.mechanism.close import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array, Vectors, largest
 

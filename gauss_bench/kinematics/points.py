@@ -127,34 +127,34 @@ class Points:
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
         self.bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
-        # the driver k, counted from 1, has the entry k; `setdefault` returns an older entry of a quantity that is known already
+        # the driver k, counted from 1, has the entry k; `setdefault` returns the first entry of a quantity that is known already
         self.turned: dict[int, int] = {GROUND: 0}
         self.pushed: dict[str, int] = {}
         self.stretched: dict[str, int] = {}
         for entry, driver in enumerate(self.drivers, 1):
             match driver:
                 case AngleDriver():
-                    found = self.turned.setdefault(self.frames[driver.link][0], entry)
+                    first = self.turned.setdefault(self.frames[driver.link][0], entry)
                 case SlideDriver():
-                    found = self.pushed.setdefault(driver.name, entry)
+                    first = self.pushed.setdefault(driver.name, entry)
                 case LengthDriver():
-                    found = self.stretched.setdefault(driver.name, entry)
-            if found != entry:
+                    first = self.stretched.setdefault(driver.name, entry)
+            if first != entry:
                 raise ValueError(f"{mechanism.name}: the position of {driver.name} is known without driver {entry}")
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
         self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
         self.entries_of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        bare = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
-        if bare:
-            raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
+        jointless = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
+        if jointless:
+            raise ValueError(f"{mechanism.name}: {mechanism.link_name(jointless[0])} has no joint, so that nothing places it")
         self.anchor = {i: entries[0] for i, entries in self.entries_of.items() if entries}
         self.placed_by: dict[int, int] = {}
         self.rows: dict[int, Vectors] = {}
-        self._place()
+        self._place_known()
         self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
-        self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
+        self.base = {root: self._choose_base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def unit(self, entry: int) -> Vectors:
@@ -189,7 +189,7 @@ class Points:
         link = slide.block.link
         return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
-    def _place(self) -> None:
+    def _place_known(self) -> None:
         """Fill `placed_by` and `rows` with the known points: those of the ground, then those of driven links.
 
         A link whose direction is an input is determined by one known point, which becomes its anchor.
@@ -207,7 +207,7 @@ class Points:
                 self.anchor[link] = next(k for k in self.entries_of[link] if k in self.placed_by)
                 waiting.remove(link)
 
-    def _base(self, root: int) -> tuple[int, int, int]:
+    def _choose_base(self, root: int) -> tuple[int, int, int]:
         """Return (link, A, B): the line between these points of a link gives the direction of all links with this `root`.
 
         A known point A wins first, then the larger distance, then the smaller entry B.

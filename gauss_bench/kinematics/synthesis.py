@@ -132,7 +132,7 @@ def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    # of the circle through a, b and c
+    # the centre of the circle through a, b and c
     centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
@@ -155,8 +155,8 @@ def join(first: Connection, second: Connection) -> FourBar:
     both_turn = first.direction is None and second.direction is None
     if both_turn and abs(first.pivot - second.pivot) <= SAME * (first.length + second.length):
         raise NoFourBar("both fixed pivots are one: the three poses are a rotation about it")
-    for name, one in zip(NAMES, (first, second), strict=True):
-        if one.direction is None and one.length <= SAME * abs(first.pin - second.pin):
+    for name, connection in zip(NAMES, (first, second), strict=True):
+        if connection.direction is None and connection.length <= SAME * abs(first.pin - second.pin):
             raise NoFourBar(f"the {name} pin lies on its fixed pivot: the bar between them has no length")
     return FourBar((first, second), (check_drive(first, second, "first"), check_drive(second, first, "second")))
 
@@ -227,23 +227,23 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
     The driven pin must be neither too far from the other pivot (or line) nor too near it. This distance is extreme at `start`, at
     `end`, or where the pin is nearest or farthest between them.
     """
-    tried = [start, end]
+    inputs = [start, end]  # inputs at which the distance may be extreme
     if driven.direction is None:  # a bar
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
         # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
         # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi
         extremes = [towards + k * pi for k in range(-4, 5)]
-        tried += [x for x in extremes if start < x < end]
+        inputs += [x for x in extremes if start < x < end]
     elif other.direction is None:
         nearest = driven.input(other.pivot)
-        tried += [nearest] if start < nearest < end else []
+        inputs += [nearest] if start < nearest < end else []
     slack = SAME * coupler
-    for value in tried:
-        at = driven.at(value)
+    for value in inputs:
+        pin = driven.at(value)
         if other.direction is not None:
-            is_reached = abs(cross(other.direction, at - other.pivot)) <= coupler + slack
+            is_reached = abs(cross(other.direction, pin - other.pivot)) <= coupler + slack
         else:
-            is_reached = abs(coupler - other.length) - slack <= abs(at - other.pivot) <= coupler + other.length + slack
+            is_reached = abs(coupler - other.length) - slack <= abs(pin - other.pivot) <= coupler + other.length + slack
         if not is_reached:
             return False
     return True

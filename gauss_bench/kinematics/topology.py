@@ -90,7 +90,7 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
 
     An active bar (a bar whose length is an input) is one more link, with an index after those of the linkage's links.
     """
-    pairs = [_pair(joint) for joint in mechanism.joints]
+    pairs = [_make_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         a, b = bar.a, bar.b
         near, far = f"{bar.name} at {a.name}", f"{bar.name} at {b.name}"
@@ -100,7 +100,7 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
     return tuple(pairs)
 
 
-def _pair(joint: Joint) -> Pair:
+def _make_pair(joint: Joint) -> Pair:
     """Return the pair of a joint, with its two elements: pin and pin, or guide and block of a slide."""
     if not isinstance(joint, Prismatic):
         a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
@@ -120,7 +120,7 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     """
     pairs = pairs_of(mechanism, bars)
     links = len(mechanism.links) + len(bars)
-    net = _net(pairs, links)
+    net = _make_graph(pairs, links)
     parents = dict(nx.bfs_predecessors(net, GROUND))
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
@@ -131,12 +131,12 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         tree.add_edge(parent, i, pair=first["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
     used = {pair.name for _, pair in edges.values()}
-    still = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
-    loops = tuple(_loop(tree, pair, pairs, still) for pair in pairs if pair.name not in used)
+    unturned = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
+    loops = tuple(_make_loop(tree, pair, pairs, unturned) for pair in pairs if pair.name not in used)
     return LinkageGraph(links, pairs, edges, loops)
 
 
-def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
+def _make_graph(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
     """Return the graph of links (nodes) and pairs (edges)."""
     net = nx.MultiGraph()
     net.add_nodes_from(range(GROUND, links))  # GROUND is -1: the ground, then all links
@@ -147,7 +147,7 @@ def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
 
 def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the links that no chain of joints connects to the frame."""
-    reached = nx.node_connected_component(_net(pairs_of(mechanism), len(mechanism.links)), GROUND)
+    reached = nx.node_connected_component(_make_graph(pairs_of(mechanism), len(mechanism.links)), GROUND)
     return tuple(i for i in range(len(mechanism.links)) if i not in reached)
 
 
@@ -160,10 +160,10 @@ def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     return mechanism
 
 
-def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -> Loop:
+def _make_loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], unturned: Set[int]) -> Loop:
     """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links.
 
-    The links `still` cannot turn.
+    The links `unturned` cannot turn.
     """
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
@@ -175,7 +175,7 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -
     if pairs.index(crossed[0]) > pairs.index(crossed[-1]):  # reverse the loop: it leaves its first link by the earlier pair
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
     ends = [(link, crossed[k - 1].element(link), crossed[k].element(link)) for k, link in enumerate(links)]
-    return Loop(tuple(LinkPath(link, enter, leave, turns=link not in still) for link, enter, leave in ends))
+    return Loop(tuple(LinkPath(link, enter, leave, turns=link not in unturned) for link, enter, leave in ends))
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
