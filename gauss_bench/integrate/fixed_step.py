@@ -152,12 +152,12 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
         count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is rounding
-        whole = abs(gap - count * step) <= ROUNDING * end
-        counts.append((count, step if whole else float(gap) / count))
+        is_multiple = abs(gap - count * step) <= ROUNDING * end
+        counts.append((count, step if is_multiple else float(gap) / count))
     return counts
 
 
-class Equal(NamedTuple):
+class EqualSteps(NamedTuple):
     """Consecutive samples with equal steps between them.
 
     Attributes:
@@ -172,17 +172,17 @@ class Equal(NamedTuple):
     samples: int
 
 
-def equal_runs(times: Array, step: float) -> list[Equal]:
+def equal_runs(times: Array, step: float) -> list[EqualSteps]:
     """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps.
 
     Every interval is divided into equal steps, none longer than `step` [s].
     """
-    groups: list[Equal] = []
+    groups: list[EqualSteps] = []
     row = 0
     # sizes are rounded to 1e-15 s, so that those of equally long intervals are equal
     for (count, size), group in groupby((count, round(size, 15)) for count, size in step_counts(times, step)):
         samples = len(list(group))
-        groups.append(Equal(row, count, size, samples))
+        groups.append(EqualSteps(row, count, size, samples))
         row += samples
     return groups
 

@@ -161,8 +161,7 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
     sense = -1.0 if leaving.link == a.link else 1.0
     pins = {x.name: x.ends for x in mechanism.joints if x.ends_meet}
     for path in loop.paths:
-        pairs = (path.enter.pair, path.leave.pair)
-        ends = [end for pair in pairs for end in pins.get(pair, ())]
+        ends = [*pins.get(path.enter.pair, ()), *pins.get(path.leave.pair, ())]
         points = [end for end in ends if end.link == path.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue

@@ -103,8 +103,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
             c = 1j * slip / turn
             centres.append(Centre((a, b), np.array([c.real, c.imag])))
         else:
-            moving = abs(slip) > STILL * fastest
-            centres.append(Centre((a, b), None, np.array([slip.real, slip.imag]) / abs(slip) if moving else None))
+            along = np.array([slip.real, slip.imag]) / abs(slip) if abs(slip) > STILL * fastest else None
+            centres.append(Centre((a, b), None, along))
     return tuple(centres)
 
 

@@ -81,10 +81,11 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     coordinates = []
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
-        if GROUND in links:
-            turning = max(links)  # the other link: the ground has the smallest index, -1
-            turn = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
-            coordinates.append(turn if joint.motion.unit == "rad" else Measured(joint.name, joint.motion))
+        if GROUND in links and joint.motion.unit == "rad":
+            link = max(links)  # the other link: the ground has the smallest index, -1
+            coordinates.append(Measured(mechanism.links[link].name, Angle(GROUND, link)))
+        elif GROUND in links:
+            coordinates.append(Measured(joint.name, joint.motion))
     return coordinates
 
 

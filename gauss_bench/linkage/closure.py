@@ -175,7 +175,8 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
 
     def is_still(q: Array, size: Array) -> bool:
         coordinate = largest(q)
-        return bool(size < (enough if coordinate < FAR else max(enough, ROUNDING * coordinate)))
+        rounding = ROUNDING * coordinate if coordinate >= FAR else 0.0
+        return bool(size < max(enough, rounding))
 
     q = project(q, residual, _shortest, iterations, is_infinite, is_still, LONGEST)
     F, J = residual(q)
@@ -220,8 +221,7 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
     """Return q (n,) nearer to a root of `residual`, by Levenberg-Marquardt: from there Gauss-Newton may converge."""
     from scipy.optimize import least_squares
 
-    tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    return np.asarray(least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], **tolerances).x)
+    return np.asarray(least_squares(lambda x: residual(x)[0], q, lambda x: residual(x)[1], xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
 
 
 def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:

@@ -159,7 +159,8 @@ def choose_scenario(document: dict[str, Any], scenario: str | None, source: str,
         raise LinkageError(source, faults)
     scenarios = document["scenarios"]
     if scenario is None:
-        scenario = next((name for name, x in scenarios.items() if "start" in x), next(iter(scenarios)))
+        with_start = [name for name, entry in scenarios.items() if "start" in entry]
+        scenario = [*with_start, *scenarios][0]
     if scenario not in scenarios:
         raise LinkageError(source, [Fault(f"scenarios.{scenario}", f"unknown scenario; the file has {', '.join(scenarios)}")])
     return scenario

@@ -58,8 +58,8 @@ def _match_entries(path: str, x: Any, component: str) -> Iterator[Place]:
 
     "[*]" is all entries of a list; "*" all values of a table; "~" all keys of a table as values; anything else one key.
     """
-    if component == "[*]":
-        for i, entry in enumerate(x if isinstance(x, list) else ()):
+    if component == "[*]" and isinstance(x, list):
+        for i, entry in enumerate(x):
             yield f"{path}[{i}]", entry
     elif isinstance(x, dict):
         for key, entry in x.items():
@@ -293,7 +293,8 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     """Check that a driver has a travel if its law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
-        names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
+        key = "travel_deg" if "link" in driver else "travel"
+        names.fault(f"{path}.{key}", "required")
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:

@@ -44,7 +44,7 @@ class End(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """A unit vector fixed in a body, in world axes."""
+    """A vector fixed in a body, in world axes: a unit vector, or a force."""
 
     frame: Frame
     n: Vec

@@ -163,13 +163,13 @@ class Weld:
 class Revolute:
     """A pin: point a of one link coincides with point b of another.
 
-    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. Every kind of joint has the
-    attributes of the class.
+    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. `Prismatic` has the same
+    attributes.
 
     Attributes:
         ends_meet: whether the joint keeps its two ends at one place; the held coordinates are then the gap between them.
         parts: names of the held coordinates.
-        numbers: names of the fields that are the values of the first held coordinates and may be parameters of programs.
+        numbers: names of the fields that have the values of the first held coordinates; they can be parameters of programs.
     """
 
     name: str
@@ -335,7 +335,7 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 
 
 class Names(Protocol):
-    """What the method `read` of a force or constraint needs to build it from a table of the file, in the number type in use."""
+    """The parts of a linkage by name, and the numbers of its file, from which forces and constraints are built by `read`."""
 
     @property
     def world(self) -> Point:
@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair. A `Force` depends on q, v and t only.
+    """Dry friction in every pair of a joint, proportional to the load of the pair; no `Force`, which depends on q, v and t alone.
 
     Attributes:
         mu: coefficient of friction.
@@ -545,11 +545,11 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
 
 @dataclass(frozen=True, eq=False)
 class AngleDriver:
-    """Prescribed rotation of a link: theta = law(t) [rad]. Every kind of driver has the attributes of the class.
+    """Prescribed rotation of a link: theta = law(t) [rad]. The other kinds of driver have the same attributes.
 
     Attributes:
-        by: key of the driver's table in linkage files that names what is driven.
-        key: key of linkage files for the value of the driver.
+        by: key of a linkage file that names the driven link, joint or points in the driver's table.
+        key: name of the prescribed coordinate in results.
     """
 
     name: str
@@ -575,7 +575,7 @@ class SlideDriver:
 
     @property
     def key(self) -> str:
-        """The key of linkage files for the value of the driver: "position", or "length" if the slide is that of a cylinder."""
+        """The name of the prescribed coordinate in results: "position", or "length" if the slide is that of a cylinder."""
         return "length" if self.joint.guide.name == f"{self.name}_barrel.pin" else "position"
 
     @property
@@ -704,7 +704,7 @@ class Mechanism:
 
     @property
     def drivable(self) -> dict[str, Prismatic]:
-        """Name -> joint, of the joints whose coordinate a driver, or the start of a scenario, may give: the slides."""
+        """Name -> joint, of the slides: a driver or the start of a scenario can prescribe their coordinates."""
         return {joint.name: joint for joint in self.slides}
 
     @property
