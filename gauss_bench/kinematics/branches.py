@@ -31,9 +31,9 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
     freedom = Freedom(hold_inputs(mechanism, q))
     here = freedom.close(q)
     if here is None:
-        raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
+        raise ValueError(f"{mechanism.name} has no other assemblies here: its joints are open")
     if here.free.shape[1]:
-        raise ValueError(f"{mechanism.name} has free motions: {here.free.shape[1]} of its motions stay free beside its inputs")
+        raise ValueError(f"{mechanism.name}: {here.free.shape[1]} of its motions stay free if its inputs are fixed")
 
     positions, rng, idle = [here.q], np.random.default_rng(0), 0
     for _ in range(MOST):

@@ -61,7 +61,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     _, place = freedom.at(q)
     count = place.free.shape[1]
     if count != 1:
-        raise ValueError(f"{mechanism.name} has {count} free motions here; its instant centres depend on which it does")
+        raise ValueError(f"{mechanism.name} has {count} free motions here; instant centres need exactly one")
     return np.asarray(place.free[:, 0] / freedom.scale)
 
 

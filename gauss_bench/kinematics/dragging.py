@@ -140,7 +140,7 @@ class Drag:
         self.point = find_point(mechanism, point) if isinstance(point, str) else point
         self.onto = onto
         if self.point.link == GROUND and onto is None:
-            raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
+            raise ValueError(f"{point} is fixed to the ground: moving it would change the linkage instead of dragging it")
         self.freedom = Freedom(lock(mechanism, q, locks))
         place = self.freedom.close(np.array(q, dtype=float))
         if place is None:

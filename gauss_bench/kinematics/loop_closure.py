@@ -147,8 +147,8 @@ def _explain_end(equations: LoopEquations, first: Array, last: _State, direction
     except Stopped as error:
         singular = error.singular
     if singular:
-        return _End(f"singular position, the motion can go on in more than one way ({failure})", True, x)
-    return _End("limit of motion, the linkage cannot be closed beyond", False, x)
+        return _End(f"singular position, from which the motion can go on in more than one way ({failure})", True, x)
+    return _End("limit of motion, beyond which the linkage cannot be closed", False, x)
 
 
 def _motion(equations: LoopEquations, states: list[_State], input_rates: list[Array]) -> Motion:

@@ -62,8 +62,7 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         merged: dict[int, complex] = {}
         for x in same:
             merged |= x.at
-        point = BasicPoint(same[0].name if same else name, merged | at)
-        basic[:] = [*(x for x in basic if x not in same), point]
+        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged | at)]
 
     slides = mechanism.slides
     for pin in mechanism.pins:

@@ -45,7 +45,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> model.Link:
-    """Return the link of a table; what is missing of mass, centre and inertia follows from uniform bars and point masses.
+    """Return the link of a table; a mass, centre or inertia that the table lacks follows from uniform bars and point masses.
 
     Raises:
         BuildError: a bar has zero length, or the link has zero inertia.
@@ -169,7 +169,7 @@ class Resolver:
         return model.Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        """Return the angle [rad] of a LINK, or of that of LINK.POINT, in the frame of its body; 0 for the ground."""
+        """Return the angle [rad] of a link in the frame of its body, 0 for the ground; `name` is LINK or LINK.POINT."""
         owner = name.partition(".")[0]
         return 0 if self.index[owner] == model.GROUND else self.poses[owner].turn
 
@@ -190,7 +190,7 @@ class Resolver:
         """Return the force or dry friction that a table of the file describes.
 
         Raises:
-            BuildError: a force of a kind added to the suite has no loads, or varies, which only torques and forces at points may.
+            BuildError: a force of an added kind has no loads, or a force varies that is neither a torque nor at a point.
         """
         force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
         if isinstance(force, model.CoulombFriction) or model.factor_of(force):

@@ -54,10 +54,6 @@ class Held:
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
 
-    def distance(self, q: Array) -> float:
-        """Return the largest difference [m or rad] of the held coordinates at q (n,) from their targets."""
-        return largest(self.evaluate(q)[0] - self.target)
-
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     """Return the mechanism with its start q0, v0 (n,), the degrees of freedom `dof` and the number `redundant` of redundant rows.
@@ -75,8 +71,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     _, J = joints.residual(q)
     rank = _rank(J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
-    names_measured = mechanism.drivers or mechanism.crank is not None or "measure" in document
-    if not names_measured:
+    if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):  # the file does not say what is measured
         closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
     closed = replace(closed, warnings=tuple(check_springs(closed)))
@@ -301,7 +296,7 @@ class _Search:
         # the held coordinates must equal target + share * gap, with the share falling from 1 to 0
         target = self.held.target
         gap, error = self.held.evaluate(q)[0] - target, np.inf
-        steps = 1 + min(MOST_STEPS, int(self.held.distance(q) / STEP))
+        steps = 1 + min(MOST_STEPS, int(largest(gap) / STEP))
         for share in np.linspace(1.0, 0.0, steps + 1)[1:]:
             if share and error > CLOSED and self.evaluations > PATIENCE:
                 continue  # the last intermediate position failed, after many evaluations: try the target itself at once
@@ -327,14 +322,14 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     Raises:
         AssemblyError: the held coordinates cannot be reached, or leave the position undetermined.
     """
-    table = "driver" if mechanism.drivers else "start"
-    path = f"scenarios.{mechanism.scenario}.{table}"
+    path = f"scenarios.{mechanism.scenario}.{'driver' if mechanism.drivers else 'start'}"
     search = _Search(joints, held)
     # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
     # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
     turned = turn_links(mechanism, held, q)
     attempts = [(q, True), (turned, True), (q, False)]  # (first position, whether to stop where the joints cannot be closed)
-    if held.distance(q) > MOST_STEPS * STEP:
+    values, _ = held.evaluate(q)
+    if largest(values - held.target) > MOST_STEPS * STEP:
         attempts = [(turned, True), (turned, False)]
     for start, stays_closed in attempts:
         reached, error = search.follow(start, stays_closed)
@@ -356,7 +351,7 @@ def _check_determined(mechanism: Mechanism, q: Array, J: Array, path: str) -> No
     if rank < mechanism.n:
         free = ", ".join(free_coordinates(mechanism, q, J))
         where = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
-        text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
+        text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; still free: {free or 'a link'}"
         raise AssemblyError(path, f"{text}; hold it{where}")
 
 

@@ -20,7 +20,7 @@ CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no limit of its own
 ENTRIES = 60_000  # of the whole file: the largest generated one, of 400 windows, has 20,000
-SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"  # reason in messages
+SQUARES = "beyond that, a sum with it or with its square loses all digits of the other numbers"  # reason in messages
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,7 @@ def _toml_fault(message: str) -> tuple[str, str]:
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
     """Return every fault of a document, also those that the override of a scenario causes."""
     faults = _faults_without_overrides(document, stem)
-    if any(f.path == "format" for f in faults):  # another format may have other keys
+    if any(f.path == "format" for f in faults):  # another format may have other keys: no other fault is certain
         return [f for f in faults if f.path == "format"]
     reported = set(faults)
     for name, scenario in items(document, "scenarios"):

@@ -293,8 +293,7 @@ def _check_sketch(names: Names, path: str, name: str) -> None:
 def _check_driver(names: Names, path: str, driver: dict[str, Any]) -> None:
     """Check that a driver has a travel if its law needs one."""
     if driver.get("law") in ("sine", "cosine", "poly345") and not {"travel", "travel_deg"} & driver.keys():
-        key = "travel_deg" if "link" in driver else "travel"
-        names.fault(f"{path}.{key}", "required")
+        names.fault(f"{path}.{'travel_deg' if 'link' in driver else 'travel'}", "required")
 
 
 def _check_scenario(names: Names, path: str, scenario: dict[str, Any]) -> None:

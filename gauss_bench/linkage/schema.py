@@ -421,7 +421,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
 
 
 def _put_none(document: Any, keys: list[Any]) -> None:
-    """Replace the value at the path `keys` in a document by None; a value inside a replaced one is left."""
+    """Replace the value at the path `keys` in a document by None, unless the table that has it is None already."""
     *parents, last = keys
     for key in parents:
         document = document[key]

@@ -2,8 +2,8 @@
 
 The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, equal operations
 only once, and simplified where they involve 0, 1 or constants. The result is the source text of one function without loops or
-indices, which works on floats and on arrays of states, in double precision or in types with more digits. A single state takes a
-tenth of the time with floats.
+indices, which works on floats and on arrays of states, in double precision or in types with more digits. For a single
+state, floats take a tenth of the time of arrays.
 """
 
 import math
