@@ -36,7 +36,10 @@ class Leg:
 
 
 def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
-    """Yield n steps of size h from t0 on, divided at the kinks [s]; samples follow after each `every` steps and after the last."""
+    """Yield the parts of a run of n steps of size h from t0, divided at the kinks [s].
+
+    A sample is taken after every `every` steps and after the last one.
+    """
     done = 0  # number of steps
     for step, inside in _find_divided_steps(t0, h, n, kinks):
         yield from _yield_undivided(t0, h, done, step, every, n)

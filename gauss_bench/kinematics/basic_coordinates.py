@@ -144,7 +144,7 @@ class _Follower:
         """
         model = self.model
         # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
-        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
+        Z = model.points.evaluate_known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])  # complex derivatives of phi by z
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
@@ -183,7 +183,7 @@ class _Follower:
             SingularPosition: J has lost rank, so that the rates are undetermined.
         """
         model = self.model
-        Z = model.points.known(self.x, rate, second)  # rows z, z', z'', to which `fill` adds the unknown points
+        Z = model.points.evaluate_known(self.x, rate, second)  # rows z, z', z'', to which `fill` adds the unknown points
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)

@@ -65,7 +65,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
     return np.asarray(place.free[:, 0] / freedom.scale)
 
 
-@lru_cache(maxsize=1)  # a motion asks for the same linkage at every sample
+@lru_cache(maxsize=1)  # `centres` is called for the same linkage at every sample of a motion
 def _undriven(mechanism: Mechanism) -> Freedom:
     """Return the free motions of a linkage without its drivers."""
     return Freedom(replace(mechanism, drivers=()))

@@ -168,7 +168,7 @@ class Drag:
             return Dragged(self.q, True, apart, "")
         if not is_stuck:
             return Dragged(self.q, False, apart, "the target is too far away for one drag")
-        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
+        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "no motion is left free"
         return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:

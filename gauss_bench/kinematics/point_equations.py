@@ -141,7 +141,7 @@ class PointModel:
     def at(self, x: Array, p: Array) -> Vectors:
         """Return z (N,) for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
         still = np.zeros_like(x)
-        return self.fill(self.points.known(x, still, still)[0], p)
+        return self.fill(self.points.evaluate_known(x, still, still)[0], p)
 
     def phi(self, z: Vectors) -> Array:
         """Return the residual phi (m,) of the equations at z (N,) [m]."""

@@ -148,7 +148,7 @@ class Points:
         self.entries_of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
         jointless = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
         if jointless:
-            raise ValueError(f"{mechanism.name}: {mechanism.link_name(jointless[0])} has no joint, so that nothing places it")
+            raise ValueError(f"{mechanism.name}: {mechanism.link_name(jointless[0])} has no joint that could place it")
         self.anchor = {i: entries[0] for i, entries in self.entries_of.items() if entries}
         self.placed_by: dict[int, int] = {}
         self.rows: dict[int, Vectors] = {}
@@ -221,7 +221,7 @@ class Points:
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
         return max(pairs, key=rank)
 
-    def known(self, x: Array, rate: Array, second: Array) -> Vectors:
+    def evaluate_known(self, x: Array, rate: Array, second: Array) -> Vectors:
         """Return z and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
 
         `x`, `rate`, `second` (i,) are the inputs [rad, m] and their time derivatives; an active bar has its length in x, not the

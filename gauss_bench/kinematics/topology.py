@@ -181,8 +181,8 @@ def _make_loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], unturned: Set
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Return link -> (root, phase): the angle of the link is that of its root plus the constant `phase` [rad].
 
-    Slides make the links that they join turn by the same angle, for which one link, the root, stands: the ground if it is one of
-    them, else the first link that is no block. A link without a slide is its own root.
+    Links that slides join turn by the same angle. One of them is their root: the ground if it is one of them, else the first link
+    that is no block. A link without a slide is its own root.
     """
     held = mechanism.held_angles
     blocks = {angle.b for angle, _ in held}

@@ -88,7 +88,7 @@ def find_poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str]
     poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
     while waiting:
-        # welds form a forest, so that some weld attaches its link to one whose pose is known already
+        # welds form trees: there is always a weld that attaches its link to one with a known pose
         unknown = {weld["link"] for weld in waiting.values()}
         key = next(key for key, weld in waiting.items() if weld["to"] not in unknown)
         weld = waiting.pop(key)

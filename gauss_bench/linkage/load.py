@@ -57,7 +57,7 @@ def find(name_or_path: str | Path) -> Path:
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """Load a linkage and assemble it in one scenario, by default the first scenario with a table `start`.
 
-    A file of the same content gives the same object, so that results cached for a mechanism serve again.
+    The same content of a file gives the same object, for which results may be cached.
 
     Raises:
         LinkageError: the linkage has faults; the message names file, table and field of each.

@@ -66,8 +66,8 @@ class Table(BaseModel):
         cls.second |= {*second.split()}
         keys = {key_of(cls, name) for name in cls.model_fields}
         angles = {key.removesuffix("_deg") for key in keys if key.endswith("_deg")}
-        by_name = dict.fromkeys(angles, "rad") | {f"{key}_deg": "degrees" for key in angles}
-        cls.units = by_name | cls.units | dict(x.split(": ") for x in units.split("; ") if x)
+        units_of_angles = dict.fromkeys(angles, "rad") | {f"{key}_deg": "degrees" for key in angles}
+        cls.units = units_of_angles | cls.units | dict(x.split(": ") for x in units.split("; ") if x)
         unknown = (cls.other | cls.second | cls.units.keys()) - keys
         if unknown:
             raise TypeError(f"{cls.__name__} has no key {', '.join(sorted(unknown))}")
@@ -465,9 +465,9 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _physics(item: Any) -> Any:
-    """Return a table and the tables inside it as dicts of the keys that stand in the file and affect a motion.
+    """Return a table and the tables inside it as dicts, with the keys that the file has and that affect a motion.
 
-    Floats, which pydantic makes of whole numbers too, become decimal texts, the same for equal numbers.
+    Numbers become decimal texts, which are the same for 1, 1.0 and 1e0: pydantic makes floats of whole numbers too.
     """
     if isinstance(item, Table):
         given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}

@@ -50,7 +50,7 @@ class Symbol:
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the difference, as the sum with the negative, whose line is left out if nothing else uses it (`lines_for`)."""
+        """Return the difference: the sum with the negative, which `lines_for` leaves out if no other operation uses it."""
         return self + -self.program.symbol(other)
 
     def __rsub__(self, other: Number) -> "Symbol":
@@ -202,7 +202,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return what `__call__` returns, computed with floats for each state of the batch in turn."""
+        """Return the result of `__call__`, computed with floats for one state of the batch after the other."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)

@@ -767,7 +767,7 @@ class Mechanism:
 
     @property
     def loops(self) -> int:
-        """Number of independent loops: joints - links, by Euler, if all links hang together with the ground."""
+        """Number of independent loops: joints - links, by Euler, if all links are connected with the ground."""
         return max(0, len(self.joints) - len(self.links))
 
     @property
