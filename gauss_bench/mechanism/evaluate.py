@@ -52,7 +52,7 @@ class Constraints:
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; constant entries of J are stored, the function for the others is generated when it is first used."""
+        """Record all rows with symbols; constant entries of J are stored, the function for others is generated when first used."""
         self.mechanism, self.n = mechanism, mechanism.n
         at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
         rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
