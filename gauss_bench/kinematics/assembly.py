@@ -94,7 +94,7 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
 
 
 def _list_joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
-    """Return the pairs of a loop in the order of the linkage file."""
+    """Return the joints (pairs) around a loop, in the order of the linkage file."""
     names = {x.leave.pair for x in loop.paths}
     return [x for x in mechanism.joints if x.name in names]
 

@@ -69,7 +69,7 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Return the motion through states (3, n), each q, v and a."""
+    """Return the motion through states (3, n), each with the rows q, v and a; `corrections` are its iterations."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 

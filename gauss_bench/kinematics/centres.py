@@ -67,7 +67,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
 
 @lru_cache(maxsize=1)  # `centres` is called for the same linkage at every sample of a motion
 def _undriven(mechanism: Mechanism) -> Freedom:
-    """Return the free motions of a linkage without its drivers."""
+    """Return the constraints of the joints of a linkage, without its drivers, in scaled coordinates."""
     return Freedom(replace(mechanism, drivers=()))
 
 

@@ -155,7 +155,7 @@ class Drag:
         return self.place.q
 
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
-        """Drag the point towards a target (2,) [m] in at most `most` steps."""
+        """Drag the point towards a target (2,) [m] in at most `most` steps; return the position that is reached."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
         apart = self._apart(self.place, target)
         is_stuck = self.place.free.shape[1] == 0  # without free motions

@@ -126,7 +126,7 @@ class Curve:
         return self._close(q + STEP * x)
 
     def _close(self, q: Array) -> Array:
-        """Project q (n,) onto the constraints by Gauss-Newton."""
+        """Return the position (n,) near q that satisfies the constraints, by Gauss-Newton."""
         shortest = partial(minimum_norm, tolerance=RANK_TOLERANCE)
         return project(q, self.constraints.residual, shortest, NEWTON_STEPS, stop_after=lambda _, size: bool(size < TOLERANCE))
 

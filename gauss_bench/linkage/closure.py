@@ -169,6 +169,7 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
+        """Tell whether the largest entry of a step, `size`, is below `enough`, or below the rounding of large coordinates."""
         coordinate = largest(q)
         rounding = ROUNDING * coordinate if coordinate >= FAR else 0.0
         return bool(size < max(enough, rounding))

@@ -43,7 +43,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """Return the document of a chain of `count` bars, released at rest."""
+    """Return the document of a chain of `count` pendulums, each a bar pinned to the end of the one before, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}

@@ -44,7 +44,7 @@ def built_in_folder() -> Path | None:
 
 
 def built_in() -> dict[str, Path]:
-    """Return the files of the built-in linkages by name."""
+    """Return name -> path of the file, for all built-in linkages; empty if their folder is missing."""
     folder = built_in_folder()
     return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
 
@@ -235,7 +235,7 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document, without overrides of scenarios."""
+    """Return the faults of the keys, values and names of a document; overrides of scenarios are not applied."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
         return faults  # a faulty cylinder is not expanded into links, so that references to its links would be reported wrongly

@@ -286,7 +286,7 @@ def _check_times(names: Names, path: str, rows: list[Any]) -> None:
 
 
 def _check_sketch(names: Names, path: str, name: str) -> None:
-    """Check that the sketch places an existing joint or point "link.point"."""
+    """Check that `name`, a key of the sketch, is an existing joint or point "link.point"."""
     names.check(path, name, "point" if "." in name else "joint")
 
 

@@ -108,7 +108,7 @@ class Program:
         self.opposites: dict[str, Symbol] = {}
 
     def symbol(self, x: Symbol | Number) -> Symbol:
-        """Return x as a symbol of the program."""
+        """Return x as a symbol of the program: a number becomes a constant, a symbol is returned unchanged."""
         if isinstance(x, Symbol):
             return x
         if float(x) == x:  # exact in double precision: a literal
@@ -149,7 +149,7 @@ class Program:
         return self.known[text]
 
     def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the lines on which the given results depend, in their order."""
+        """Return the lines of the program on which the given results depend, in the order in which they were recorded."""
         wanted, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in wanted:

@@ -510,7 +510,7 @@ Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpring
 
 
 def turns_only(force: Force) -> bool:
-    """Tell whether a force acts along angles alone."""
+    """Tell whether all loads of a force are laws on angles, so that it exerts only torques."""
     return all(isinstance(x, Law) and x.coordinate.unit == "rad" for x in force.to_loads())
 
 
