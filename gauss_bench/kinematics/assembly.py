@@ -186,7 +186,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
     if place is None:
-        _, here = freedom.at(q)
+        _, here = freedom.evaluate(q)
         return _rank(here)
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
@@ -204,7 +204,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
     angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
-    _, neighbour = freedom.at(turned)
+    _, neighbour = freedom.evaluate(turned)
     return max(rank, _rank(neighbour))
 
 

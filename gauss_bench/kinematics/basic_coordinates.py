@@ -109,7 +109,7 @@ class _Follower:
         self.max_change = np.array([LARGEST_TURN if x.coordinate.unit == "rad" else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
-        places = model.at(self.x, self.p)[model.points.first :]
+        places = model.z_at(self.x, self.p)[model.points.first :]
         self.tolerance = TOLERANCE * max(model.size, largest(places))
         self.corrections = 0
 
@@ -158,7 +158,7 @@ class _Follower:
         # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
         near = self.theta + (dE * E.conj()).imag  # predicted angles
-        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
+        turn = np.angle(model.directions @ model.z_at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn

@@ -58,7 +58,7 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
         ValueError: the joints leave no motion free, or more than one.
     """
     freedom = _undriven(mechanism)
-    _, place = freedom.at(q)
+    _, place = freedom.evaluate(q)
     count = place.free.shape[1]
     if count != 1:
         raise ValueError(f"{mechanism.name} has {count} free motions here; instant centres need exactly one")

@@ -182,12 +182,12 @@ class Drag:
 
     def _apart(self, place: Place, target: Array) -> float:
         """Return the distance of the point from the target [m]."""
-        return float(np.hypot(*(self.at(place) - target)))
+        return float(np.hypot(*(self._position(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
         """Take the first proposed step that brings the point nearer than `apart` [m]; return whether more may follow."""
         bends = self._bends()
-        for y in self._propose_steps(self.at(self.place) - target, bends):
+        for y in self._propose_steps(self._position(self.place) - target, bends):
             place = self._try_step(y, bends)
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
@@ -301,13 +301,13 @@ class Drag:
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
-    def at(self, place: Place) -> Array:
+    def _position(self, place: Place) -> Array:
         """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto`."""
         here = position(place.q, self.point)
         return here if self.onto is None else here - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
-        """Return P (2, f): the derivatives of `at(place)` by the amplitudes of the f free motions at `place`."""
+        """Return P (2, f): the derivatives of `_position(place)` by the amplitudes of the f free motions at `place`."""
         motions = place.free.T / self.freedom.scale  # (f, n); the derivative by an amplitude is the velocity in its motion
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)

@@ -62,7 +62,7 @@ class Freedom:
         phi, J = self.constraints.residual(q)
         return phi, J / self.scale
 
-    def at(self, q: Array) -> tuple[Array, Place]:
+    def evaluate(self, q: Array) -> tuple[Array, Place]:
         """Return the constraint residual phi (m,) and the `Place` at any q (n,), where the joints may be open."""
         phi, J = self.rows(q)
         return phi, Place(q, J, *split_by_rank(J))
@@ -85,7 +85,7 @@ class Freedom:
         q = project(q, self.rows, shortest, CORRECTIONS, has_ended, is_still)
         if not np.isfinite(q).all():
             return None
-        phi, place = self.at(q)
+        phi, place = self.evaluate(q)
         return place if largest(phi) <= ROUNDING * CLOSED * self.size else None
 
     def bend(self, place: Place, directions: Array) -> Array:

@@ -176,7 +176,7 @@ class LoopEquations:
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
         return np.array([values[key] for key in self.column])  # `column` has the order of x
 
-    def at(self, x: Array, x_rate: Array) -> Matrices:
+    def evaluate(self, x: Array, x_rate: Array) -> Matrices:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, unknowns = len(self.paths), len(self.unknown)
@@ -195,7 +195,7 @@ class LoopEquations:
         still = np.zeros(len(self.variables))
 
         def residual(phi: Array) -> tuple[Array, Array]:
-            here = self.at(np.concatenate([phi, inputs]), still)
+            here = self.evaluate(np.concatenate([phi, inputs]), still)
             return here.A, here.J
 
         return residual
@@ -235,9 +235,9 @@ class LoopEquations:
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Return the first and second time derivatives (TU + TK,) of a closed state x, from those of the inputs (TK,)."""
-        here = self.at(x, np.zeros_like(x))
+        here = self.evaluate(x, np.zeros_like(x))
         x_rate = np.concatenate([minimum_norm(here.J, -here.B @ speed), speed])  # J phi' = -B q'
-        here = self.at(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
+        here = self.evaluate(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
         # J phi'' = -(B q'' + B' q' + J' phi')
         bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
         return x_rate, np.concatenate([minimum_norm(here.J, -bias), second])

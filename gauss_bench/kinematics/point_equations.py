@@ -138,7 +138,7 @@ class PointModel:
         z[self.unknown] = p.reshape(-1, 2) @ [1.0, 1.0j]
         return z
 
-    def at(self, x: Array, p: Array) -> Vectors:
+    def z_at(self, x: Array, p: Array) -> Vectors:
         """Return z (N,) for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
         still = np.zeros_like(x)
         return self.fill(self.points.evaluate_known(x, still, still)[0], p)
@@ -158,7 +158,7 @@ class PointModel:
 
     def residual(self, x: Array) -> Residual:
         """Return the equations at fixed inputs x (i,) as a function: p (2 u,) -> phi (m,) [m] and its Jacobian (m, 2 u)."""
-        known = self.at(x, np.zeros(2 * len(self.unknown)))
+        known = self.z_at(x, np.zeros(2 * len(self.unknown)))
 
         def evaluate(p: Array) -> tuple[Array, Array]:
             z = self.fill(known, p)

@@ -53,7 +53,7 @@ class Connection:
         along = place - self.pivot
         return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
 
-    def at(self, value: float) -> complex:
+    def pin_at(self, value: float) -> complex:
         """Return the place of the pin at a value of the input."""
         return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
 
@@ -239,7 +239,7 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
         inputs += [nearest] if start < nearest < end else []
     slack = SAME * coupler
     for value in inputs:
-        pin = driven.at(value)
+        pin = driven.pin_at(value)
         if other.direction is not None:
             is_reached = abs(cross(other.direction, pin - other.pivot)) <= coupler + slack
         else:

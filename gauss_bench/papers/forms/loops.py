@@ -67,7 +67,7 @@ class DrivenLinkage:
     @property
     def matrices(self) -> Matrices:
         """The matrices J, B of the loop equations and their rates."""
-        return self.equations.at(self.x, self.rate)
+        return self.equations.evaluate(self.x, self.rate)
 
 
 @cache
