@@ -241,29 +241,29 @@ class WeightedState(NamedTuple):
 State = AngleState | AlongState | DistanceState | WeightedState
 
 
-def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
+def state(coordinate: Coordinate, placement: Placement, known: Real = None) -> State:
     """Return a coordinate at a state; `known` is the value of a distance that a constraint prescribes, to save a square root."""
     match coordinate:
         case Angle(a, b):
-            return AngleState(at.frame(a), at.frame(b))
+            return AngleState(placement.frame(a), placement.frame(b))
         case Along(origin, point, angle, across):
-            return AlongState(at.direction(coordinate.axes, angle, across), at.end(origin), at.end(point))
+            return AlongState(placement.direction(coordinate.axes, angle, across), placement.end(origin), placement.end(point))
         case Distance(a, b):
-            return DistanceState(at.end(a), at.end(b), at.arithmetic, known)
+            return DistanceState(placement.end(a), placement.end(b), placement.arithmetic, known)
         case Weighted(terms):
-            return WeightedState([(state(x, at), weight) for x, weight in terms])
+            return WeightedState([(state(x, placement), weight) for x, weight in terms])
         case _:
             assert_never(coordinate)
 
 
-def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
+def slip(coordinate: Slip, placement: Placement) -> tuple[Entry, Real]:
     """Return the gradient and the bias of a slip s = n . p' at a state.
 
     With n' = omega x n and p' = u + omega x r, the bias is n' . u: the terms of the arm r, which turns with n, cancel.
     """
     point = coordinate.point
-    _, n = at.direction(point.link, coordinate.angle, across=True)
-    frame, arm = at.end(point)
+    _, n = placement.direction(point.link, coordinate.angle, across=True)
+    frame, arm = placement.end(point)
     return Entry(frame, n, m=wedge(arm, n)), frame.omega * wedge(n, frame.u)
 
 

@@ -61,50 +61,50 @@ class Row:
     phi_t: Real
 
 
-def rows(mechanism: Mechanism, at: ConstraintPlacement, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield the constraint rows at the state `at`: those of joints, couplings, drivers, knife edges, in this order.
+def rows(mechanism: Mechanism, placement: ConstraintPlacement, on_constraints: bool = False) -> Iterator[Row]:
+    """Yield the constraint rows at the state `placement`: those of joints, couplings, drivers, knife edges, in this order.
 
     With `on_constraints`, the state must satisfy the constraints; a distance that one prescribes then needs no square root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for index, (coordinate, value) in enumerate(held):
-            at_rest = (at.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
-            yield _row(joint.name, at, coordinate, at_rest, on_constraints)
+            at_rest = (placement.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
+            yield _row(joint.name, placement, coordinate, at_rest, on_constraints)
     for driver in mechanism.drivers:
-        yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
+        yield _row(driver.name, placement, driver.coordinate, placement.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
-        gradient, bias = slip(edge.coordinate, at)
+        gradient, bias = slip(edge.coordinate, placement)
         yield Row(edge.name, columns((gradient,)), -bias, None, 0.0)
 
 
-def _row(name: str, at: ConstraintPlacement, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
+def _row(name: str, placement: ConstraintPlacement, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
     """Return the row, called `name`, of the constraint that a coordinate follows a motion; `on_constraints` as in `rows`."""
     value, rate, second = motion
-    x = state(coordinate, at, value if on_constraints else None)
+    x = state(coordinate, placement, value if on_constraints else None)
     return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
 
 
-def generalise(at: Placement, load: Load) -> dict[int, Real]:
+def generalise(placement: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load at a state, as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
-            return columns(push(state(load.coordinate, at), load, at.arithmetic))
+            return columns(push(state(load.coordinate, placement), load, placement.arithmetic))
         case PointForce():
-            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            force, end = placement.vector(load.frame, load.value).n, placement.end(load.point)
             return columns((Entry(end.frame, force, wedge(end.arm, force)),))  # wedge: moment about the centre of mass
         case _:
             assert_never(load)
 
 
-def energies(at: Placement, load: Load) -> tuple[Real, Real]:
+def energies(placement: Placement, load: Load) -> tuple[Real, Real]:
     """Return the potential energy [J] of one load, and the power [W] of the part of it that has no potential."""
     match load:
         case Law():
-            x = state(load.coordinate, at)
-            return energy(x, load, at.arithmetic), -loss(x, load)
+            x = state(load.coordinate, placement)
+            return energy(x, load, placement.arithmetic), -loss(x, load)
         case PointForce():
-            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            force, end = placement.vector(load.frame, load.value).n, placement.end(load.point)
             if load.frame == GROUND:  # a force with a fixed direction has the potential -F . p
                 return -dot(force, end.place), 0.0
             turning = end.frame.omega * wedge(end.arm, force)

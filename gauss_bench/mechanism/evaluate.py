@@ -54,9 +54,9 @@ class Constraints:
     def __init__(self, mechanism: Mechanism):
         """Record all rows with symbols; constant entries of J are stored, the function for others is generated when first used."""
         self.mechanism, self.n = mechanism, mechanism.n
-        at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
-        rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
-        self.m, self.laws = mechanism.m, at.laws
+        symbols = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
+        rows, symbol = list(equations.rows(mechanism, symbols)), symbols.program.symbol
+        self.m, self.laws = mechanism.m, symbols.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
         self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # the type of all numbers of the mechanism

@@ -45,29 +45,29 @@ class AppliedForces:
         self.varying = [_VaryingForce(mechanism, force, factor) for force, factor in mechanism.factors]
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
-    def add_steady(self, at: Symbols) -> list[Real]:
+    def add_steady(self, symbols: Symbols) -> list[Real]:
         """Return the sum Q (n,) of gravity and all steady forces, as symbols."""
-        Q: list[Real] = [at.program.symbol(x) for x in self.gravity]
+        Q: list[Real] = [symbols.program.symbol(x) for x in self.gravity]
         for load in self.loads:
-            for k, x in equations.generalise(at, load).items():
+            for k, x in equations.generalise(symbols, load).items():
                 Q[k] = Q[k] + x
         return Q
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
         """The generated function for the generalised force Q (..., n) of gravity and all steady forces."""
-        at = Symbols(self.mechanism.n)
-        return at.generate(self.add_steady(at))
+        symbols = Symbols(self.mechanism.n)
+        return symbols.generate(self.add_steady(symbols))
 
     @cached_property
     def _energies(self) -> Callable[..., list[Array]]:
         """The generated function of the potential energy and the power of all steady forces."""
-        at = Symbols(self.mechanism.n)
-        potential, power = at.program.symbol(0.0), at.program.symbol(0.0)
+        symbols = Symbols(self.mechanism.n)
+        potential, power = symbols.program.symbol(0.0), symbols.program.symbol(0.0)
         for load in self.loads:
-            load_potential, load_power = equations.energies(at, load)
+            load_potential, load_power = equations.energies(symbols, load)
             potential, power = potential + load_potential, power + load_power
-        return at.generate([potential], [power])
+        return symbols.generate([potential], [power])
 
     def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
         """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s]; only forces that vary need t.
@@ -146,12 +146,12 @@ class JointFriction:
         self.both = np.array(self.first != self.last, dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])
-        at = Symbols(mechanism.n)
-        motions = [state(pair.motion, at) for _, pair in self.acting]
+        symbols = Symbols(mechanism.n)
+        motions = [state(pair.motion, symbols) for _, pair in self.acting]
         entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
         self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]
         # returns the relative speeds (..., p), and the entries of all gradients in the order of `places`
-        self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
+        self._function = symbols.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
 
     def __bool__(self) -> bool:
         """Tell whether any pair of the mechanism has friction."""
