@@ -83,23 +83,23 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         if point.link != GROUND:  # a point on the ground keeps its place in any case
             held += [Along(ORIGIN, point, 0.0), Along(ORIGIN, point, 0.0, across=True)]
     for name in locks.joints:
-        own = [x.motion for x in mechanism.joints if x.joint == name and x.ends_meet]
-        _check_found(own, "pin joint", name)
-        held += own
+        turns = [x.motion for x in mechanism.joints if x.joint == name and x.ends_meet]
+        _check_exists(turns, "pin joint", name)
+        held += turns
     for name in locks.links:
-        _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
+        _check_exists([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
         held.append(Angle(GROUND, body))
     for name in locks.slides:
-        own = [x.motion for x in mechanism.slides if x.name == name]
-        _check_found(own, "slide", name)
-        held += own
+        motions = [x.motion for x in mechanism.slides if x.name == name]
+        _check_exists(motions, "slide", name)
+        held += motions
     return hold(mechanism, q, held)
 
 
-def _check_found(found: list[Any], kind: str, name: str) -> None:
-    """Raise ValueError if the list `found` of the parts with this name is empty."""
-    if not found:
+def _check_exists(parts: list[Any], kind: str, name: str) -> None:
+    """Raise ValueError if the list of the parts of a kind that have this name is empty."""
+    if not parts:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
 
@@ -204,8 +204,8 @@ class Drag:
         f = N.shape[1]
         i, j = np.triu_indices(f)
         # `bend` is quadratic in a direction; mixed derivatives follow from x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
-        both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
-        quarters = self.freedom.bend(self.place, both) / 4
+        directions = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
+        quarters = self.freedom.bend(self.place, directions) / 4
         bends = np.zeros((f, f, len(self.q)))
         bends[i, j] = bends[j, i] = quarters[: len(i)] - quarters[len(i) :]
         return bends
@@ -303,8 +303,8 @@ class Drag:
 
     def _position(self, place: Place) -> Array:
         """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto`."""
-        here = position(place.q, self.point)
-        return here if self.onto is None else here - position(place.q, self.onto)
+        world = position(place.q, self.point)
+        return world if self.onto is None else world - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
         """Return P (2, f): the derivatives of `_position(place)` by the amplitudes of the f free motions at `place`."""

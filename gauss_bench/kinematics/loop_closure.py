@@ -82,8 +82,8 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     Raises:
         _End: the motion ends before, even with the shortest step.
     """
-    first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]  # values at the start
+    start, steps = state.x, 0
+    inputs = start[len(equations.unknown) :]  # values at the start
     change = goal - inputs
     size = largest(change)
 
@@ -98,7 +98,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
         try:
             walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
-            raise _explain_end(equations, first, state, change / size, error) from error
+            raise _explain_end(equations, start, state, change / size, error) from error
     return state._replace(steps=steps)
 
 
@@ -125,21 +125,21 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     return _State(closed, J, steps)
 
 
-def _explain_end(equations: LoopEquations, first: Array, last: _State, direction: Array, failure: Stopped) -> _End:
+def _explain_end(equations: LoopEquations, start: Array, last: _State, direction: Array, failure: Stopped) -> _End:
     """Return the exception that tells why a motion ends after the state `last`.
 
     The end is a singular position if the Jacobian loses rank there, or if the loops can be closed just beyond by a small turn of
     the links; else it is a limit of motion.
 
     Args:
-        first: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
+        start: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
         direction: (TK,) change of the inputs to the next sample time, divided by its largest entry.
         failure: the exception of the last step, which failed.
     """
     unknowns, x = len(equations.unknown), last.x
     # a state beyond the end: all variables continue their change since the sample, the inputs by BEYOND
-    moved = float(np.abs(x - first)[unknowns:].max())
-    guess = x + (x - first) * (BEYOND / moved if moved else 0.0)
+    moved = float(np.abs(x - start)[unknowns:].max())
+    guess = x + (x - start) * (BEYOND / moved if moved else 0.0)
     guess[unknowns:] = x[unknowns:] + BEYOND * direction
     try:
         closed, _, _ = equations.close(guess)

@@ -180,23 +180,23 @@ class LoopEquations:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
         L, unknowns = len(self.paths), len(self.unknown)
-        A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
+        A, JB, JB_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # JB: J and B side by side
         for l, paths in enumerate(self.paths):
             rows = slice(2 * l, 2 * l + 2)
             for path, slides, columns in paths:
                 unit = path.link_unit(theta[path.link], omega[path.link], x[slides], x_rate[slides])
                 A[rows] += unit.vector
-                both[rows, columns] += unit.J
-                both_rate[rows, columns] += unit.J_rate
-        return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
+                JB[rows, columns] += unit.J
+                JB_rate[rows, columns] += unit.J_rate
+        return Matrices(A, JB[:, :unknowns], JB[:, unknowns:], JB_rate[:, :unknowns], JB_rate[:, unknowns:])
 
     def with_inputs(self, inputs: Array) -> Residual:
         """Return the function that gives A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
         still = np.zeros(len(self.variables))
 
         def residual(phi: Array) -> tuple[Array, Array]:
-            here = self.evaluate(np.concatenate([phi, inputs]), still)
-            return here.A, here.J
+            matrices = self.evaluate(np.concatenate([phi, inputs]), still)
+            return matrices.A, matrices.J
 
         return residual
 
@@ -235,12 +235,12 @@ class LoopEquations:
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Return the first and second time derivatives (TU + TK,) of a closed state x, from those of the inputs (TK,)."""
-        here = self.evaluate(x, np.zeros_like(x))
-        x_rate = np.concatenate([minimum_norm(here.J, -here.B @ speed), speed])  # J phi' = -B q'
-        here = self.evaluate(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
+        matrices = self.evaluate(x, np.zeros_like(x))
+        x_rate = np.concatenate([minimum_norm(matrices.J, -matrices.B @ speed), speed])  # J phi' = -B q'
+        matrices = self.evaluate(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
         # J phi'' = -(B q'' + B' q' + J' phi')
-        bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
-        return x_rate, np.concatenate([minimum_norm(here.J, -bias), second])
+        bias = matrices.B @ second + matrices.B_rate @ speed + matrices.J_rate @ x_rate[: len(self.unknown)]
+        return x_rate, np.concatenate([minimum_norm(matrices.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""

@@ -153,8 +153,8 @@ class PointModel:
 
     def jacobian(self, r: Vectors) -> Array:
         """Return the real Jacobian dphi/dp (m, 2 u) from the result r (m, N) of `rows`."""
-        part = r[:, self.unknown]
-        return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
+        columns = r[:, self.unknown]  # dphi = Re(r dz), with dz = dx + i dy of each unknown point
+        return np.stack([columns.real, -columns.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
     def residual(self, x: Array) -> Residual:
         """Return the equations at fixed inputs x (i,) as a function: p (2 u,) -> phi (m,) [m] and its Jacobian (m, 2 u)."""
@@ -203,10 +203,10 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     # an equation Re(conj(a z) (b z) + c z) = 0 is quadratic in the points if both a and b have entries at points of z
     curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
     groups = []
-    for part in nx.strongly_connected_components(needs):
-        columns = sorted(part)
+    for component in nx.strongly_connected_components(needs):
+        columns = sorted(component)
         rows = sorted(row_of[k] for k in columns)
-        if curved[rows].any() and not part & redundant:
+        if curved[rows].any() and not component & redundant:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))  # unknowns 2 k and 2 k + 1: x and y of point k
             groups.append(PointGroup(name, np.array(rows), np.array(columns)))
     return tuple(groups)

@@ -57,12 +57,14 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
         The merged point has the name of the first of these.
         """
-        at = {end.link: place(end) for end in ends}
-        same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
-        merged: dict[int, complex] = {}
-        for x in same:
-            merged |= x.at
-        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged | at)]
+        places = {end.link: place(end) for end in ends}
+        same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in places.items())]
+        merged = {link: s for x in same for link, s in x.at.items()} | places
+        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged)]
+
+    def count(link: int) -> int:
+        """Return the number of points that a link has so far."""
+        return sum(link in x.at for x in basic)
 
     slides = mechanism.slides
     for pin in mechanism.pins:
@@ -71,15 +73,15 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         add(slide.block.name, slide.block)
     for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
-            if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
+            if end.link != GROUND and count(end.link) < 2:
                 add(end.name, end)
     for slide in slides:  # every guide needs a point
-        if not any(slide.guide.link in x.at for x in basic):
+        if not count(slide.guide.link):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
     for root in sorted({root for root, _ in frames.values()} - turned):
         members = [link for link, (r, _) in frames.items() if r == root]
-        if all(sum(link in x.at for x in basic) < 2 for link in members):  # no two points show the direction: add one
+        if all(count(link) < 2 for link in members):  # no two points show the direction: add one
             guide = next((j for j in slides if j.guide.link in members), None)
             link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
             start = next((x.at[link] for x in basic if link in x.at), 0j)
@@ -181,8 +183,8 @@ class Points:
         if link == GROUND:
             return self.unit(0) * s  # entry 0 of z is 1
         anchor = self.anchor[link]  # position = anchor + (s - place of the anchor) exp(i theta)
-        rest = s - self.local(link, anchor)
-        return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
+        offset = s - self.local(link, anchor)
+        return self.unit(anchor) + offset * self.direction(link) if offset else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
         """Return the entry of the point in the block of a slide."""

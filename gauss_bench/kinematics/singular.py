@@ -141,8 +141,8 @@ class Curve:
 
         def rate(back: float) -> float:
             """Return g . x at the closed position near q - `back` x, a step back along the tangent."""
-            here = self._close(q - back * x)
-            return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
+            closed = self._close(q - back * x)
+            return float(gradient(coordinate.coordinate, closed) @ self.tangent(closed, x))
 
         if rate(ENDS[0]) * rate(ENDS[1]) < 0:
             back = brentq(rate, *ENDS, xtol=1e-15)

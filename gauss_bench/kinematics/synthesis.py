@@ -104,9 +104,9 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin, its centre
-        seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
+        places_seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
         # only the centre of the circle is used: the first argument is arbitrary
-        circle = connect(0j, seen, f"the {name} fixed pivot, seen from the coupler,")
+        circle = connect(0j, places_seen, f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
         pin = circle.pivot
@@ -167,25 +167,25 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     `name` is "first" or "second", for the text of the result.
     """
     coupler = abs(driven.pin - other.pin)
-    part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
+    driver = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
         first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
         k = sides.index(-first_side)
-        return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
+        return Drive("branch", f"Driven by {driver}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
     # the poses in their order: the input reaches the second pose, then the third, without changing its sense
     for sense, (second, third) in list_travels(driven, values):
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
-            return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
+            return Drive("", f"Driven by {driver} {turning}, it takes the three poses in their order, on one branch.", third)
     # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         back, forth = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + back, values[0] + forth):
-            return Drive("order", f"Driven by {part}, it takes the poses in another order than given.")
-    return Drive("branch", f"Driven by {part}, it does not get from pose to pose: a dead point lies between them.")
+            return Drive("order", f"Driven by {driver}, it takes the poses in another order than given.")
+    return Drive("branch", f"Driven by {driver}, it does not get from pose to pose: a dead point lies between them.")
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:

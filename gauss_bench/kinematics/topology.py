@@ -127,12 +127,12 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        first = next(iter(net[parent][i].values()))  # of the pairs between both links
-        tree.add_edge(parent, i, pair=first["pair"])
+        first_edge = next(iter(net[parent][i].values()))  # of the pairs between both links
+        tree.add_edge(parent, i, pair=first_edge["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
-    used = {pair.name for _, pair in edges.values()}
+    in_tree = {pair.name for _, pair in edges.values()}
     unturned = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
-    loops = tuple(_make_loop(tree, pair, pairs, unturned) for pair in pairs if pair.name not in used)
+    loops = tuple(_make_loop(tree, pair, pairs, unturned) for pair in pairs if pair.name not in in_tree)
     return LinkageGraph(links, pairs, edges, loops)
 
 
@@ -218,15 +218,15 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)
-    at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
+    centres: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
     for link, (parent, pair) in graph.tree.items():  # both arms end at the pair: the centre is that of the parent + near - far
         near, far = arm(parent, pair.element(parent)), arm(link, pair.element(link))
-        at[link] = tuple(z + x - y for z, x, y in zip(at[parent], near, far, strict=True))
+        centres[link] = tuple(z + x - y for z, x, y in zip(centres[parent], near, far, strict=True))
     levels = []
     for level, angle in enumerate(angles):  # positions, then velocities, then accelerations
         columns: list[Array] = []
         for i in range(links):
-            z = at[i][level]
+            z = centres[i][level]
             columns += [z.real, z.imag, angle[:, i]]
         levels.append(np.stack(columns, axis=-1))
     q, v, a = levels

@@ -168,9 +168,9 @@ def choose_scenario(document: dict[str, Any], scenario: str | None, source: str,
 
 def reduce_to_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
     """Return the document with one scenario's override applied and all other scenarios removed."""
-    own = dict(document["scenarios"][scenario])
-    merged = merge(document, own.pop("override", {}))
-    return merged | {"scenarios": {scenario: own}}
+    reduced = dict(document["scenarios"][scenario])
+    merged = merge(document, reduced.pop("override", {}))
+    return merged | {"scenarios": {scenario: reduced}}
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:

@@ -161,8 +161,8 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for path, entry in places(document, *rule["tables"]):
             if not isinstance(entry, dict):
                 continue  # a point that is given as a list
-            given = {key for key, x in entry.items() if x != []}
-            if {*rule.get("with", ())} <= given and not given & {*rule.get("without", ())}:
+            keys = {key for key, value in entry.items() if value != []}
+            if {*rule.get("with", ())} <= keys and not keys & {*rule.get("without", ())}:
                 names.fault(f"{path}.{rule.get('at', '')}".removesuffix("."), rule["text"])
     for rule in GRAMMAR["one_of"]:
         for path, entry in places(document, *rule["tables"]):

@@ -470,8 +470,8 @@ def _physics(item: Any) -> Any:
     Numbers become decimal texts, which are the same for 1, 1.0 and 1e0: pydantic makes floats of whole numbers too.
     """
     if isinstance(item, Table):
-        given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion
+        fields = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}  # that the file gives
+        return {key: _physics(value) for key, value in fields.items() if key not in item.other}  # other: without effect on a motion
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):

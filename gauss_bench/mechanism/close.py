@@ -63,10 +63,10 @@ def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0
     Raises:
         ArithmeticError: from `advance`, if even a step of `shortest` fails.
     """
-    done, step = 0.0, longest
-    while done < 1.0:
+    reached, step = 0.0, longest
+    while reached < 1.0:
         # a remainder below `shortest` joins the last step, so that no step is shorter
-        share = done + step if done + step < 1.0 - shortest else 1.0
+        share = reached + step if reached + step < 1.0 - shortest else 1.0
         try:
             advance(share)
         except ArithmeticError:
@@ -74,4 +74,4 @@ def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0
                 raise
             step /= 2
         else:
-            done, step = share, min(2 * step, longest)
+            reached, step = share, min(2 * step, longest)

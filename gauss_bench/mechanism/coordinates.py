@@ -151,12 +151,12 @@ class AngleState:
 class DistanceState:
     """The coordinate x = |p_b - p_a| at a state; members called half_square belong to x^2 / 2, which needs no square root.
 
-    `known` is the value of x if a constraint prescribes it, otherwise None.
+    `prescribed` is the value of x if a constraint gives it, otherwise None.
     """
 
-    def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
+    def __init__(self, a: End, b: End, arithmetic: Arithmetic, prescribed: Real = None):
         self.a, self.b, self.gap = a, b, b.place - a.place
-        self.arithmetic, self.known = arithmetic, known
+        self.arithmetic, self.prescribed = arithmetic, prescribed
 
     @cached_property
     def square(self) -> Real:
@@ -171,12 +171,12 @@ class DistanceState:
     @cached_property
     def inverse_square(self) -> Real:
         """1 / x^2; 0 at x = 0."""
-        return self.arithmetic.inverse(self.square if self.known is None else self.known * self.known)
+        return self.arithmetic.inverse(self.square if self.prescribed is None else self.prescribed * self.prescribed)
 
     @cached_property
     def inverse(self) -> Real:
         """1 / x; 0 at x = 0."""
-        return self.arithmetic.sqrt(self.inverse_square) if self.known is None else self.arithmetic.inverse(self.known)
+        return self.arithmetic.sqrt(self.inverse_square) if self.prescribed is None else self.arithmetic.inverse(self.prescribed)
 
     @cached_property
     def half_square_entries(self) -> tuple[Entry, ...]:
@@ -241,15 +241,15 @@ class WeightedState(NamedTuple):
 State = AngleState | AlongState | DistanceState | WeightedState
 
 
-def state(coordinate: Coordinate, placement: Placement, known: Real = None) -> State:
-    """Return a coordinate at a state; `known` is the value of a distance that a constraint prescribes, to save a square root."""
+def state(coordinate: Coordinate, placement: Placement, prescribed: Real = None) -> State:
+    """Return a coordinate at a state; `prescribed` is the value that a constraint gives to a distance; it saves a square root."""
     match coordinate:
         case Angle(a, b):
             return AngleState(placement.frame(a), placement.frame(b))
         case Along(origin, point, angle, across):
             return AlongState(placement.direction(coordinate.axes, angle, across), placement.end(origin), placement.end(point))
         case Distance(a, b):
-            return DistanceState(placement.end(a), placement.end(b), placement.arithmetic, known)
+            return DistanceState(placement.end(a), placement.end(b), placement.arithmetic, prescribed)
         case Weighted(terms):
             return WeightedState([(state(x, placement), weight) for x, weight in terms])
         case _:
