@@ -125,7 +125,7 @@ def gauss_tableau(stages: int = STAGES) -> tuple[Array, Array, Array]:
     c = (1 + np.polynomial.legendre.leggauss(stages)[0]) / 2
     powers = np.arange(1, stages + 1)  # A and b integrate c^(k-1) exactly for these k: A c^(k-1) = c^k / k, b c^(k-1) = 1 / k
     inverse = np.linalg.inv(c[:, None] ** (powers - 1))
-    return c, c[:, None] ** powers / powers @ inverse, 1 / powers @ inverse
+    return c, (c[:, None] ** powers / powers) @ inverse, (1 / powers) @ inverse
 
 
 STEPS: dict[str, Step] = {

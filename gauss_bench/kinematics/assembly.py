@@ -84,7 +84,8 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
         # `joints` are closed already; `chord` is the joint at which the loop is cut open, and still has to be closed
         nearest, gap = _approach(undriven, joints, chord, place)
         if gap > CLOSED:
-            _, gap_alone = _approach(undriven, [x for x in _list_joints(mechanism, loop) if x is not chord], chord, place)
+            others = [x for x in _list_joints(mechanism, loop) if x is not chord]
+            _, gap_alone = _approach(undriven, others, chord, place)  # if no other loop has to be closed
             links = tuple(mechanism.link_name(x.link) for x in loop.paths)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
             return OpenLoop(links, chord.joint, gap, gap_alone > CLOSED, lengths)

@@ -191,8 +191,8 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     pattern = np.abs(J) > SAME * largest(J)
     columns_of = [np.flatnonzero(row).tolist() for row in pattern]
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
-    tops = sorted(node for node in graph if node[0] == "row")
-    matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
+    row_nodes = sorted(node for node in graph if node[0] == "row")  # one side of the bipartite graph
+    matched = nx.bipartite.hopcroft_karp_matching(graph, row_nodes)
     row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
     # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])

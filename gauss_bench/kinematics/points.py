@@ -66,23 +66,22 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
         """Return the number of points that a link has so far."""
         return sum(link in x.at for x in basic)
 
-    slides = mechanism.slides
     for pin in mechanism.pins:
         add(pin.joint, *pin.ends)
-    for slide in slides:
+    for slide in mechanism.slides:
         add(slide.block.name, slide.block)
     for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
             if end.link != GROUND and count(end.link) < 2:
                 add(end.name, end)
-    for slide in slides:  # every guide needs a point
+    for slide in mechanism.slides:  # every guide needs a point
         if not count(slide.guide.link):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
     for root in sorted({root for root, _ in frames.values()} - turned):
         members = [link for link, (r, _) in frames.items() if r == root]
         if all(count(link) < 2 for link in members):  # no two points show the direction: add one
-            guide = next((j for j in slides if j.guide.link in members), None)
+            guide = next((j for j in mechanism.slides if j.guide.link in members), None)
             link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
             start = next((x.at[link] for x in basic if link in x.at), 0j)
             far = start + size * exp(1j * angle)
@@ -212,7 +211,7 @@ class Points:
     def _choose_base(self, root: int) -> tuple[int, int, int]:
         """Return (link, A, B): the line between these points of a link gives the direction of all links with this `root`.
 
-        A known point A wins first, then the larger distance, then the smaller entry B.
+        A line from a known point A is preferred, then the longer line, then the smaller entry B.
         """
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:

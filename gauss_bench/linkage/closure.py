@@ -114,8 +114,8 @@ def first_moving(mechanism: Mechanism, J: Array) -> Measured:
     coordinates = _list_coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
     # a coordinate cannot move if its gradient is a combination of joint rows: subtract the nearest combination
-    combination = _shortest(J.T, rows.T)
-    moves = np.abs(rows - combination.T @ J).max(axis=1) > MOVES
+    coefficients = _shortest(J.T, rows.T)  # (m, k)
+    moves = np.abs(rows - coefficients.T @ J).max(axis=1) > MOVES
     return coordinates[int(moves.argmax())]  # argmax: the first True
 
 
@@ -243,12 +243,12 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
     Drivers come first, then the angles, slides and points of `start`.
     """
     start = scenario.get("start", {})
+    # (coordinate, value, rate); a law returns value, first and second derivative
     held: list[tuple[Coordinate, Any, Any]] = [(x.coordinate, *x.law(number("0"))[:2]) for x in mechanism.drivers]
     held += [(Angle(GROUND, link), *prescribed) for link, prescribed in _list_held_angles(mechanism, start, number).items()]
-    slides = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
         speed = start.get("slide_speeds", {}).get(name, 0)
-        held.append((slides[name].motion, exact(number, target), exact(number, speed)))
+        held.append((mechanism.drivable[name].motion, exact(number, target), exact(number, speed)))
     world = Point(GROUND, pair(number, (0, 0)), "ground.")
     for reference, place in start.get("points", {}).items():
         velocity = start.get("point_velocities", {}).get(reference, (0, 0))

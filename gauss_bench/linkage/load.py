@@ -210,6 +210,7 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 def _toml_fault(message: str) -> tuple[str, str]:
     """Return the text of the fault for a message of the TOML parser, and the path of keys that the message names, or ""."""
+    # such as "Cannot declare ('links', 'rod') twice (at line 3, column 9)"
     duplicate = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
     if duplicate:
         return f"duplicate name: declared twice {duplicate[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", duplicate[1]))

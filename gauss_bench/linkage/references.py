@@ -260,9 +260,9 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
-        if None not in ends and ends[0] == ends[1]:
+        if ends[0] is not None and ends[0] == ends[1]:
             names.fault(f"{path}.reaction", "link and reaction are the same")
-        elif None not in ends:
+        else:
             names.check_different_links(f"{path}.reaction", ends)
     if force.get("point") is not None:
         names.check_point(f"{path}.point", force["point"], ground=kind != "force")
@@ -271,10 +271,10 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     if kind == "axis_spring_damper":
         names.check_different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
     if kind == "coulomb_friction" and joint in names.joints:
-        pair = table(names.joints, joint).get("type")
-        if pair == "revolute" and "radius" not in force:
+        joint_type = table(names.joints, joint).get("type")
+        if joint_type == "revolute" and "radius" not in force:
             names.fault(f"{path}.radius", f"required: joint {joint!r} is revolute")
-        if pair == "prismatic" and "radius" in force:
+        if joint_type == "prismatic" and "radius" in force:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 

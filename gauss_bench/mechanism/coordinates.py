@@ -329,7 +329,7 @@ def push(x: State, law: Law, arithmetic: Arithmetic) -> tuple[Entry, ...]:
 
 
 def energy(x: State, law: Law, arithmetic: Arithmetic) -> Real:
-    """Return the potential energy [J] of a law at its coordinate x."""
+    """Return the potential energy [J] of a law at its coordinate x: k (x - rest)^2 / 2 - bias x + inverse_square / x."""
     terms: list[Real] = []
     if not is_zero(law.k):
         if isinstance(x, DistanceState) and is_zero(law.rest):
@@ -345,7 +345,7 @@ def energy(x: State, law: Law, arithmetic: Arithmetic) -> Real:
 
 
 def loss(x: State, law: Law) -> Real:
-    """Return the power dissipated by the damping of a law [W]."""
+    """Return the power c x'^2 [W] that the damping of a law dissipates at its coordinate x."""
     return 0.0 if is_zero(law.c) else law.c * (x.rate * x.rate)
 
 

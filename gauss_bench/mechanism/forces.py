@@ -70,7 +70,9 @@ class AppliedForces:
         return symbols.generate([potential], [power])
 
     def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
-        """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s]; only forces that vary need t.
+        """Return the generalised force Q (..., n) [N, N m] of all forces at states q, v (..., n) and times t (...) [s].
+
+        Only forces that vary need t.
 
         Raises:
             TypeError: a force varies with time, and t is missing.
@@ -148,10 +150,11 @@ class JointFriction:
         self.speed = np.array([f.speed for f, _ in self.acting])
         symbols = Symbols(mechanism.n)
         motions = [state(pair.motion, symbols) for _, pair in self.acting]
-        entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
-        self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]
-        # returns the relative speeds (..., p), and the entries of all gradients in the order of `places`
-        self._function = symbols.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
+        gradients = [columns(x.entries) for x in motions]  # of the relative motions
+        self.places = [(k, p) for p, gradient in enumerate(gradients) for k in gradient]
+        entries = [x for gradient in gradients for x in gradient.values()]  # in the order of `places`
+        # returns the relative speeds (..., p), and the entries of all gradients
+        self._function = symbols.generate([x.rate for x in motions], entries)
 
     def __bool__(self) -> bool:
         """Tell whether any pair of the mechanism has friction."""

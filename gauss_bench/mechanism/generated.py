@@ -175,6 +175,7 @@ class GeneratedFunction:
             if count:
                 scalars = "".join(f"{name}{k}, " for k in range(count))
                 heads.append(f"{scalars.rstrip()} = {name}")
+        # the source of each returned tuple, such as "(x3, q0, )"
         tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
         needed = program.lines_for(x for group in groups for x in group)
         lines = [f"{line.name} = {line.text}" for line in needed]
