@@ -179,10 +179,10 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     Raises:
         LinkageError: the file is missing, empty, too large, not text or not TOML.
     """
-    source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
-        return LinkageError(source, [Fault(where, text)])
+        """Return the exception with one fault, at the path `where` of keys."""
+        return LinkageError(str(path), [Fault(where, text)])
 
     try:
         content = read_bytes(path, MAX_BYTES)

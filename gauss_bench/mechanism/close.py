@@ -49,6 +49,7 @@ def project(
             break
         step = shortest(J, F)
         size = np.abs(step).max(axis=-1, initial=0.0)
+        # a step with an entry above `longest` is scaled down
         q = q - (step if longest == np.inf else step * np.minimum(1.0, longest / np.maximum(size, TINY))[..., None])
         if stop_after(q, size):
             break
