@@ -122,7 +122,7 @@ class Drag:
     these motions, and P (2, f) the Jacobian of the dragged point by y.
 
     Attributes:
-        side: sign of det P, which must not change; 0, which forbids no step, until |det P| has exceeded MARGIN, and if P is not
+        side: sign of det P, which must not change. It is 0, and forbids no step, until |det P| has exceeded MARGIN, or if P is not
             square.
         directions: number of directions in which the point could move at the beginning, at least 1: a point that could not move
             counts as a point at its limit.

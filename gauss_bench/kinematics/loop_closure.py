@@ -110,8 +110,8 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     """
     unknowns, x = len(equations.unknown), state.x
     # prediction of second order: derivatives of x by a parameter from 0 to 1, with which the inputs change linearly
-    first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
-    guess = x + first + second / 2
+    slope, curvature = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
+    guess = x + slope + curvature / 2
     guess[unknowns:] = target
     angles = equations.is_angle
     if not largest((guess - x)[angles]) < LARGEST_TURN:

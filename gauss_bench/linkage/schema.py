@@ -60,7 +60,7 @@ class Table(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Add the class arguments to the attributes inherited from the parent class."""
+        """Set `other`, `second` and `units` to those of the parent class and those of the class arguments."""
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
         cls.second |= {*second.split()}
