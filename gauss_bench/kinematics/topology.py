@@ -94,6 +94,7 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         a, b = bar.a, bar.b
         near, far = f"{bar.name} at {a.name}", f"{bar.name} at {b.name}"
+        # the pins at the ends of the bar: its far end has the length of the bar as its coordinate
         near_end, far_end = Element(near, a.name, PIN, 0j), Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name)
         pairs.append(Pair((a.link, k), (Element(near, a.name, PIN, complex(*a.local)), near_end)))
         pairs.append(Pair((k, b.link), (far_end, Element(far, b.name, PIN, complex(*b.local)))))

@@ -79,13 +79,13 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
     if "com" in table:
         com = pair(number, table["com"])
     else:
-        weighted = (x * m for x, m in zip(lengths, middles, strict=True))
+        weighted = (size * middle for size, middle in zip(lengths, middles, strict=True))
         com = sum(weighted, start=pair(number, (0, 0))) / (total_length if bars else number("1"))  # the origin without bars
     if "inertia" in table:
         return Mass(mass, com, exact(number, table["inertia"]))
     # thin rods: l^2 / 12 about the middle, and the parallel-axis term, weighted by length
-    second_moments = (x * (x * x / 12 + length(m - com) ** 2) for x, m in zip(lengths, middles, strict=True))
-    return Mass(mass, com, mass / total_length * sum(second_moments, start=zero))
+    moments = (size * (size * size / 12 + length(middle - com) ** 2) for size, middle in zip(lengths, middles, strict=True))
+    return Mass(mass, com, mass / total_length * sum(moments, start=zero))
 
 
 class UnknownLink(KeyError):
@@ -184,7 +184,7 @@ class Resolver:
             return [model.Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
-        return [model.Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
+        return [model.Revolute(pair_name, name, a, b) for pair_name, a, b in zip(names, points, points[1:], strict=False)]
 
     def build_force(self, name: str, table: dict[str, Any]) -> model.Force | model.CoulombFriction:
         """Return the force or dry friction that a table of the file describes.

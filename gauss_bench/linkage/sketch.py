@@ -63,7 +63,7 @@ class _Placing:
         """
         points: dict[str, Any] = {}
         for name, joint in expand_cylinders(document).get("joints", {}).items():
-            references = joint.get("at") or [joint["block"]]
+            references = joint.get("at") or [joint["block"]]  # points of a pin, or the block point of a slide
             on_ground = next((x.partition(".")[2] for x in references if x.startswith("ground.")), None)
             if name in drawing:
                 points |= dict.fromkeys(references, drawing[name])
