@@ -13,7 +13,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-DIFFERENCE = 1e-7  # [rad, m and per second] of the finite differences that give a Jacobian: about the root of rounding
+DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the finite differences that give a Jacobian: about the root of rounding
 NEWTON_STEPS = 20  # largest number of iterations of Newton's method
 CONVERGED = 1e-13  # relative change of velocities at which Newton's method ends
 ROUNDING = 4 * np.finfo(float).eps  # relative distance below which two times are the same
@@ -135,7 +135,7 @@ STEPS: dict[str, Step] = {
     "gauss_legendre": gauss_legendre,
 }
 NATIVE_PASSES = 8  # iterations of Newton's method in an implicit step of native code, which does not test for convergence
-EVALUATIONS = {  # of the acceleration in a step, without those for the Jacobian of an implicit step
+EVALUATIONS = {  # number of evaluations of the acceleration in a step, without those for the Jacobian of an implicit step
     "rk4": 4,
     "semi_implicit_euler": 1,
     "dop853_fixed": 12,

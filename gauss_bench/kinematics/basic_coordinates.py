@@ -31,10 +31,10 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
-LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
-LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
+LARGEST_TURN = np.radians(10.0)  # [rad] largest change of an input in one step: the error of a prediction is a small part of it
+LARGEST_SLIDE = 0.1  # [sizes of a link] the same for an input that is a length
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
-STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
+STRAY = 0.5  # largest correction: of points as a share of the predicted change, of angles [rad]; both shrink with the step
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
 RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
 PROBE = 1e-3  # a failure is examined at this share of the largest step beyond it: far above SHORTEST

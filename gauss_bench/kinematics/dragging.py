@@ -25,7 +25,7 @@ from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechan
 from gauss_bench.mechanism.spaces import angle_slot
 from gauss_bench.terms import Array
 
-ORIGIN = Point(GROUND, np.zeros(2), "ground.")  # of the world
+ORIGIN = Point(GROUND, np.zeros(2), "ground.")  # of the world's axes
 
 # Lengths below are shares of the linkage's size.
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
@@ -33,7 +33,7 @@ LARGEST_MISS = 0.25  # largest distance between prediction and projected positio
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
 HALVINGS = 12  # largest number of halvings of a step
 MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`: together at most nine sizes of the linkage
-NEAR = 1e-13  # a distance from the target that is smaller is only rounding
+NEAR = 1e-13  # distance from the target that is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero

@@ -19,8 +19,8 @@ from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
 
-LARGEST_TURN = 0.3  # [rad] of any link in one step: far less than the distance of two assemblies away from singular positions
-LARGEST_MISS = 0.05  # [rad] from the prediction, whose error is of the order of the cube of the turn
+LARGEST_TURN = 0.3  # [rad] largest turn of a link in one step: far less than between two assemblies, except near singular positions
+LARGEST_MISS = 0.05  # [rad] largest distance of an angle from its prediction, whose error is of the order of the cube of the turn
 SMALLEST_PART = 1e-10  # [rad, m] shortest step of the inputs: the accuracy to which a limit is found
 BEYOND = 1e-3  # [rad, m] distance beyond the end of a motion: if the loops can be closed there, the end is no limit
 

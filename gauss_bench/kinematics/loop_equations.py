@@ -40,7 +40,7 @@ from gauss_bench.terms import Array, largest
 NEWTON_STEPS = 12
 SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, so that the error left is below rounding
 FORKED = 1e-7  # smallest ratio of singular values of J at which assemblies can be distinguished
-REGULAR = 1e-4  # smallest ratio for rates, whose relative error is rounding over its square: eight digits are left
+REGULAR = 1e-4  # smallest such ratio at which rates are computed: rounding over its square leaves them eight digits
 
 # the angle of the link with this index (slides make further links share it), or the coordinate along the slide or bar of this name
 Variable = int | str

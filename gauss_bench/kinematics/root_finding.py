@@ -23,10 +23,10 @@ import numpy as np
 from gauss_bench.mechanism.close import RANK_TOLERANCE, Residual
 from gauss_bench.terms import Array, largest
 
-TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
+TOLERANCE = 1e-13  # largest |F| at a root, in the unit of F
 LIMIT = 100  # largest number of iterations
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
-LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
+LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is 2e-9 of the first
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
 FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F| that is no root; at a double root F is 1e-16 before the ratio is this small
 

@@ -26,7 +26,7 @@ Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
 BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # names of the points of a barrel or rod
-SAME = 1e-6  # relative: largest difference of a weld's two distances, between its points on one link and on the other
+SAME = 1e-6  # largest relative difference of the distances of a weld's two points on one link and on the other
 
 
 def expand_cylinders(document: dict[str, Any]) -> dict[str, Any]:

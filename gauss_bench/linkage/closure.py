@@ -23,7 +23,7 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
-LARGE = 100  # rows and columns from which sparse normal equations are solved
+LARGE = 100  # number of rows and of columns from which a system is solved by sparse normal equations
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
 MOVES = 1e-6  # a coordinate can move if more than this of its gradient is no combination of joint rows; less is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
@@ -33,7 +33,7 @@ FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge on
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # [rad, m] largest change of a held coordinate between two closures
 PATIENCE = 1500  # evaluations after which intermediate closures are skipped if the last one failed
-MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole turns, or is crossed in longer steps
+MOST_STEPS = 720  # largest number of steps to a target, ten turns: from farther away, whole turns come first, or steps are longer
 
 
 @dataclass(frozen=True)

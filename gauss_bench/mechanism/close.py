@@ -11,7 +11,7 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]  # q -> F, J
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
+RANK_TOLERANCE = 1e-9  # share of the largest singular value that is zero: far above rounding, far below transmission angles
 TINY = 1e-300  # keeps the division by the size of a zero correction finite
 
 

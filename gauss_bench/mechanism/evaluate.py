@@ -18,7 +18,7 @@ from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms, largest
 
-CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
+CORRECTIONS = 6  # largest number of Gauss-Newton corrections: after an integration step of 1e-3 s one is needed, of 1e-2 s three
 ROUNDING = 1e-15  # relative residual of a closed position
 RECORDING = Lock()  # a program is recorded by one thread at a time
 
