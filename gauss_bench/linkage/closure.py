@@ -25,7 +25,7 @@ from gauss_bench.trajectory import Trajectory
 
 LARGE = 100  # number of rows and of columns from which a system is solved by sparse normal equations
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # a coordinate can move if more than this of its gradient is no combination of joint rows; less is rounding
+MOVES = 1e-6  # smallest part of a gradient outside the span of the joint rows if its coordinate can move; less is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
 NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left

@@ -54,7 +54,7 @@ class Constraints:
     def __init__(self, mechanism: Mechanism):
         """Record all rows with symbols; constant entries of J are stored, the function for others is generated when first used."""
         self.mechanism, self.n = mechanism, mechanism.n
-        symbols = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
+        symbols = self.symbols = Symbols(mechanism.n)  # its `laws` get the motion law of each driver when the row is made
         rows, symbol = list(equations.rows(mechanism, symbols)), symbols.program.symbol
         self.m, self.laws = mechanism.m, symbols.laws
         self.holonomic = self.m - len(mechanism.knife_edges)

@@ -731,17 +731,17 @@ class Mechanism:
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
-        """Couplings and knife edges: an engine without them must not run this mechanism."""
+        """Couplings and knife edges: an engine that does not support them must not run this mechanism."""
         return *self.couplings, *self.knife_edges
 
     @property
     def has_friction(self) -> bool:
-        """Whether dry friction acts in a joint: an engine without it must not run this mechanism."""
+        """Whether dry friction acts in a joint: an engine that does not support it must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property
     def varying(self) -> tuple[Torque | PointForce, ...]:
-        """The forces that vary with time or direction: an engine without such forces must not run this mechanism."""
+        """The forces that vary with time or direction: an engine that does not support them must not run this mechanism."""
         return tuple(force for force, _ in self.factors)
 
     @property
