@@ -1,8 +1,8 @@
 """Study of convergence: three root finders from random starts at different distances from the right assembly.
 
 Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to its start.
-From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage none of
-them always finds it.
+From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage each of
+them sometimes misses it.
 """
 
 from collections.abc import Callable, Sequence

@@ -215,7 +215,7 @@ class Resolver:
             raise BuildError(path, f"there is no link {error}") from error
 
     def build_driver(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
-        """Return the driver that makes the coordinate that a table names by `joint`, `between` or `link` follow a law."""
+        """Return the driver with a given law; the table names the driven coordinate by `joint`, `between` or `link`."""
         if "joint" in table:
             slide = next(j for j in self.joints if isinstance(j, model.Prismatic) and j.name == table["joint"])
             return model.SlideDriver(slide.name, law, slide)

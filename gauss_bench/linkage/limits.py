@@ -39,7 +39,7 @@ ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """List at most SHOWN values that are too large, too small or not printable; if there are none, too long chains of points.
+    """Return at most SHOWN faults of values that are too large, too small or not printable; without any, that of a too long chain.
 
     A table or list that has too many entries or is nested too deeply ends the search at once; only this fault is listed.
     """

@@ -6,7 +6,7 @@ coordinate x at the value c, a constant or a law of time, has
 
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
+The order of the rows is: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
 symbols in place of coordinates, and generates functions of q, v and the values of the motion laws from them.
 """
 

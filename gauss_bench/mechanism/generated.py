@@ -16,7 +16,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-FEW = 20  # states: below this number a loop over floats is faster than arrays
+FEW = 20  # number of states below which a loop over floats is faster than arrays
 FUNCTIONS = ("sqrt", "sin", "cos", "tanh")
 Number = Any  # a float, or one of a longer type
 
