@@ -58,8 +58,8 @@ def _match_entries(path: str, x: Any, component: str) -> Iterator[Place]:
 
     "[*]" is all entries of a list; "*" all values of a table; "~" all keys of a table as values; anything else one key.
     """
-    if component == "[*]" and isinstance(x, list):
-        for i, entry in enumerate(x):
+    if component == "[*]":
+        for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
     elif isinstance(x, dict):
         for key, entry in x.items():

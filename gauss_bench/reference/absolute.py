@@ -39,7 +39,7 @@ class AbsoluteCoordinates:
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
-            # `consistent` solves lambda = base + lift V1^T W N(lambda)
+            # `solve_multipliers` solves lambda = base + lift V1^T W N(lambda)
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])

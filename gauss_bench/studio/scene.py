@@ -193,7 +193,7 @@ def status(reading: Reading) -> dict[str, Any]:
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
     found = find_graph(pin_loose_links(mechanism)).loops
-    loops = [[mechanism.link_name(way.link) for way in loop.ways if way.link != GROUND] for loop in found]
+    loops = [[mechanism.link_name(path.link) for path in loop.paths if path.link != GROUND] for loop in found]
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - reading.rank,
