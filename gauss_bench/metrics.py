@@ -142,7 +142,7 @@ def reactions(evaluator: Evaluator, trajectory: Trajectory) -> Array:
         return np.asarray(multipliers)
     evaluator.check_loads()
     directions = evaluator.friction.directions(trajectory.q, trajectory.v) / root[:, None]
-    return evaluator.friction.consistent(multipliers, inverse @ directions)
+    return evaluator.friction.solve_multipliers(multipliers, inverse @ directions)
 
 
 def joint_forces(evaluator: Evaluator, trajectory: Trajectory) -> dict[str, dict[str, Array]]:

@@ -63,9 +63,9 @@ def test_loops_are_independent_and_leave_every_link_as_often_as_they_enter_it(na
     for k, pair in enumerate(graph.pairs):
         M[pair.links[0], k], M[pair.links[1], k] = -1, 1
     for l, loop in enumerate(graph.loops):
-        for way in loop.ways:
-            k = names.index(way.leave.pair)
-            crossed[l, k] = 1 if way.link == graph.pairs[k].links[0] else -1
+        for path in loop.paths:
+            k = names.index(path.leave.pair)
+            crossed[l, k] = 1 if path.link == graph.pairs[k].links[0] else -1
     assert len(crossed) == p - n + 1 == np.linalg.matrix_rank(crossed)
     np.testing.assert_array_equal(crossed @ M.T, 0)
 

@@ -167,7 +167,7 @@ def test_without_crank_and_driver_the_first_coordinate_that_moves_is_measured():
         ({"joint": "guide"}, "slide guide", "m", 0.1),
         ({"point": "bar.B"}, "x of bar.B", "m", 0.1 + 0.25),
         ({"point": "bar.B", "angle_deg": 90.0}, "y of bar.B", "m", -0.5 * np.sin(np.radians(60.0))),
-        ({"point": "bar.B", "angle": np.pi / 4}, "way at 45 deg of bar.B", "m", (0.35 - 0.5 * np.sin(np.pi / 3)) / np.sqrt(2)),
+        ({"point": "bar.B", "angle": np.pi / 4}, "axis at 45 deg of bar.B", "m", (0.35 - 0.5 * np.sin(np.pi / 3)) / np.sqrt(2)),
         ({"between": ["ground.O", "bar.B"]}, "distance ground.O-bar.B", "m", np.hypot(0.35, 0.5 * np.sin(np.pi / 3))),
     ],
 )

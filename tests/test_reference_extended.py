@@ -74,7 +74,7 @@ def test_the_start_is_closed_and_held_to_the_last_digit(linkage, scenario):
     assert np.abs(rows.phi).max(initial=0.0) < 4 * EPS * size
     assert np.abs(rows.J @ v + rows.phi_t).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))
     held = list_held(found.mechanism, document["scenarios"][scenario], LONG)
-    value, J = held.of(q)
+    value, J = held.evaluate(q)
     assert held.target.dtype == LONG
     assert np.abs(value - held.target).max(initial=0.0) < 4 * EPS * size
     assert np.abs(J @ v - held.rate).max(initial=0.0) < 8 * EPS * (1 + float(np.abs(v).max()))

@@ -9,7 +9,7 @@ import numpy as np
 
 from gauss_bench.kinematics.loop_closure import loop_motion
 from gauss_bench.kinematics.motion import MotionError
-from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.bodies import expand_cylinders
 from gauss_bench.linkage.closure import assemble, free_coordinates
 from gauss_bench.linkage.errors import Fault, LinkageError
 from gauss_bench.linkage.load import MAX_BYTES, Place, document_of, load_document, merge, place_by_sketch
@@ -192,7 +192,7 @@ def _load_held(source: Source, driver: str | None, held: dict[str, float | None]
         except LinkageError:
             raise error from None
     chosen = source.document["scenarios"][own.scenario]
-    moved = write_out(merge(source.document, chosen.get("override", {})))
+    moved = expand_cylinders(merge(source.document, chosen.get("override", {})))
     tables = [*drivers_of(chosen)] if driver is None else [_place_driver(source.document, own, driver)]
     if not tables:
         raise source.refuse(own.scenario, UNDRIVEN)

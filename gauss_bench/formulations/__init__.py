@@ -1,4 +1,4 @@
-"""Formulations: functions from Terms to Solution, one textbook page each, which use numpy and scipy and know nothing of linkages.
+"""Formulations: functions that return the Solution of Terms. Each is a page of a textbook; it uses numpy and scipy, and no linkage.
 
 The formulations in CONTROLS are wrong on purpose. The suite must detect that their results are wrong, and excludes them from all
 rankings.
@@ -19,8 +19,8 @@ class Formulations(UserDict[str, Any]):
 
     def __getitem__(self, name: str) -> Formulation:
         """Return the formulation with a name; its module is imported when the formulation is first used."""
-        found: Formulation = self.data[name]
-        return resolve_name(f"{__name__}.{found}") if isinstance(found, str) else found
+        entry: Formulation = self.data[name]
+        return resolve_name(f"{__name__}.{entry}") if isinstance(entry, str) else entry
 
 
 FORMULATIONS = Formulations(

@@ -33,7 +33,7 @@ from scipy.linalg.lapack import dgels, dgeqp3, dorgqr, dpotrf, dtrtrs
 
 from gauss_bench.terms import Array, Solution, Terms
 
-RANK_TOLERANCE = 1e-10  # of the largest diagonal entry of R: rounding leaves about 1e-15, a usable linkage keeps about 1e-2
+RANK_TOLERANCE = 1e-10  # share of R's largest diagonal entry that counts as zero: rounding leaves 1e-15, usable linkages 1e-2
 UNEVEN = 1e6  # ratio of masses at which the error of a solution without refinement reaches 1e-10
 
 

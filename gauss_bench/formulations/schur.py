@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
 from gauss_bench.terms import SingularSystem, Solution, Terms
 
-SINGULAR = 1e-15  # reciprocal condition; that of the complement is the square of that of J M^(-1/2)
+SINGULAR = 1e-15  # largest reciprocal condition of a singular complement; it is the square of that of J M^(-1/2)
 
 
 def schur(terms: Terms) -> Solution:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss_bench.terms import Solution, Terms
 
-RANK_TOLERANCE = 1e-10  # of the largest singular value, as in `gauss`
+RANK_TOLERANCE = 1e-10  # share of the largest singular value that counts as zero, as in `gauss`
 
 
 def yuan_ge_eq16(terms: Terms) -> Solution:

@@ -4,7 +4,7 @@ Methods with steps of a given size are in `fixed_step`. Methods that choose thei
 """
 
 ADAPTIVE = {"dop853": "gauss_bench.integrate.adaptive:dop853"}  # name -> function
-STABILIZATIONS = ("none", "baumgarte", "projection")  # ways to keep a trajectory on its constraints
+STABILIZATIONS = ("none", "baumgarte", "projection")  # methods that keep a trajectory on its constraints
 BAUMGARTE_RATE = 20.0  # [1/s] alpha = beta: gaps close twice as fast as a linkage of 10 rad/s moves; RK4 is stable up to h = 0.1 s
 
 

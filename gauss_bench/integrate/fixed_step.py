@@ -13,7 +13,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-DIFFERENCE = 1e-7  # [rad, m and per second] of the finite differences that give a Jacobian: about the root of rounding
+DIFFERENCE = 1e-7  # [rad, m; rad/s, m/s] step of the finite differences that give a Jacobian: about the root of rounding
 NEWTON_STEPS = 20  # largest number of iterations of Newton's method
 CONVERGED = 1e-13  # relative change of velocities at which Newton's method ends
 ROUNDING = 4 * np.finfo(float).eps  # relative distance below which two times are the same
@@ -125,7 +125,7 @@ def gauss_tableau(stages: int = STAGES) -> tuple[Array, Array, Array]:
     c = (1 + np.polynomial.legendre.leggauss(stages)[0]) / 2
     powers = np.arange(1, stages + 1)  # A and b integrate c^(k-1) exactly for these k: A c^(k-1) = c^k / k, b c^(k-1) = 1 / k
     inverse = np.linalg.inv(c[:, None] ** (powers - 1))
-    return c, c[:, None] ** powers / powers @ inverse, 1 / powers @ inverse
+    return c, (c[:, None] ** powers / powers) @ inverse, (1 / powers) @ inverse
 
 
 STEPS: dict[str, Step] = {
@@ -135,7 +135,7 @@ STEPS: dict[str, Step] = {
     "gauss_legendre": gauss_legendre,
 }
 NATIVE_PASSES = 8  # iterations of Newton's method in an implicit step of native code, which does not test for convergence
-EVALUATIONS = {  # of the acceleration in a step, without those for the Jacobian of an implicit step
+EVALUATIONS = {  # number of evaluations of the acceleration in a step, without those for the Jacobian of an implicit step
     "rk4": 4,
     "semi_implicit_euler": 1,
     "dop853_fixed": 12,
@@ -152,12 +152,12 @@ def step_counts(times: Array, step: float) -> list[tuple[int, float]]:
     counts = []
     for gap, end in zip(np.diff(times), times[1:], strict=True):
         count = max(1, int(np.ceil(gap / step * (1 - 1e-9))))  # a quotient just above an integer is rounding
-        whole = abs(gap - count * step) <= ROUNDING * end
-        counts.append((count, step if whole else float(gap) / count))
+        is_multiple = abs(gap - count * step) <= ROUNDING * end
+        counts.append((count, step if is_multiple else float(gap) / count))
     return counts
 
 
-class Equal(NamedTuple):
+class EqualSteps(NamedTuple):
     """Consecutive samples with equal steps between them.
 
     Attributes:
@@ -172,17 +172,17 @@ class Equal(NamedTuple):
     samples: int
 
 
-def equal_runs(times: Array, step: float) -> list[Equal]:
+def equal_runs(times: Array, step: float) -> list[EqualSteps]:
     """Group consecutive intervals between samples at `times` (k,) [s] that have the same number and size of steps.
 
     Every interval is divided into equal steps, none longer than `step` [s].
     """
-    groups: list[Equal] = []
+    groups: list[EqualSteps] = []
     row = 0
     # sizes are rounded to 1e-15 s, so that those of equally long intervals are equal
     for (count, size), group in groupby((count, round(size, 15)) for count, size in step_counts(times, step)):
         samples = len(list(group))
-        groups.append(Equal(row, count, size, samples))
+        groups.append(EqualSteps(row, count, size, samples))
         row += samples
     return groups
 

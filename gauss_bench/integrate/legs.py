@@ -36,19 +36,22 @@ class Leg:
 
 
 def legs(t0: float, h: float, n: int, every: int, kinks: Sequence[float]) -> Iterator[Leg]:
-    """Yield n steps of size h from t0 on, divided at the kinks [s]; samples follow after each `every` steps and after the last."""
-    at = 0  # number of steps that are done
+    """Yield the parts of a run of n steps of size h from t0, divided at the kinks [s].
+
+    A sample is taken after every `every` steps and after the last one.
+    """
+    done = 0  # number of steps
     for step, inside in _find_divided_steps(t0, h, n, kinks):
-        yield from _yield_undivided(t0, h, at, step, every, n)
-        at = step
+        yield from _yield_undivided(t0, h, done, step, every, n)
+        done = step
         if inside:  # one step in parts, each from kink to kink
             ends = [t0 + step * h, *inside, t0 + (step + 1) * h]
             for k, (begin, end) in enumerate(pairwise(ends)):
                 last = k == len(inside)
-                slots = _slots(step, every, n), _slots(step + last, every, n)
+                slots = _count_samples(step, every, n), _count_samples(step + last, every, n)
                 yield Leg(t=begin, h=end - begin, n=1, every=1, slots=slots)
-            at += 1
-    yield from _yield_undivided(t0, h, at, n, every, n)
+            done += 1
+    yield from _yield_undivided(t0, h, done, n, every, n)
 
 
 def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> list[tuple[int, list[float]]]:
@@ -58,13 +61,13 @@ def _find_divided_steps(t0: float, h: float, n: int, kinks: Sequence[float]) -> 
     """
     divided: dict[int, list[float]] = {}
     for kink in kinks:
-        nearest = round((kink - t0) / h)  # the step that begins nearest to the kink ...
-        at = t0 + nearest * h  # ... and its time
-        if abs(kink - at) <= ROUNDING * max(abs(kink), abs(t0), h):
+        nearest = round((kink - t0) / h)  # index of the step that begins nearest to the kink
+        begin = t0 + nearest * h  # its time
+        if abs(kink - begin) <= ROUNDING * max(abs(kink), abs(t0), h):
             if 0 < nearest < n:
                 divided.setdefault(nearest, [])
         elif t0 < kink < t0 + n * h:
-            inside = nearest - 1 if kink < at else nearest  # the step that contains the kink
+            inside = nearest - 1 if kink < begin else nearest  # the step that contains the kink
             divided.setdefault(inside, []).append(kink)
     return sorted(divided.items())
 
@@ -79,9 +82,9 @@ def _yield_undivided(t0: float, h: float, begin: int, end: int, every: int, n: i
     for a, b in ((begin, first), (first, last), (last, end)):
         if a < b:
             spacing = every if (a, b) == (first, last) else b - a
-            yield Leg(t=t0 + a * h, h=h, n=b - a, every=spacing, slots=(_slots(a, every, n), _slots(b, every, n)))
+            yield Leg(t=t0 + a * h, h=h, n=b - a, every=spacing, slots=(_count_samples(a, every, n), _count_samples(b, every, n)))
 
 
-def _slots(step: int, every: int, n: int) -> int:
-    """Return the number of samples after the first `step` of n steps: one after every `every` steps, and one after the last."""
+def _count_samples(step: int, every: int, n: int) -> int:
+    """Return the number of samples taken during the first `step` of n steps: one every `every` steps, and one after step n."""
     return step // every + (step == n and n % every > 0)

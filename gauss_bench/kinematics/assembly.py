@@ -76,40 +76,41 @@ def find_open_loop(mechanism: Mechanism) -> OpenLoop | None:
         ValueError: the tree cannot be assembled, which happens only if numbers are not finite.
     """
     loops = find_graph(pin_loose_links(mechanism)).loops
-    bare = replace(mechanism, drivers=(), knife_edges=())
-    chords = [_chord(mechanism, loop, loops[:k]) for k, loop in enumerate(loops)]
+    undriven = replace(mechanism, drivers=(), knife_edges=())
+    chords = [_choose_chord(mechanism, loop, loops[:k]) for k, loop in enumerate(loops)]
     joints = [x for x in mechanism.joints if x not in chords]
-    place = _close(bare, joints, mechanism.q0)
+    place = _close_joints(undriven, joints, mechanism.q0)
     for loop, chord in zip(loops, chords, strict=True):
         # `joints` are closed already; `chord` is the joint at which the loop is cut open, and still has to be closed
-        nearest, gap = _approach(bare, joints, chord, place)
+        nearest, gap = _approach(undriven, joints, chord, place)
         if gap > CLOSED:
-            _, gap_alone = _approach(bare, [x for x in _joints(mechanism, loop) if x is not chord], chord, place)
-            links = tuple(mechanism.link_name(x.link) for x in loop.ways)
+            others = [x for x in _list_joints(mechanism, loop) if x is not chord]
+            _, gap_alone = _approach(undriven, others, chord, place)  # if no other loop has to be closed
+            links = tuple(mechanism.link_name(x.link) for x in loop.paths)
             lengths = _closing_lengths(mechanism, loop, chord, nearest.q, gap)
             return OpenLoop(links, chord.joint, gap, gap_alone > CLOSED, lengths)
-        joints = [x for x in mechanism.joints if x in joints or x is chord]
-        place = _close(bare, joints, nearest.q)
+        joints = [x for x in mechanism.joints if x in joints or x is chord]  # in the order of the file
+        place = _close_joints(undriven, joints, nearest.q)
     return None
 
 
-def _joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
-    """Return the pairs of a loop in the order of the linkage file."""
-    names = {x.leave.pair for x in loop.ways}
+def _list_joints(mechanism: Mechanism, loop: Loop) -> list[Joint]:
+    """Return the joints (pairs) around a loop, in the order of the linkage file."""
+    names = {x.leave.pair for x in loop.paths}
     return [x for x in mechanism.joints if x.name in names]
 
 
-def _chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
+def _choose_chord(mechanism: Mechanism, loop: Loop, before: tuple[Loop, ...]) -> Joint:
     """Return the pair at which a loop is cut open: the last pin in the file, or the last slide if there is no pin.
 
     Pairs of the loops `before` are left out, unless all pairs of this loop belong to them.
     """
-    earlier = {x.name for other in before for x in _joints(mechanism, other)}
-    own = [x for x in _joints(mechanism, loop) if x.name not in earlier] or _joints(mechanism, loop)
+    earlier = {x.name for other in before for x in _list_joints(mechanism, other)}
+    own = [x for x in _list_joints(mechanism, loop) if x.name not in earlier] or _list_joints(mechanism, loop)
     return next((x for x in reversed(own) if x.ends_meet), own[-1])
 
 
-def _close(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
+def _close_joints(mechanism: Mechanism, joints: list[Joint], q: Array) -> Place:
     """Return the position near q (n,) in which the given joints are closed.
 
     Raises:
@@ -127,9 +128,9 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
     The joints stay closed. The search begins at `place`, and is repeated with randomly turned links, because a drag may stop at a
     local minimum. A slide has no point to drag: its distance is 0 if it can be closed, else infinite.
     """
-    part = replace(mechanism, joints=tuple(joints))
+    opened = replace(mechanism, joints=tuple(joints))
     if not chord.ends_meet:  # only if there is no pin at which the loop could be cut
-        closed = Freedom(replace(part, joints=(*joints, chord))).close(place.q)
+        closed = Freedom(replace(opened, joints=(*joints, chord))).close(place.q)
         return (place, np.inf) if closed is None else (closed, 0.0)
     best, apart, rng = place, np.inf, np.random.default_rng(0)
     onto, point = chord.ends
@@ -137,7 +138,7 @@ def _approach(mechanism: Mechanism, joints: list[Joint], chord: Joint, place: Pl
         q = np.array(place.q)
         angles(q)[:] += rng.uniform(-TURNED, TURNED, size=len(mechanism.links)) if attempt else 0.0
         with suppress(ValueError):  # the turned links do not close: the next attempt turns them differently
-            drag = Drag(part, q, point, onto=onto)
+            drag = Drag(opened, q, point, onto=onto)
             dragged = drag.to(np.zeros(2), STEPS)  # the target is a zero vector from `onto` to `point`
             if dragged.reached:
                 return drag.place, 0.0
@@ -156,13 +157,13 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
     lengths: list[Length] = []
     a, b = chord.ends
     gap = position(q, b) - position(q, a)
-    before = next(x for x in loop.ways if x.leave.pair == chord.name)
-    sense = -1.0 if before.link == a.link else 1.0  # the loop leads from a to b, so that its vectors add up to a - b
+    leaving = next(x for x in loop.paths if x.leave.pair == chord.name)  # the path that ends at the chord
+    # if it ends at the point a, the loop goes on from a to b, and its vectors add up to a - b = -gap
+    sense = -1.0 if leaving.link == a.link else 1.0
     pins = {x.name: x.ends for x in mechanism.joints if x.ends_meet}
-    for way in loop.ways:
-        pairs = (way.enter.pair, way.leave.pair)
-        ends = [end for pair in pairs for end in pins.get(pair, ())]
-        points = [end for end in ends if end.link == way.link]
+    for path in loop.paths:
+        ends = [*pins.get(path.enter.pair, ()), *pins.get(path.leave.pair, ())]
+        points = [end for end in ends if end.link == path.link]
         if len(points) < 2:  # the loop enters or leaves the link by a slide
             continue
         vector = position(q, points[1]) - position(q, points[0])
@@ -172,7 +173,7 @@ def _closing_lengths(mechanism: Mechanism, loop: Loop, chord: Joint, q: Array, a
         needed = length - apart / cosine if abs(cosine) > ALONG else 0.0
         if needed > 0.0:
             first, second = (point.name.partition(".")[2] for point in points)
-            lengths.append(Length(mechanism.link_name(way.link), (first, second), length, needed))
+            lengths.append(Length(mechanism.link_name(path.link), (first, second), length, needed))
     return tuple(sorted(lengths, key=lambda x: (x.link == "ground", abs(x.needed / x.now - 1.0))))
 
 
@@ -186,7 +187,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     freedom, rng = Freedom(replace(mechanism, drivers=(), knife_edges=())), np.random.default_rng(0)
     place = freedom.close(q)
     if place is None:
-        _, here = freedom.at(q)
+        _, here = freedom.evaluate(q)
         return _rank(here)
     rank = _rank(place)
     is_generic = not place.free.size  # without a free motion J has full column rank, and no neighbour can have a larger one
@@ -204,7 +205,7 @@ def rank_about(mechanism: Mechanism, q: Array) -> int:
     # there is no neighbouring position: turn the links and leave the joints open
     turned = np.array(place.q)
     angles(turned)[:] += rng.uniform(-GENERIC, GENERIC, size=len(mechanism.links))
-    _, neighbour = freedom.at(turned)
+    _, neighbour = freedom.evaluate(turned)
     return max(rank, _rank(neighbour))
 
 

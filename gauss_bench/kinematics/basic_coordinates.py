@@ -31,10 +31,10 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 
-LARGEST_TURN = np.radians(10.0)  # [rad] of an input between two solutions: the error of a prediction is then a small part of it
-LARGEST_SLIDE = 0.1  # [sizes of a link] of an input between two solutions, for the same reason
+LARGEST_TURN = np.radians(10.0)  # [rad] largest change of an input in one step: the error of a prediction is a small part of it
+LARGEST_SLIDE = 0.1  # [sizes of a link] the same for an input that is a length
 SHORTEST = 2.0**-20  # shortest step as a share of the largest: a limit of motion is found to 2e-7 rad
-STRAY = 0.5  # largest correction, as a share of the prediction, and of angles [rad]; both become small with the step
+STRAY = 0.5  # largest correction: of points as a share of the predicted change, of angles [rad]; both shrink with the step
 TOLERANCE = 1e-14  # largest residual, as a share of the largest coordinate: some 50 units of rounding
 RANK_TOLERANCE = 1e-4  # smallest ratio r of singular values: the error of positions is 1e-14 / r, that of rates 1e-14 / r^2 = 1e-6
 PROBE = 1e-3  # a failure is examined at this share of the largest step beyond it: far above SHORTEST
@@ -69,7 +69,7 @@ def basic_motion(mechanism: Mechanism, times: Array) -> Motion:
 
 
 def _motion(mechanism: Mechanism, states: list[Array], corrections: list[int]) -> Motion:
-    """Return the motion through states (3, n), each q, v and a."""
+    """Return the motion through states (3, n), each with the rows q, v and a; `corrections` are its iterations."""
     q, v, a = np.array(states).reshape(-1, 3, mechanism.n).swapaxes(0, 1)
     return Motion(q, v, a, np.array(corrections, dtype=int))
 
@@ -109,7 +109,7 @@ class _Follower:
         self.max_change = np.array([LARGEST_TURN if x.coordinate.unit == "rad" else slide for x in model.points.drivers])
         _, J = model.residual(self.x)(self.p)
         self.signs = model.signs(J)
-        places = model.at(self.x, self.p)[model.points.first :]
+        places = model.z_at(self.x, self.p)[model.points.first :]
         self.tolerance = TOLERANCE * max(model.size, largest(places))
         self.corrections = 0
 
@@ -144,7 +144,7 @@ class _Follower:
         """
         model = self.model
         # prediction to first order, with dphi = Re(r dz): the change of the inputs in place of their rate makes Z[0], Z[1] z and dz
-        Z = model.points.known(self.x, x - self.x, np.zeros_like(x))
+        Z = model.points.evaluate_known(self.x, x - self.x, np.zeros_like(x))
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])  # complex derivatives of phi by z
         dp = -self._inverse(model.jacobian(r)) @ (r @ Z[1]).real
@@ -158,7 +158,7 @@ class _Follower:
         # angles: they must be near their prediction too, and no group of points may have changed its side (see `branch_of`)
         E, dE = model.directions @ Z[0], model.directions @ Z[1]  # exp(i theta) of every link, and its change
         near = self.theta + (dE * E.conj()).imag  # predicted angles
-        turn = np.angle(model.directions @ model.at(x, root.x) * np.exp(-1j * near))
+        turn = np.angle(model.directions @ model.z_at(x, root.x) * np.exp(-1j * near))
         if largest(turn) > STRAY or np.any(model.signs(model.residual(x)(root.x)[1]) != self.signs):
             raise _StepTooLong
         self.x, self.p, self.theta = x, root.x, near + turn
@@ -183,7 +183,7 @@ class _Follower:
             SingularPosition: J has lost rank, so that the rates are undetermined.
         """
         model = self.model
-        Z = model.points.known(self.x, rate, second)  # rows z, z', z'', to which `fill` adds the unknown points
+        Z = model.points.evaluate_known(self.x, rate, second)  # rows z, z', z'', to which `fill` adds the unknown points
         Z[0] = model.fill(Z[0], self.p)
         r = model.rows(Z[0])
         J = model.jacobian(r)

@@ -1,8 +1,8 @@
 """Study of convergence: three root finders from random starts at different distances from the right assembly.
 
 Men, Feng, He (2009) start a search from the assembly as drawn or from the previous position, and call it insensitive to its start.
-From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage none of
-them always finds it.
+From starts as near as those every root finder finds the assembly, but from starts anywhere within the size of the linkage each of
+them sometimes misses it.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +12,8 @@ import numpy as np
 
 from gauss_bench.kinematics.loop_equations import LoopEquations
 from gauss_bench.kinematics.point_equations import PointModel
-from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag, Residual
+from gauss_bench.kinematics.root_finding import ROOT_FINDERS, ExitFlag
+from gauss_bench.mechanism.close import Residual
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
 
@@ -67,7 +68,7 @@ def basins(
     `spreads` are the largest distances of a guess from the solution in any coordinate [m, or rad for angles].
     """
     residual, solution, difference = form(mechanism)
-    rows = []
+    results = []
     for spread in spreads:
         offsets = np.random.default_rng(seed).uniform(-spread, spread, size=(starts, len(solution)))
         for name, search in ROOT_FINDERS.items():
@@ -76,5 +77,5 @@ def basins(
             right = [end for end in roots if largest(difference(end.x, solution)) < SAME]
             mean = float(np.mean([end.iterations for end in right])) if right else float("nan")
             other = len(roots) - len(right)
-            rows.append(Basin(name, float(spread), len(right) / starts, other / starts, mean))
-    return tuple(rows)
+            results.append(Basin(name, float(spread), len(right) / starts, other / starts, mean))
+    return tuple(results)

@@ -29,27 +29,27 @@ def branches(mechanism: Mechanism, q: Array) -> tuple[Array, ...]:
         ValueError: the fixed inputs leave a motion free, or the joints are open at q.
     """
     freedom = Freedom(hold_inputs(mechanism, q))
-    here = freedom.close(q)
-    if here is None:
-        raise ValueError(f"{mechanism.name} has no other assembly from here: its joints are open")
-    if here.free.shape[1]:
-        raise ValueError(f"{mechanism.name} has free motions: {here.free.shape[1]} of its motions stay free beside its inputs")
+    closed = freedom.close(q)
+    if closed is None:
+        raise ValueError(f"{mechanism.name} has no other assemblies here: its joints are open")
+    if closed.free.shape[1]:
+        raise ValueError(f"{mechanism.name}: {closed.free.shape[1]} of its motions stay free if its inputs are fixed")
 
-    positions, rng, idle = [here.q], np.random.default_rng(0), 0
+    positions, rng, idle = [closed.q], np.random.default_rng(0), 0
     for _ in range(MOST):
         if idle == PATIENCE:
             break
         idle += 1
-        start = here.q * freedom.scale + rng.uniform(-np.pi, np.pi, size=len(q)) * freedom.size
+        start = closed.q * freedom.scale + rng.uniform(-np.pi, np.pi, size=len(q)) * freedom.size
         root = levenberg_marquardt(lambda x: freedom.rows(x / freedom.scale), start, tolerance=NEAR * freedom.size)
         place = freedom.close(root.x / freedom.scale) if root.flag == ExitFlag.CONVERGED else None
         if place is None:
             continue
-        other = _turn_back(mechanism, place.q, here.q)
-        if all(_apart(freedom, other, x) > SAME * freedom.size for x in positions):
-            positions.append(other)
+        assembly = _turn_back(mechanism, place.q, closed.q)
+        if all(_apart(freedom, assembly, x) > SAME * freedom.size for x in positions):
+            positions.append(assembly)
             idle = 0
-    return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, here.q)))
+    return (positions[0], *sorted(positions[1:], key=lambda x: _apart(freedom, x, closed.q)))
 
 
 def hold_inputs(mechanism: Mechanism, q: Array) -> Mechanism:

@@ -58,16 +58,16 @@ def free_motion(mechanism: Mechanism, q: Array) -> Array:
         ValueError: the joints leave no motion free, or more than one.
     """
     freedom = _undriven(mechanism)
-    _, place = freedom.at(q)
+    _, place = freedom.evaluate(q)
     count = place.free.shape[1]
     if count != 1:
-        raise ValueError(f"{mechanism.name} has {count} free motions here; its instant centres depend on which it does")
+        raise ValueError(f"{mechanism.name} has {count} free motions here; instant centres need exactly one")
     return np.asarray(place.free[:, 0] / freedom.scale)
 
 
-@lru_cache(maxsize=1)  # a motion asks for the same linkage at every sample
+@lru_cache(maxsize=1)  # `centres` is called for the same linkage at every sample of a motion
 def _undriven(mechanism: Mechanism) -> Freedom:
-    """Return the free motions of a linkage without its drivers."""
+    """Return the constraints of the joints of a linkage, without its drivers, in scaled coordinates."""
     return Freedom(replace(mechanism, drivers=()))
 
 
@@ -103,8 +103,8 @@ def centres(mechanism: Mechanism, q: Array) -> tuple[Centre, ...]:
             c = 1j * slip / turn
             centres.append(Centre((a, b), np.array([c.real, c.imag])))
         else:
-            moving = abs(slip) > STILL * fastest
-            centres.append(Centre((a, b), None, np.array([slip.real, slip.imag]) / abs(slip) if moving else None))
+            along = np.array([slip.real, slip.imag]) / abs(slip) if abs(slip) > STILL * fastest else None
+            centres.append(Centre((a, b), None, along))
     return tuple(centres)
 
 
@@ -138,18 +138,18 @@ def advantages(mechanism: Mechanism, positions: Array) -> tuple[Advantage, ...]:
     Raises:
         ValueError: the linkage has more or less than one degree of freedom.
     """
-    given = input_coordinate(mechanism)
+    driving = input_coordinate(mechanism)
     if mechanism.drivers:
-        given = Measured(mechanism.drivers[0].name, mechanism.drivers[0].coordinate)
-    outputs = [x for x in driving_coordinates(mechanism) if x.name != given.name]
+        driving = Measured(mechanism.drivers[0].name, mechanism.drivers[0].coordinate)
+    outputs = [x for x in driving_coordinates(mechanism) if x.name != driving.name]
     rates = np.zeros((len(positions), 1 + len(outputs)))  # of the input, then of the outputs
     for k, q in enumerate(positions):
         x = free_motion(mechanism, q)
-        rates[k] = [gradient(c.coordinate, q) @ x for c in (given, *outputs)]
+        rates[k] = [gradient(c.coordinate, q) @ x for c in (driving, *outputs)]
     ratios = []
     for output, rate in zip(outputs, rates[:, 1:].T, strict=True):
         velocity, mechanical = _divide(rate, rates[:, 0]), _divide(rates[:, 0], rate)
-        ratios.append(Advantage(given.name, output.name, (given.unit, output.unit), velocity, mechanical))
+        ratios.append(Advantage(driving.name, output.name, (driving.unit, output.unit), velocity, mechanical))
     return tuple(ratios)
 
 

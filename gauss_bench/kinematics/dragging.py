@@ -25,7 +25,7 @@ from gauss_bench.mechanism.model import GROUND, Along, Angle, Coordinate, Mechan
 from gauss_bench.mechanism.spaces import angle_slot
 from gauss_bench.terms import Array
 
-ORIGIN = Point(GROUND, np.zeros(2), "ground.")  # of the world
+ORIGIN = Point(GROUND, np.zeros(2), "ground.")  # of the world's axes
 
 # Lengths below are shares of the linkage's size.
 LARGEST_STEP = 0.15  # largest displacement in one step, and largest turn of a link [rad]
@@ -33,7 +33,7 @@ LARGEST_MISS = 0.25  # largest distance between prediction and projected positio
 SMALLEST_COSINE = 0.9  # smallest cosine of the angle between the free motions before and after a step
 HALVINGS = 12  # largest number of halvings of a step
 MOST_STEPS = 60  # largest number of steps of one call of `Drag.to`: together at most nine sizes of the linkage
-NEAR = 1e-13  # a distance from the target that is smaller is only rounding
+NEAR = 1e-13  # distance from the target that is only rounding
 RESTING = 1e-8  # a smaller step is the last: the next step, of the order of its square, would be rounding
 REACHED = 1e-10  # distance at which the point counts as being at its target
 FLAT = 1e-9  # share of the largest curvature below which a curvature counts as zero
@@ -83,23 +83,23 @@ def lock(mechanism: Mechanism, q: Array, locks: Locks) -> Mechanism:
         if point.link != GROUND:  # a point on the ground keeps its place in any case
             held += [Along(ORIGIN, point, 0.0), Along(ORIGIN, point, 0.0, across=True)]
     for name in locks.joints:
-        own = [x.motion for x in mechanism.joints if x.joint == name and x.ends_meet]
-        _check_found(own, "pin joint", name)
-        held += own
+        turns = [x.motion for x in mechanism.joints if x.joint == name and x.ends_meet]
+        _check_exists(turns, "pin joint", name)
+        held += turns
     for name in locks.links:
-        _check_found([x for x in mechanism.whole.links if x.name == name], "link", name)
+        _check_exists([x for x in mechanism.whole.links if x.name == name], "link", name)
         body, _ = mechanism.find_body(name)
         held.append(Angle(GROUND, body))
     for name in locks.slides:
-        own = [x.motion for x in mechanism.slides if x.name == name]
-        _check_found(own, "slide", name)
-        held += own
+        motions = [x.motion for x in mechanism.slides if x.name == name]
+        _check_exists(motions, "slide", name)
+        held += motions
     return hold(mechanism, q, held)
 
 
-def _check_found(found: list[Any], kind: str, name: str) -> None:
-    """Raise ValueError if the list `found` of the parts with this name is empty."""
-    if not found:
+def _check_exists(parts: list[Any], kind: str, name: str) -> None:
+    """Raise ValueError if the list of the parts of a kind that have this name is empty."""
+    if not parts:
         raise ValueError(f"no {kind} {name!r} that could be locked")
 
 
@@ -122,7 +122,7 @@ class Drag:
     these motions, and P (2, f) the Jacobian of the dragged point by y.
 
     Attributes:
-        side: sign of det P, which must not change; 0, which forbids no step, until |det P| has exceeded MARGIN, and if P is not
+        side: sign of det P, which must not change. It is 0, and forbids no step, until |det P| has exceeded MARGIN, or if P is not
             square.
         directions: number of directions in which the point could move at the beginning, at least 1: a point that could not move
             counts as a point at its limit.
@@ -140,7 +140,7 @@ class Drag:
         self.point = find_point(mechanism, point) if isinstance(point, str) else point
         self.onto = onto
         if self.point.link == GROUND and onto is None:
-            raise ValueError(f"{point} is fixed to the ground: moving it changes the linkage, it does not drag it")
+            raise ValueError(f"{point} is fixed to the ground: moving it would change the linkage instead of dragging it")
         self.freedom = Freedom(lock(mechanism, q, locks))
         place = self.freedom.close(np.array(q, dtype=float))
         if place is None:
@@ -155,7 +155,7 @@ class Drag:
         return self.place.q
 
     def to(self, target: Array, most: int = MOST_STEPS) -> Dragged:
-        """Drag the point towards a target (2,) [m] in at most `most` steps."""
+        """Drag the point towards a target (2,) [m] in at most `most` steps; return the position that is reached."""
         target, size = np.asarray(target, dtype=float), self.freedom.size
         apart = self._apart(self.place, target)
         is_stuck = self.place.free.shape[1] == 0  # without free motions
@@ -168,7 +168,7 @@ class Drag:
             return Dragged(self.q, True, apart, "")
         if not is_stuck:
             return Dragged(self.q, False, apart, "the target is too far away for one drag")
-        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "nothing is left to move"
+        why = f"{self.point.name} cannot come nearer to the target" if self.place.free.shape[1] else "no motion is left free"
         return Dragged(self.q, False, apart, why)
 
     def is_at_limit(self) -> bool:
@@ -182,12 +182,12 @@ class Drag:
 
     def _apart(self, place: Place, target: Array) -> float:
         """Return the distance of the point from the target [m]."""
-        return float(np.hypot(*(self.at(place) - target)))
+        return float(np.hypot(*(self._position(place) - target)))
 
     def _step(self, target: Array, apart: float) -> bool:
         """Take the first proposed step that brings the point nearer than `apart` [m]; return whether more may follow."""
         bends = self._bends()
-        for y in self._propose_steps(self.at(self.place) - target, bends):
+        for y in self._propose_steps(self._position(self.place) - target, bends):
             place = self._try_step(y, bends)
             is_tiny = bool(np.abs(y).max() < RESTING * self.freedom.size)
             if place is not None and self._apart(place, target) < apart:
@@ -204,8 +204,8 @@ class Drag:
         f = N.shape[1]
         i, j = np.triu_indices(f)
         # `bend` is quadratic in a direction; mixed derivatives follow from x_i x_j = ((x_i + x_j)^2 - (x_i - x_j)^2) / 4
-        both = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
-        quarters = self.freedom.bend(self.place, both) / 4
+        directions = np.concatenate([N[:, i] + N[:, j], N[:, i] - N[:, j]], axis=1).T
+        quarters = self.freedom.bend(self.place, directions) / 4
         bends = np.zeros((f, f, len(self.q)))
         bends[i, j] = bends[j, i] = quarters[: len(i)] - quarters[len(i) :]
         return bends
@@ -301,13 +301,13 @@ class Drag:
         det = self._det(self.place)
         return float(np.sign(det)) if abs(det) > MARGIN else 0.0
 
-    def at(self, place: Place) -> Array:
+    def _position(self, place: Place) -> Array:
         """Return the world position (2,) [m] of the dragged point, or the vector to it from the point `onto`."""
-        here = position(place.q, self.point)
-        return here if self.onto is None else here - position(place.q, self.onto)
+        world = position(place.q, self.point)
+        return world if self.onto is None else world - position(place.q, self.onto)
 
     def _point_jacobian(self, place: Place) -> Array:
-        """Return P (2, f): the derivatives of `at(place)` by the amplitudes of the f free motions at `place`."""
+        """Return P (2, f): the derivatives of `_position(place)` by the amplitudes of the f free motions at `place`."""
         motions = place.free.T / self.freedom.scale  # (f, n); the derivative by an amplitude is the velocity in its motion
         states = np.broadcast_to(place.q, motions.shape)
         rates = velocity(states, motions, self.point)

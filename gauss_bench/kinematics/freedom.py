@@ -21,9 +21,9 @@ from gauss_bench.mechanism.model import Coordinate, Mechanism
 from gauss_bench.terms import Array, largest
 
 RANK_TOLERANCE = 1e-7  # share of the largest singular value below which a singular value counts as zero
-CLOSED = 1e-13  # [sizes of the linkage] a residual that rounding explains
+CLOSED = 1e-13  # [sizes of the linkage] largest residual that rounding explains
 ROUNDING = 1e3  # [CLOSED] largest residual that is accepted after the last correction, because rounding may keep it above CLOSED
-STILL = 1e-8  # [sizes of the linkage] a last correction that leaves only rounding
+STILL = 1e-8  # [sizes of the linkage] largest last correction: by quadratic convergence it leaves only rounding
 CORRECTIONS = 12  # largest number of corrections: three are usual from a prediction to second order
 
 
@@ -62,7 +62,7 @@ class Freedom:
         phi, J = self.constraints.residual(q)
         return phi, J / self.scale
 
-    def at(self, q: Array) -> tuple[Array, Place]:
+    def evaluate(self, q: Array) -> tuple[Array, Place]:
         """Return the constraint residual phi (m,) and the `Place` at any q (n,), where the joints may be open."""
         phi, J = self.rows(q)
         return phi, Place(q, J, *split_by_rank(J))
@@ -85,7 +85,7 @@ class Freedom:
         q = project(q, self.rows, shortest, CORRECTIONS, has_ended, is_still)
         if not np.isfinite(q).all():
             return None
-        phi, place = self.at(q)
+        phi, place = self.evaluate(q)
         return place if largest(phi) <= ROUNDING * CLOSED * self.size else None
 
     def bend(self, place: Place, directions: Array) -> Array:

@@ -65,8 +65,8 @@ class LinkUnit:
 
 
 @dataclass(frozen=True)
-class Way:
-    """The path of a loop through one link, from one of its elements to another; `turns` tells whether its angle is variable.
+class LinkPath:
+    """The path of a loop through one link, from one of its elements to another; `turns` tells whether the link can turn.
 
     The reverse path has the same `LinkUnit` multiplied by -1.
     """
@@ -90,8 +90,8 @@ class Way:
         """The names of the coordinates s of this path, in the order of their columns in J, after that of the angle."""
         return tuple(element.slide for _, element in self.moving)
 
-    def units(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
-        """Return A, J and the time derivative of J, see the top of this file.
+    def link_unit(self, angle: float, speed: float, places: Sequence[float] | Array, speeds: Sequence[float] | Array) -> LinkUnit:
+        """Return the vector A of this path, its Jacobian J, and the time derivative of J, by the equations at the top of this file.
 
         Args:
             angle, speed: angle [rad] and angular speed [rad/s] of the link.
@@ -122,9 +122,9 @@ def planar(vectors: Sequence[complex]) -> Array:
 def link_type(elements: Iterable[Element], frame: bool = False) -> str:
     """Return the paper's code for the type of the link that has these elements; `frame` tells whether it is the frame.
 
-    The code has an R for each pin and a P for each slide, from four on as 4R. P is followed by 1 for the block, or by 2 for the
-    guide, if it is the only slide of a moving link. The code of the frame ends in 0. An active bar has the code S. A multiple joint
-    counts as one pin.
+    The code has an R for each pin and a P for each slide; four or more pins are written as 4R. P is followed by 1 for the
+    block, or by 2 for the guide, if it is the only slide of a moving link. The code of the frame ends in 0. An active bar has
+    the code S. A multiple joint counts as one pin.
     """
     # elements with the same `node` belong to one multiple joint
     kinds = list({element.node: element.kind for element in elements}.values())

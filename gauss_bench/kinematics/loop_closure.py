@@ -1,8 +1,8 @@
 """Motion of a linkage that follows its inputs, by closing its loops.
 
 A state x has TU unknown variables, then TK inputs, as in `LoopEquations`. Between two sample times all inputs change in proportion.
-A step is halved until nothing suggests that the new state belongs to another assembly: every angle changes by a small amount,
-Newton's method converges near the second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
+A step is halved until the new state belongs to the same assembly by three tests: every angle changes by a small amount, Newton's
+method converges near the second-order prediction, and det(J^T J_next) > 0 for the Jacobians at both states (for a square
 J: its determinant keeps its sign). The motion ends where even the shortest step fails: at a limit, beyond which the loops cannot be
 closed, or at a singular position, where they can be closed in more than one way.
 
@@ -19,8 +19,8 @@ from gauss_bench.mechanism.close import walk
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, largest
 
-LARGEST_TURN = 0.3  # [rad] of any link in one step: far less than the distance of two assemblies away from singular positions
-LARGEST_MISS = 0.05  # [rad] from the prediction, whose error is of the order of the cube of the turn
+LARGEST_TURN = 0.3  # [rad] largest turn of a link in one step: far less than between two assemblies, except near singular positions
+LARGEST_MISS = 0.05  # [rad] largest distance of an angle from its prediction, whose error is of the order of the cube of the turn
 SMALLEST_PART = 1e-10  # [rad, m] shortest step of the inputs: the accuracy to which a limit is found
 BEYOND = 1e-3  # [rad, m] distance beyond the end of a motion: if the loops can be closed there, the end is no limit
 
@@ -50,7 +50,7 @@ def loop_motion(mechanism: Mechanism, times: Array) -> Motion:
 
     Raises:
         ValueError: the drivers do not fit the linkage, as for LoopEquations.
-        LimitOfMotion: an input goes further than the linkage can.
+        LimitOfMotion: an input leads beyond a limit of motion, where the loops cannot be closed.
         SingularPosition: the Jacobian loses rank on the way.
     """
     equations = LoopEquations(mechanism)
@@ -82,8 +82,8 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
     Raises:
         _End: the motion ends before, even with the shortest step.
     """
-    first, steps = state.x, 0
-    inputs = first[len(equations.unknown) :]  # values at the start
+    start, steps = state.x, 0
+    inputs = start[len(equations.unknown) :]  # values at the start
     change = goal - inputs
     size = largest(change)
 
@@ -98,7 +98,7 @@ def _follow(equations: LoopEquations, state: _State, goal: Array) -> _State:
         try:
             walk(advance, SMALLEST_PART / size)  # the shortest step, as a share of the whole change
         except Stopped as error:
-            raise _end(equations, first, state, change / size, error) from error
+            raise _explain_end(equations, start, state, change / size, error) from error
     return state._replace(steps=steps)
 
 
@@ -110,8 +110,8 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     """
     unknowns, x = len(equations.unknown), state.x
     # prediction of second order: derivatives of x by a parameter from 0 to 1, with which the inputs change linearly
-    first, second = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
-    guess = x + first + second / 2
+    slope, curvature = equations.rates(x, target - x[unknowns:], np.zeros_like(target))
+    guess = x + slope + curvature / 2
     guess[unknowns:] = target
     angles = equations.is_angle
     if not largest((guess - x)[angles]) < LARGEST_TURN:
@@ -125,21 +125,21 @@ def _advance(equations: LoopEquations, state: _State, target: Array) -> _State:
     return _State(closed, J, steps)
 
 
-def _end(equations: LoopEquations, first: Array, last: _State, direction: Array, why: Stopped) -> _End:
+def _explain_end(equations: LoopEquations, start: Array, last: _State, direction: Array, failure: Stopped) -> _End:
     """Return the exception that tells why a motion ends after the state `last`.
 
     The end is a singular position if the Jacobian loses rank there, or if the loops can be closed just beyond by a small turn of
     the links; else it is a limit of motion.
 
     Args:
-        first: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
+        start: (TU + TK,) the state at the last sample time that was reached; `last` is on the way from there to the next.
         direction: (TK,) change of the inputs to the next sample time, divided by its largest entry.
-        why: the reason why the last step failed.
+        failure: the exception of the last step, which failed.
     """
     unknowns, x = len(equations.unknown), last.x
     # a state beyond the end: all variables continue their change since the sample, the inputs by BEYOND
-    moved = float(np.abs(x - first)[unknowns:].max())
-    guess = x + (x - first) * (BEYOND / moved if moved else 0.0)
+    moved = float(np.abs(x - start)[unknowns:].max())
+    guess = x + (x - start) * (BEYOND / moved if moved else 0.0)
     guess[unknowns:] = x[unknowns:] + BEYOND * direction
     try:
         closed, _, _ = equations.close(guess)
@@ -147,13 +147,16 @@ def _end(equations: LoopEquations, first: Array, last: _State, direction: Array,
     except Stopped as error:
         singular = error.singular
     if singular:
-        return _End(f"singular position, the motion can go on in more than one way ({why})", True, x)
-    return _End("limit of motion, the linkage cannot be closed beyond", False, x)
+        return _End(f"singular position, from which the motion can go on in more than one way ({failure})", True, x)
+    return _End("limit of motion, beyond which the linkage cannot be closed", False, x)
 
 
-def _motion(equations: LoopEquations, states: list[_State], given: list[Array]) -> Motion:
-    """Return the motion through closed states, in absolute coordinates; `given`: both time derivatives (k, TK) of the inputs."""
+def _motion(equations: LoopEquations, states: list[_State], input_rates: list[Array]) -> Motion:
+    """Return the motion through closed states, in absolute coordinates.
+
+    `input_rates` are the first and second time derivatives (k, TK) of the inputs.
+    """
     # x, x', x'' of each state; a motion that ends early has fewer states than the inputs have times
-    x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *given, strict=False)]
+    x_and_rates = [(s.x, *equations.rates(s.x, *derivatives)) for s, *derivatives in zip(states, *input_rates, strict=False)]
     x = np.array(x_and_rates).reshape(len(states), 3, len(equations.variables)).swapaxes(0, 1)
     return Motion(*equations.absolute(*x), np.array([s.steps for s in states], dtype=int))

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss_bench.kinematics.link_units import MOVING, Way
+from gauss_bench.kinematics.link_units import MOVING, LinkPath
 from gauss_bench.kinematics.topology import Levels, absolute_states, find_graph, shared_angles
 from gauss_bench.linkage.closure import CLOSED
 from gauss_bench.mechanism.close import Residual, minimum_norm, project
@@ -40,7 +40,7 @@ from gauss_bench.terms import Array, largest
 NEWTON_STEPS = 12
 SETTLED = 1e-9  # [rad, m] largest last Newton step: convergence is quadratic, so that the error left is below rounding
 FORKED = 1e-7  # smallest ratio of singular values of J at which assemblies can be distinguished
-REGULAR = 1e-4  # smallest ratio for rates, whose relative error is rounding over its square: eight digits are left
+REGULAR = 1e-4  # smallest such ratio at which rates are computed: rounding over its square leaves them eight digits
 
 # the angle of the link with this index (slides make further links share it), or the coordinate along the slide or bar of this name
 Variable = int | str
@@ -86,7 +86,7 @@ class LoopEquations:
         turning: (links + 1, TU + TK) matrix; turning x + phase are the angles of all links, with the ground last.
         roots, phase: root of each link, and its angle minus that of the root [rad], in the same order; see `shared_angles`.
         offsets: (TK,) driven angle of each input minus that of the root, which is the variable [rad]; 0 for lengths.
-        ways: for each loop a list of (path through a link, indices in x of its slides, indices in x of all variables of its
+        paths: for each loop a list of (path through a link, indices in x of its slides, indices in x of all variables of its
             Jacobian, which are the columns of ones in U and K).
         lengths: (TU,) factors of the columns of J that make derivatives by lengths and by angles comparable.
 
@@ -123,9 +123,9 @@ class LoopEquations:
         self.column = {x: k for k, x in enumerate(self.variables)}
         self.is_angle = np.array([isinstance(x, int) for x in self.variables])
         self.turning = np.array([[float(x == root) for x in self.variables] for root in self.roots])
-        self.ways = [[self._place(way) for way in loop.ways] for loop in self.graph.loops]
+        self.paths = [[self._find_columns(path) for path in loop.paths] for loop in self.graph.loops]
         # length of the longest vector through a moving link [m]; 1 m if there is none
-        vectors = (way.leave.at - way.enter.at for loop in self.graph.loops for way in loop.ways if way.link != GROUND)
+        vectors = (path.leave.at - path.enter.at for loop in self.graph.loops for path in loop.paths if path.link != GROUND)
         size = max(map(abs, vectors), default=0.0) or 1.0
         self.lengths = np.where(self.is_angle, 1.0, size)[: len(self.unknown)]
 
@@ -140,11 +140,11 @@ class LoopEquations:
             self._refuse(f"cannot be driven at {driver.name!r}, which slides hold at a fixed angle")
         return variable
 
-    def _place(self, way: Way) -> tuple[Way, list[int], list[int]]:
-        """Return the entry of `ways` for the path of a loop through one link."""
-        slides = [self.column[name] for name in way.slides]
+    def _find_columns(self, path: LinkPath) -> tuple[LinkPath, list[int], list[int]]:
+        """Return the path, the indices in x of its slides, and those of all variables of its Jacobian: an entry of `paths`."""
+        slides = [self.column[name] for name in path.slides]
         # in the order of the columns of the link unit: the angle of the link's root, then slides
-        return way, slides, [self.column[self.roots[way.link]], *slides] if way.turns else slides
+        return path, slides, [self.column[self.roots[path.link]], *slides] if path.turns else slides
 
     def input_levels(self, times: Array) -> Levels:
         """Return the TK inputs and their first and second time derivatives, (k, TK) each, at times (k,).
@@ -176,27 +176,27 @@ class LoopEquations:
             values[i], values[bar.name] = float(np.arctan2(y, x)), float(np.hypot(x, y))
         return np.array([values[key] for key in self.column])  # `column` has the order of x
 
-    def at(self, x: Array, x_rate: Array) -> Matrices:
+    def evaluate(self, x: Array, x_rate: Array) -> Matrices:
         """Return the matrices of the loop equations at a state x with the time derivative x_rate, (TU + TK,) each."""
         theta, omega = self.turning @ x + self.phase, self.turning @ x_rate
-        L, unknowns = len(self.ways), len(self.unknown)
-        A, both, both_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # both: J and B side by side
-        for l, ways in enumerate(self.ways):
+        L, unknowns = len(self.paths), len(self.unknown)
+        A, JB, JB_rate = np.zeros(2 * L), np.zeros((2 * L, len(x))), np.zeros((2 * L, len(x)))  # JB: J and B side by side
+        for l, paths in enumerate(self.paths):
             rows = slice(2 * l, 2 * l + 2)
-            for way, slides, own in ways:
-                unit = way.units(theta[way.link], omega[way.link], x[slides], x_rate[slides])
+            for path, slides, columns in paths:
+                unit = path.link_unit(theta[path.link], omega[path.link], x[slides], x_rate[slides])
                 A[rows] += unit.vector
-                both[rows, own] += unit.J
-                both_rate[rows, own] += unit.J_rate
-        return Matrices(A, both[:, :unknowns], both[:, unknowns:], both_rate[:, :unknowns], both_rate[:, unknowns:])
+                JB[rows, columns] += unit.J
+                JB_rate[rows, columns] += unit.J_rate
+        return Matrices(A, JB[:, :unknowns], JB[:, unknowns:], JB_rate[:, :unknowns], JB_rate[:, unknowns:])
 
     def with_inputs(self, inputs: Array) -> Residual:
         """Return the function that gives A (2L,) and J (2L, TU) at unknown variables phi (TU,), with these inputs (TK,)."""
         still = np.zeros(len(self.variables))
 
         def residual(phi: Array) -> tuple[Array, Array]:
-            here = self.at(np.concatenate([phi, inputs]), still)
-            return here.A, here.J
+            matrices = self.evaluate(np.concatenate([phi, inputs]), still)
+            return matrices.A, matrices.J
 
         return residual
 
@@ -215,7 +215,7 @@ class LoopEquations:
             count, last = count + 1, float(size)
             return not last >= SETTLED  # true for NaN too
 
-        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, still=has_settled)
+        phi = project(x[:unknowns], residual, minimum_norm, NEWTON_STEPS, stop_after=has_settled)
         A, J = residual(phi)
         if last >= SETTLED or not largest(A) < CLOSED:
             raise Stopped("the loops do not close", singular=False)
@@ -235,12 +235,12 @@ class LoopEquations:
 
     def rates(self, x: Array, speed: Array, second: Array) -> tuple[Array, Array]:
         """Return the first and second time derivatives (TU + TK,) of a closed state x, from those of the inputs (TK,)."""
-        here = self.at(x, np.zeros_like(x))
-        x_rate = np.concatenate([minimum_norm(here.J, -here.B @ speed), speed])  # J phi' = -B q'
-        here = self.at(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
+        matrices = self.evaluate(x, np.zeros_like(x))
+        x_rate = np.concatenate([minimum_norm(matrices.J, -matrices.B @ speed), speed])  # J phi' = -B q'
+        matrices = self.evaluate(x, x_rate)  # once more, with the rates: for the time derivatives J' and B'
         # J phi'' = -(B q'' + B' q' + J' phi')
-        bias = here.B @ second + here.B_rate @ speed + here.J_rate @ x_rate[: len(self.unknown)]
-        return x_rate, np.concatenate([minimum_norm(here.J, -bias), second])
+        bias = matrices.B @ second + matrices.B_rate @ speed + matrices.J_rate @ x_rate[: len(self.unknown)]
+        return x_rate, np.concatenate([minimum_norm(matrices.J, -bias), second])
 
     def absolute(self, x: Array, x_rate: Array, x_second: Array) -> Levels:
         """Return q, v, a (k, n) of k states x and their two time derivatives (k, TU + TK)."""

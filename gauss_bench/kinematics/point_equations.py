@@ -32,7 +32,7 @@ import networkx as nx
 import numpy as np
 
 from gauss_bench.kinematics.points import SAME, Points, place
-from gauss_bench.kinematics.root_finding import Residual
+from gauss_bench.mechanism.close import Residual
 from gauss_bench.mechanism.model import Mechanism, Prismatic
 from gauss_bench.terms import Array, Vectors, largest
 
@@ -138,10 +138,10 @@ class PointModel:
         z[self.unknown] = p.reshape(-1, 2) @ [1.0, 1.0j]
         return z
 
-    def at(self, x: Array, p: Array) -> Vectors:
+    def z_at(self, x: Array, p: Array) -> Vectors:
         """Return z (N,) for inputs x (i,) [rad, m] and unknown coordinates p (2 u,) [m]."""
         still = np.zeros_like(x)
-        return self.fill(self.points.known(x, still, still)[0], p)
+        return self.fill(self.points.evaluate_known(x, still, still)[0], p)
 
     def phi(self, z: Vectors) -> Array:
         """Return the residual phi (m,) of the equations at z (N,) [m]."""
@@ -153,12 +153,12 @@ class PointModel:
 
     def jacobian(self, r: Vectors) -> Array:
         """Return the real Jacobian dphi/dp (m, 2 u) from the result r (m, N) of `rows`."""
-        part = r[:, self.unknown]
-        return np.stack([part.real, -part.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
+        columns = r[:, self.unknown]  # dphi = Re(r dz), with dz = dx + i dy of each unknown point
+        return np.stack([columns.real, -columns.imag], axis=-1).reshape(len(r), 2 * len(self.unknown))
 
     def residual(self, x: Array) -> Residual:
         """Return the equations at fixed inputs x (i,) as a function: p (2 u,) -> phi (m,) [m] and its Jacobian (m, 2 u)."""
-        known = self.at(x, np.zeros(2 * len(self.unknown)))
+        known = self.z_at(x, np.zeros(2 * len(self.unknown)))
 
         def evaluate(p: Array) -> tuple[Array, Array]:
             z = self.fill(known, p)
@@ -191,8 +191,8 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     pattern = np.abs(J) > SAME * largest(J)
     columns_of = [np.flatnonzero(row).tolist() for row in pattern]
     graph = nx.Graph((("row", i), ("column", k)) for i in range(m) for k in columns_of[i])
-    tops = sorted(node for node in graph if node[0] == "row")
-    matched = nx.bipartite.hopcroft_karp_matching(graph, tops)
+    row_nodes = sorted(node for node in graph if node[0] == "row")  # one side of the bipartite graph
+    matched = nx.bipartite.hopcroft_karp_matching(graph, row_nodes)
     row_of = {k: matched["column", k][1] for k in range(n) if ("column", k) in matched}  # unknown -> its equation
     # an edge leads from an unknown to each unknown on which it depends
     needs = nx.DiGraph((k, other) for k, i in row_of.items() for other in columns_of[i])
@@ -203,10 +203,10 @@ def find_groups(model: PointModel) -> tuple[PointGroup, ...]:
     # an equation Re(conj(a z) (b z) + c z) = 0 is quadratic in the points if both a and b have entries at points of z
     curved = np.any(model.a[:, model.points.first :] != 0, axis=1) & np.any(model.b[:, model.points.first :] != 0, axis=1)
     groups = []
-    for part in nx.strongly_connected_components(needs):
-        columns = sorted(part)
+    for component in nx.strongly_connected_components(needs):
+        columns = sorted(component)
         rows = sorted(row_of[k] for k in columns)
-        if curved[rows].any() and not part & redundant:
+        if curved[rows].any() and not component & redundant:
             name = "+".join(dict.fromkeys(model.names[k // 2] for k in columns))  # unknowns 2 k and 2 k + 1: x and y of point k
             groups.append(PointGroup(name, np.array(rows), np.array(columns)))
     return tuple(groups)

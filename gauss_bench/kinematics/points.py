@@ -57,30 +57,31 @@ def joint_points(mechanism: Mechanism, frames: Mapping[int, tuple[int, float]], 
 
         The merged point has the name of the first of these.
         """
-        at = {end.link: place(end) for end in ends}
-        same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in at.items())]
-        merged: dict[int, complex] = {}
-        for x in same:
-            merged |= x.at
-        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged | at)]
+        places = {end.link: place(end) for end in ends}
+        same = [x for x in basic if any(link in x.at and abs(x.at[link] - s) < SAME for link, s in places.items())]
+        merged = {link: s for x in same for link, s in x.at.items()} | places
+        basic[:] = [x for x in basic if x not in same] + [BasicPoint(same[0].name if same else name, merged)]
 
-    slides = mechanism.slides
+    def count(link: int) -> int:
+        """Return the number of points that a link has so far."""
+        return sum(link in x.at for x in basic)
+
     for pin in mechanism.pins:
         add(pin.joint, *pin.ends)
-    for slide in slides:
+    for slide in mechanism.slides:
         add(slide.block.name, slide.block)
     for bar in (d for d in mechanism.drivers if isinstance(d, LengthDriver)):
         for end in (bar.a, bar.b):  # not needed on a link that has two points, from which any other place follows
-            if end.link != GROUND and sum(end.link in x.at for x in basic) < 2:
+            if end.link != GROUND and count(end.link) < 2:
                 add(end.name, end)
-    for slide in slides:  # every guide needs a point
-        if not any(slide.guide.link in x.at for x in basic):
+    for slide in mechanism.slides:  # every guide needs a point
+        if not count(slide.guide.link):
             add(slide.guide.name, slide.guide)
     size = link_size(basic)
     for root in sorted({root for root, _ in frames.values()} - turned):
         members = [link for link, (r, _) in frames.items() if r == root]
-        if all(sum(link in x.at for x in basic) < 2 for link in members):  # no two points show the direction: add one
-            guide = next((j for j in slides if j.guide.link in members), None)
+        if all(count(link) < 2 for link in members):  # no two points show the direction: add one
+            guide = next((j for j in mechanism.slides if j.guide.link in members), None)
             link, angle = (guide.guide.link, guide.angle) if guide else (root, 0.0)
             start = next((x.at[link] for x in basic if link in x.at), 0j)
             far = start + size * exp(1j * angle)
@@ -127,34 +128,34 @@ class Points:
         self.mechanism, self.drivers = mechanism, mechanism.drivers
         self.frames = shared_angles(mechanism)
         self.bars = {d.name: d for d in mechanism.drivers if isinstance(d, LengthDriver)}
-        # the driver k, counted from 1, has the entry k; `setdefault` returns an older entry of a quantity that is known already
+        # the driver k, counted from 1, has the entry k; `setdefault` returns the first entry of a quantity that is known already
         self.turned: dict[int, int] = {GROUND: 0}
         self.pushed: dict[str, int] = {}
         self.stretched: dict[str, int] = {}
         for entry, driver in enumerate(self.drivers, 1):
             match driver:
                 case AngleDriver():
-                    found = self.turned.setdefault(self.frames[driver.link][0], entry)
+                    first = self.turned.setdefault(self.frames[driver.link][0], entry)
                 case SlideDriver():
-                    found = self.pushed.setdefault(driver.name, entry)
+                    first = self.pushed.setdefault(driver.name, entry)
                 case LengthDriver():
-                    found = self.stretched.setdefault(driver.name, entry)
-            if found != entry:
+                    first = self.stretched.setdefault(driver.name, entry)
+            if first != entry:
                 raise ValueError(f"{mechanism.name}: the position of {driver.name} is known without driver {entry}")
         self.points = joint_points(mechanism, self.frames, set(self.turned))
         self.size = link_size(self.points)
         self.first = 1 + len(self.drivers)
         self.N = self.first + len(self.points)
         self.entries_of = {i: [k for k, x in enumerate(self.points, self.first) if i in x.at] for i in self.frames}
-        bare = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
-        if bare:
-            raise ValueError(f"{mechanism.name}: {mechanism.link_name(bare[0])} has no joint, so that nothing places it")
+        jointless = [link for link, entries in self.entries_of.items() if not entries and link != GROUND]
+        if jointless:
+            raise ValueError(f"{mechanism.name}: {mechanism.link_name(jointless[0])} has no joint that could place it")
         self.anchor = {i: entries[0] for i, entries in self.entries_of.items() if entries}
         self.placed_by: dict[int, int] = {}
         self.rows: dict[int, Vectors] = {}
-        self._place()
+        self._place_known()
         self.unknown = np.array([k for k in range(self.first, self.N) if k not in self.placed_by], dtype=int)
-        self.base = {root: self._base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
+        self.base = {root: self._choose_base(root) for root in {r for r, _ in self.frames.values()} - self.turned.keys()}
         self.anchor |= {link: A for link, A, _ in self.base.values()}
 
     def unit(self, entry: int) -> Vectors:
@@ -181,15 +182,15 @@ class Points:
         if link == GROUND:
             return self.unit(0) * s  # entry 0 of z is 1
         anchor = self.anchor[link]  # position = anchor + (s - place of the anchor) exp(i theta)
-        rest = s - self.local(link, anchor)
-        return self.unit(anchor) + rest * self.direction(link) if rest else self.unit(anchor)
+        offset = s - self.local(link, anchor)
+        return self.unit(anchor) + offset * self.direction(link) if offset else self.unit(anchor)
 
     def block(self, slide: Prismatic) -> int:
         """Return the entry of the point in the block of a slide."""
         link = slide.block.link
         return min(self.entries_of[link], key=lambda k: abs(self.local(link, k) - place(slide.block)))
 
-    def _place(self) -> None:
+    def _place_known(self) -> None:
         """Fill `placed_by` and `rows` with the known points: those of the ground, then those of driven links.
 
         A link whose direction is an input is determined by one known point, which becomes its anchor.
@@ -207,10 +208,10 @@ class Points:
                 self.anchor[link] = next(k for k in self.entries_of[link] if k in self.placed_by)
                 waiting.remove(link)
 
-    def _base(self, root: int) -> tuple[int, int, int]:
+    def _choose_base(self, root: int) -> tuple[int, int, int]:
         """Return (link, A, B): the line between these points of a link gives the direction of all links with this `root`.
 
-        A known point A wins first, then the larger distance, then the smaller entry B.
+        A line from a known point A is preferred, then the longer line, then the smaller entry B.
         """
 
         def rank(pair: tuple[int, int, int]) -> tuple[bool, float, int]:
@@ -221,7 +222,7 @@ class Points:
         pairs = [(link, A, B) for link in members for A, B in permutations(self.entries_of[link], 2)]
         return max(pairs, key=rank)
 
-    def known(self, x: Array, rate: Array, second: Array) -> Vectors:
+    def evaluate_known(self, x: Array, rate: Array, second: Array) -> Vectors:
         """Return z and its derivatives z', z'' as rows of (3, N), with zeros for the unknown points.
 
         `x`, `rate`, `second` (i,) are the inputs [rad, m] and their time derivatives; an active bar has its length in x, not the

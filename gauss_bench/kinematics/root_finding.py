@@ -20,15 +20,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from gauss_bench.mechanism.close import RANK_TOLERANCE
+from gauss_bench.mechanism.close import RANK_TOLERANCE, Residual
 from gauss_bench.terms import Array, largest
 
-Residual = Callable[[Array], tuple[Array, Array]]  # x (n,) -> F (m,), J (m, n)
-
-TOLERANCE = 1e-13  # of max |F| at a root, in the unit of F
+TOLERANCE = 1e-13  # largest |F| at a root, in the unit of F
 LIMIT = 100  # largest number of iterations
 SUFFICIENT = 1e-4  # smallest decrease by a step, as a share of the predicted decrease: the usual constant of Armijo's condition
-LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is shorter by 2e-9
+LENGTHS = 30  # number of lengths of a step that are tried, each half of the one before: the last is 2e-9 of the first
 DAMPING = 1e-3  # first mu as a share of the largest diagonal entry of J^T J, for a fair first guess
 FLAT = 1e-8  # |J^T F| / (|J| |F|) at a minimum of |F| that is no root; at a double root F is 1e-16 before the ratio is this small
 
@@ -62,7 +60,7 @@ def at_rest(x: Array, h: Array) -> bool:
 
 
 def end_search(x: Array, F: Array, tolerance: float, iteration: int) -> Root | None:
-    """Return the result of a search that ends at x (n,), a root or a point where F is not finite; None if it goes on."""
+    """Return the result of the search if x (n,) is a root, or F is not finite there; return None if the search goes on."""
     if largest(F) <= tolerance:
         return Root(x, ExitFlag.CONVERGED, iteration, largest(F))
     return None if np.isfinite(F).all() else Root(x, ExitFlag.STALLED, iteration, largest(F))
@@ -99,18 +97,18 @@ def search_along(residual: Residual, x: Array, tolerance: float, lengths: int) -
         h = full_step(F, J)
         if h is None:
             return Root(x, ExitFlag.SINGULAR, iteration, largest(F))
-        # Armijo's condition: to first order the step part h reduces |F|^2 by 2 part |J h|^2; it must reduce it by a share
-        # SUFFICIENT of this
+        # Armijo's condition: to first order a step of share * h reduces |F|^2 by 2 share |J h|^2; it must reduce it by at least
+        # SUFFICIENT times this
         size, required = float(F @ F), 2.0 * SUFFICIENT * float((J @ h) @ (J @ h))
-        for part in 0.5 ** np.arange(max(1, lengths)):
-            G, K = residual(x + part * h)  # F and J after the step
-            if not lengths or size - part * required >= G @ G:
+        for share in 0.5 ** np.arange(max(1, lengths)):
+            G, K = residual(x + share * h)  # F and J after the step
+            if not lengths or size - share * required >= G @ G:
                 break
         else:
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        if at_rest(x, part * h):  # the step changes x only within rounding
+        if at_rest(x, share * h):  # the step changes x only within rounding
             return Root(x, ExitFlag.STALLED, iteration, largest(F))
-        x, F, J = x + part * h, G, K
+        x, F, J = x + share * h, G, K
     # x may be a root by now
     return end_search(x, F, tolerance, LIMIT) or Root(x, ExitFlag.TOO_MANY, LIMIT, largest(F))
 

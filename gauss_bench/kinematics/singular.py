@@ -81,10 +81,11 @@ def driving_coordinates(mechanism: Mechanism) -> list[Measured]:
     coordinates = []
     for joint in mechanism.joints:
         links = [end.link for end in joint.ends]
-        if GROUND in links:
-            turning = max(links)  # the other link: the ground has the smallest index, -1
-            turn = Measured(mechanism.links[turning].name, Angle(GROUND, turning))
-            coordinates.append(turn if joint.motion.unit == "rad" else Measured(joint.name, joint.motion))
+        if GROUND in links and joint.motion.unit == "rad":
+            link = max(links)  # the other link: the ground has the smallest index, -1
+            coordinates.append(Measured(mechanism.links[link].name, Angle(GROUND, link)))
+        elif GROUND in links:
+            coordinates.append(Measured(joint.name, joint.motion))
     return coordinates
 
 
@@ -125,9 +126,9 @@ class Curve:
         return self._close(q + STEP * x)
 
     def _close(self, q: Array) -> Array:
-        """Project q (n,) onto the constraints by Gauss-Newton."""
+        """Return the position (n,) near q that satisfies the constraints, by Gauss-Newton."""
         shortest = partial(minimum_norm, tolerance=RANK_TOLERANCE)
-        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, still=lambda _, size: bool(size < TOLERANCE))
+        return project(q, self.constraints.residual, shortest, NEWTON_STEPS, stop_after=lambda _, size: bool(size < TOLERANCE))
 
     def refine(self, coordinate: Measured, q: Array, x: Array) -> Array:
         """Return the position (n,) on the last step of a curve, which ended at q (n,), at which a coordinate reverses.
@@ -140,8 +141,8 @@ class Curve:
 
         def rate(back: float) -> float:
             """Return g . x at the closed position near q - `back` x, a step back along the tangent."""
-            here = self._close(q - back * x)
-            return float(gradient(coordinate.coordinate, here) @ self.tangent(here, x))
+            closed = self._close(q - back * x)
+            return float(gradient(coordinate.coordinate, closed) @ self.tangent(closed, x))
 
         if rate(ENDS[0]) * rate(ENDS[1]) < 0:
             back = brentq(rate, *ENDS, xtol=1e-15)
@@ -165,27 +166,27 @@ def singular_positions(mechanism: Mechanism, ended: Event | None = None) -> list
     positions: list[Singular] = []
     q = mechanism.q0
     tangent = curve.tangent(q, gradient(driving.coordinate, q))  # in the direction in which the driving coordinate grows
-    first, side = tangent, curve.orientation(q, tangent)
+    first_tangent, orientation = tangent, curve.orientation(q, tangent)
     rates = [gradient(c.coordinate, q) @ tangent for c in coordinates]  # g . x of each coordinate at the last position
     for count in range(LONGEST):
         if ended is not None and ended.is_set():
             raise ChangePoint("the search was ended")
         q = curve.step(q, tangent)
         tangent = curve.tangent(q, tangent)
-        if curve.orientation(q, tangent) * side < 0:
+        if curve.orientation(q, tangent) * orientation < 0:
             raise ChangePoint(f"change point near {_describe(driving, q)}: the curve forks, the motion can go on in two ways")
         for k, c in enumerate(coordinates):
             rate = gradient(c.coordinate, q) @ tangent
             if rate * rates[k] < 0 or (count == 0 and abs(rates[k]) < TOLERANCE):  # a reversal since the last position, or at q0
-                at = curve.refine(c, q, tangent)
+                reversal = curve.refine(c, q, tangent)
                 kind = "limit" if c.name == driving.name else "dead centre"
                 # a start at a dead centre is found a second time when the curve closes
-                if not any(known.coordinate == c.name and _distance(at, known.q) < SAME for known in positions):
-                    here, there = float(value(c.coordinate, at)), float(value(driving.coordinate, at))
-                    positions.append(Singular(c.name, kind, here, there, driving, at))
+                if not any(known.coordinate == c.name and _distance(reversal, known.q) < SAME for known in positions):
+                    own_value, input_value = (float(value(x.coordinate, reversal)) for x in (c, driving))
+                    positions.append(Singular(c.name, kind, own_value, input_value, driving, reversal))
             rates[k] = rate
         # the curve is closed where it comes back to its start in the same sense; the first steps are still near the start
-        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first > 0:
+        if count > 2 and _distance(q, mechanism.q0) < 0.75 * STEP and tangent @ first_tangent > 0:
             break
     return positions
 

@@ -53,7 +53,7 @@ class Connection:
         along = place - self.pivot
         return phase(along) if self.direction is None else (along * self.direction.conjugate()).real
 
-    def at(self, value: float) -> complex:
+    def pin_at(self, value: float) -> complex:
         """Return the place of the pin at a value of the input."""
         return self.pivot + (rect(self.length, value) if self.direction is None else self.direction * value)
 
@@ -104,9 +104,9 @@ def four_bar_of_pivots(poses: Sequence[Pose], pivots: Sequence[complex]) -> Four
     connections = []
     for name, pivot in zip(NAMES, pivots, strict=True):
         # kinematic inversion: in the coupler's frame the pivot moves on a circle about the pin, its centre
-        seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
+        places_seen = tuple((pivot - place) * rect(1.0, -angle) for place, angle in poses)
         # only the centre of the circle is used: the first argument is arbitrary
-        circle = connect(0j, seen, f"the {name} fixed pivot, seen from the coupler,")
+        circle = connect(0j, places_seen, f"the {name} fixed pivot, seen from the coupler,")
         if circle.direction is not None:
             raise NoFourBar(f"the {name} fixed pivot has no pin: seen from the coupler its three places lie on a line")
         pin = circle.pivot
@@ -132,7 +132,7 @@ def connect(pin: complex, places: tuple[complex, ...], name: str) -> Connection:
     if abs(height) < LINE:
         return Connection(pin, places, a, sides[2] / longest)
     u, v = b - a, c - a
-    # of the circle through a, b and c
+    # the centre of the circle through a, b and c
     centre = a + 1j * (v * abs(u) ** 2 - u * abs(v) ** 2) / (-2.0 * cross(u, v))
     if abs(centre - a) > FARTHEST * longest:
         raise NoFourBar(f"{name} moves almost along a line: its circle has a radius of {abs(centre - a):.3g} m")
@@ -155,8 +155,8 @@ def join(first: Connection, second: Connection) -> FourBar:
     both_turn = first.direction is None and second.direction is None
     if both_turn and abs(first.pivot - second.pivot) <= SAME * (first.length + second.length):
         raise NoFourBar("both fixed pivots are one: the three poses are a rotation about it")
-    for name, one in zip(NAMES, (first, second), strict=True):
-        if one.direction is None and one.length <= SAME * abs(first.pin - second.pin):
+    for name, connection in zip(NAMES, (first, second), strict=True):
+        if connection.direction is None and connection.length <= SAME * abs(first.pin - second.pin):
             raise NoFourBar(f"the {name} pin lies on its fixed pivot: the bar between them has no length")
     return FourBar((first, second), (check_drive(first, second, "first"), check_drive(second, first, "second")))
 
@@ -167,25 +167,25 @@ def check_drive(driven: Connection, other: Connection, name: str) -> Drive:
     `name` is "first" or "second", for the text of the result.
     """
     coupler = abs(driven.pin - other.pin)
-    part = f"the {name} bar" if driven.direction is None else f"the {name} slide"
+    driver = f"the {name} bar" if driven.direction is None else f"the {name} slide"
     # the branch, 1 or -1, at each pose; 0 at a dead point
     sides = [side_of(other, a, b, coupler) for a, b in zip(driven.places, other.places, strict=True)]
     if {1, -1} <= {*sides}:
         first_side = next(x for x in sides if x)  # a pose at a dead point belongs to both branches
         k = sides.index(-first_side)
-        return Drive("branch", f"Driven by {part}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
+        return Drive("branch", f"Driven by {driver}, it does not get from pose to pose: the {ORDER[k]} is on the other branch.")
     values = [driven.input(x) for x in driven.places]
     # the poses in their order: the input reaches the second pose, then the third, without changing its sense
     for sense, (second, third) in list_travels(driven, values):
         if 0 < sense * second < sense * third and stays_closed(driven, other, coupler, *sorted((values[0], values[0] + third))):
             turning = {1: "counter-clockwise", -1: "clockwise"}[sense] if driven.direction is None else "along it"
-            return Drive("", f"Driven by {part} {turning}, it takes the three poses in their order, on one branch.", third)
+            return Drive("", f"Driven by {driver} {turning}, it takes the three poses in their order, on one branch.", third)
     # the poses in any order: the loop stays closed over some range of the input that includes all three poses
     for _, travels in list_travels(driven, values):
         back, forth = min(0.0, *travels), max(0.0, *travels)
         if stays_closed(driven, other, coupler, values[0] + back, values[0] + forth):
-            return Drive("order", f"Driven by {part}, it takes the poses in another order than given.")
-    return Drive("branch", f"Driven by {part}, it does not get from pose to pose: a dead point lies between them.")
+            return Drive("order", f"Driven by {driver}, it takes the poses in another order than given.")
+    return Drive("branch", f"Driven by {driver}, it does not get from pose to pose: a dead point lies between them.")
 
 
 def side_of(other: Connection, a: complex, b: complex, coupler: float) -> int:
@@ -227,23 +227,23 @@ def stays_closed(driven: Connection, other: Connection, coupler: float, start: f
     The driven pin must be neither too far from the other pivot (or line) nor too near it. This distance is extreme at `start`, at
     `end`, or where the pin is nearest or farthest between them.
     """
-    tried = [start, end]
+    inputs = [start, end]  # inputs at which the distance may be extreme
     if driven.direction is None:  # a bar
         towards = phase(other.pivot - driven.pivot) if other.direction is None else phase(1j * other.direction)
         # the driven bar points to the other pivot, or is perpendicular to the other line, or points the opposite way;
         # start and end are within 3 pi of zero (an angle, and less than a turn), and `towards` within pi
         extremes = [towards + k * pi for k in range(-4, 5)]
-        tried += [x for x in extremes if start < x < end]
+        inputs += [x for x in extremes if start < x < end]
     elif other.direction is None:
         nearest = driven.input(other.pivot)
-        tried += [nearest] if start < nearest < end else []
+        inputs += [nearest] if start < nearest < end else []
     slack = SAME * coupler
-    for value in tried:
-        at = driven.at(value)
+    for value in inputs:
+        pin = driven.pin_at(value)
         if other.direction is not None:
-            is_reached = abs(cross(other.direction, at - other.pivot)) <= coupler + slack
+            is_reached = abs(cross(other.direction, pin - other.pivot)) <= coupler + slack
         else:
-            is_reached = abs(coupler - other.length) - slack <= abs(at - other.pivot) <= coupler + other.length + slack
+            is_reached = abs(coupler - other.length) - slack <= abs(pin - other.pivot) <= coupler + other.length + slack
         if not is_reached:
             return False
     return True

@@ -20,7 +20,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, Way
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, ROD_END, Element, LinkPath
 from gauss_bench.mechanism.model import GROUND, Joint, LengthDriver, Mechanism, Point, Prismatic, Revolute
 from gauss_bench.terms import Array
 
@@ -51,13 +51,13 @@ class Loop:
     The first link is the one nearest to the frame; the loop leaves it by that of its two pairs that is earlier in the file.
     """
 
-    ways: tuple[Way, ...]
+    paths: tuple[LinkPath, ...]
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The names of the joints around the loop; a multiple joint has one name."""
         # a multiple joint gives several equal names in a row: drop repeats, also that of the last and the first name
-        nodes = [way.leave.node for way in self.ways]
+        nodes = [path.leave.node for path in self.paths]
         merged = [node for k, node in enumerate(nodes) if k == 0 or node != nodes[k - 1]]
         return tuple(merged[:-1] if len(merged) > 1 and merged[0] == merged[-1] else merged)
 
@@ -90,17 +90,18 @@ def pairs_of(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> tuple[P
 
     An active bar (a bar whose length is an input) is one more link, with an index after those of the linkage's links.
     """
-    pairs = [_pair(joint) for joint in mechanism.joints]
+    pairs = [_make_pair(joint) for joint in mechanism.joints]
     for k, bar in enumerate(bars, start=len(mechanism.links)):
         a, b = bar.a, bar.b
         near, far = f"{bar.name} at {a.name}", f"{bar.name} at {b.name}"
+        # the pins at the ends of the bar: its far end has the length of the bar as its coordinate
         near_end, far_end = Element(near, a.name, PIN, 0j), Element(far, b.name, ROD_END, 0j, 1.0 + 0j, bar.name)
         pairs.append(Pair((a.link, k), (Element(near, a.name, PIN, complex(*a.local)), near_end)))
         pairs.append(Pair((k, b.link), (far_end, Element(far, b.name, PIN, complex(*b.local)))))
     return tuple(pairs)
 
 
-def _pair(joint: Joint) -> Pair:
+def _make_pair(joint: Joint) -> Pair:
     """Return the pair of a joint, with its two elements: pin and pin, or guide and block of a slide."""
     if not isinstance(joint, Prismatic):
         a, b = (Element(joint.name, node=joint.joint, kind=PIN, at=complex(*p.local)) for p in (joint.a, joint.b))
@@ -120,23 +121,23 @@ def find_graph(mechanism: Mechanism, bars: Sequence[LengthDriver] = ()) -> Linka
     """
     pairs = pairs_of(mechanism, bars)
     links = len(mechanism.links) + len(bars)
-    net = _net(pairs, links)
+    net = _make_graph(pairs, links)
     parents = dict(nx.bfs_predecessors(net, GROUND))
     loose = [mechanism.link_name(i) for i in range(len(mechanism.links)) if i not in parents]
     if loose:
         raise ValueError(f"{mechanism.name}: no joints hold {', '.join(loose)} to the frame; loops do not determine where they are")
     tree = nx.Graph()
     for i, parent in parents.items():
-        first = next(iter(net[parent][i].values()))  # of the pairs between both links
-        tree.add_edge(parent, i, pair=first["pair"])
+        first_edge = next(iter(net[parent][i].values()))  # of the pairs between both links
+        tree.add_edge(parent, i, pair=first_edge["pair"])
     edges = {i: (parent, tree[parent][i]["pair"]) for i, parent in parents.items()}
-    used = {pair.name for _, pair in edges.values()}
-    still = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
-    loops = tuple(_loop(tree, pair, pairs, still) for pair in pairs if pair.name not in used)
+    in_tree = {pair.name for _, pair in edges.values()}
+    unturned = {link for link, (root, _) in shared_angles(mechanism).items() if root == GROUND}  # links that cannot turn
+    loops = tuple(_make_loop(tree, pair, pairs, unturned) for pair in pairs if pair.name not in in_tree)
     return LinkageGraph(links, pairs, edges, loops)
 
 
-def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
+def _make_graph(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
     """Return the graph of links (nodes) and pairs (edges)."""
     net = nx.MultiGraph()
     net.add_nodes_from(range(GROUND, links))  # GROUND is -1: the ground, then all links
@@ -147,7 +148,7 @@ def _net(pairs: Sequence[Pair], links: int) -> nx.MultiGraph:
 
 def loose_links(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the links that no chain of joints connects to the frame."""
-    reached = nx.node_connected_component(_net(pairs_of(mechanism), len(mechanism.links)), GROUND)
+    reached = nx.node_connected_component(_make_graph(pairs_of(mechanism), len(mechanism.links)), GROUND)
     return tuple(i for i in range(len(mechanism.links)) if i not in reached)
 
 
@@ -160,10 +161,10 @@ def pin_loose_links(mechanism: Mechanism) -> Mechanism:
     return mechanism
 
 
-def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -> Loop:
+def _make_loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], unturned: Set[int]) -> Loop:
     """Return the loop that a pair outside the tree (a chord) closes with the path in the tree between its two links.
 
-    The links `still` cannot turn.
+    The links `unturned` cannot turn.
     """
     path = nx.shortest_path(tree, *chord.links)
     breadth_first = list(tree)
@@ -175,14 +176,14 @@ def _loop(tree: nx.Graph, chord: Pair, pairs: Sequence[Pair], still: Set[int]) -
     if pairs.index(crossed[0]) > pairs.index(crossed[-1]):  # reverse the loop: it leaves its first link by the earlier pair
         links, crossed = [links[0], *links[:0:-1]], crossed[::-1]
     ends = [(link, crossed[k - 1].element(link), crossed[k].element(link)) for k, link in enumerate(links)]
-    return Loop(tuple(Way(link, enter, leave, turns=link not in still) for link, enter, leave in ends))
+    return Loop(tuple(LinkPath(link, enter, leave, turns=link not in unturned) for link, enter, leave in ends))
 
 
 def shared_angles(mechanism: Mechanism) -> dict[int, tuple[int, float]]:
     """Return link -> (root, phase): the angle of the link is that of its root plus the constant `phase` [rad].
 
-    Slides make the links that they join turn by the same angle, for which one link, the root, stands: the ground if it is one of
-    them, else the first link that is no block. A link without a slide is its own root.
+    Links that slides join turn by the same angle. One of them is their root: the ground if it is one of them, else the first link
+    that is no block. A link without a slide is its own root.
     """
     held = mechanism.held_angles
     blocks = {angle.b for angle, _ in held}
@@ -218,15 +219,15 @@ def absolute_states(graph: LinkageGraph, links: int, angles: Levels, slides: Map
         return e * local, e * (s_rate + 1j * rate * local), e * (s_second + 2j * rate * s_rate + turning[:, i] * local)
 
     # link -> place of its centre and two derivatives, complex (k,)
-    at: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
+    centres: dict[int, tuple[Array, ...]] = {GROUND: (np.zeros(len(theta)),) * 3}
     for link, (parent, pair) in graph.tree.items():  # both arms end at the pair: the centre is that of the parent + near - far
         near, far = arm(parent, pair.element(parent)), arm(link, pair.element(link))
-        at[link] = tuple(z + x - y for z, x, y in zip(at[parent], near, far, strict=True))
+        centres[link] = tuple(z + x - y for z, x, y in zip(centres[parent], near, far, strict=True))
     levels = []
     for level, angle in enumerate(angles):  # positions, then velocities, then accelerations
         columns: list[Array] = []
         for i in range(links):
-            z = at[i][level]
+            z = centres[i][level]
             columns += [z.real, z.imag, angle[:, i]]
         levels.append(np.stack(columns, axis=-1))
     q, v, a = levels

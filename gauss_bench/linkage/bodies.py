@@ -26,21 +26,22 @@ Welds = Mapping[str, Mapping[str, Any]]  # tables by name
 
 BARREL, ROD = "barrel", "rod"
 PIN, END = "pin", "end"  # names of the points of a barrel or rod
-SAME = 1e-6  # relative: largest difference of a weld's two distances, between its points on one link and on the other
+SAME = 1e-6  # largest relative difference of the distances of a weld's two points on one link and on the other
 
 
-def write_out(document: dict[str, Any]) -> dict[str, Any]:
+def expand_cylinders(document: dict[str, Any]) -> dict[str, Any]:
     """Return the document with two links, two revolute joints and a slide in place of each cylinder."""
     cylinders = document.get("cylinders")
     if not cylinders:
         return document
     links, joints = dict(document["links"]), dict(document.get("joints", {}))
     for name, cylinder in cylinders.items():
-        for part, sense, at in zip((BARREL, ROD), (1, -1), cylinder["between"], strict=True):
+        # `mount`: the point of another link, or of the ground, at which the part is pinned
+        for part, sense, mount in zip((BARREL, ROD), (1, -1), cylinder["between"], strict=True):
             links[f"{name}_{part}"] = _cylinder_part(cylinder[part], sense)
-            joints[f"{name}_{part}"] = {"type": "revolute", "at": [at, f"{name}_{part}.{PIN}"]}
+            joints[f"{name}_{part}"] = {"type": "revolute", "at": [mount, f"{name}_{part}.{PIN}"]}
         joints[name] = {"type": "prismatic", "guide": f"{name}_{BARREL}.{PIN}", "block": f"{name}_{ROD}.{PIN}"}
-    return {key: x for key, x in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
+    return {key: value for key, value in document.items() if key != "cylinders"} | {"links": links, "joints": joints}
 
 
 def _cylinder_part(part: dict[str, Any], sense: int) -> dict[str, Any]:
@@ -67,16 +68,16 @@ class Pose(NamedTuple):
     turn: Any
 
 
-def together(parts: Sequence[Mass]) -> Mass:
-    """Return mass, centre and inertia of rigidly connected parts, by the parallel-axis theorem."""
+def combine_masses(parts: Sequence[Mass]) -> Mass:
+    """Return mass, centre and inertia of one rigid body made of several parts, by the parallel-axis theorem."""
     mass = sum((x.mass for x in parts[1:]), start=parts[0].mass)
     com = sum((x.mass * x.com for x in parts[1:]), start=parts[0].mass * parts[0].com) / mass
     inertia = [x.inertia + x.mass * length(x.com - com) ** 2 for x in parts]
     return Mass(mass, com, sum(inertia[1:], start=inertia[0]))
 
 
-def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
-    """Return link -> pose of the link in the body that it belongs to.
+def find_poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], number: Number) -> dict[str, Pose]:
+    """Return name of a link -> pose of the link in its body, which consists of all links welded to it, directly or by others.
 
     The root of a body is the first of its links in `preferred`, else the link that no weld attaches to another link.
 
@@ -87,7 +88,7 @@ def poses(links: Mapping[str, Link], welds: Welds, preferred: Sequence[str], num
     poses = {name: Pose(name, pair(number, (0, 0)), zero) for name in links}
     waiting = dict(welds)
     while waiting:
-        # welds form a forest, so that some weld attaches its link to one whose pose is known already
+        # welds form trees: there is always a weld that attaches its link to one with a known pose
         unknown = {weld["link"] for weld in waiting.values()}
         key = next(key for key, weld in waiting.items() if weld["to"] not in unknown)
         weld = waiting.pop(key)
@@ -110,11 +111,11 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
     turn = angle_of(weld, "angle", number)
     if "points" not in weld:
         return pair(number, weld["origin"]), turn
-    # points "to.P", "link.Q" that coincide: their places in the frames of both links
-    points = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
-    on_to, on_link = points[0]
-    if len(points) == 2:  # the second pair gives the angle
-        line_to, line_link = points[1][0] - on_to, points[1][1] - on_link
+    # positions of the points P and Q that coincide: P of "to.P" in the frame of `to`, Q of "link.Q" in that of `link`
+    pairs = [(to.points[a.partition(".")[2]], link.points[b.partition(".")[2]]) for a, b in weld["points"]]
+    on_to, on_link = pairs[0]
+    if len(pairs) == 2:  # the line from the first pair to the second gives the angle
+        line_to, line_link = pairs[1][0] - on_to, pairs[1][1] - on_link
         if length(line_link) == 0 or abs(length(line_to) - length(line_link)) > SAME * length(line_link):
             apart = f"{float(length(line_to)):.6g} m apart on {to.name}, {float(length(line_link)):.6g} m on {link.name}"
             raise BuildError(f"welds.{key}.points", f"two pairs of points cannot coincide: {apart}")
@@ -122,15 +123,15 @@ def _pose_on(to: Link, link: Link, key: str, weld: Mapping[str, Any], number: Nu
     return on_to - turn_vector(on_link, turn), turn
 
 
-def bodies(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
-    """Return one link for each body, in the order in which the file first names a link of the body."""
+def merge_welded(links: Mapping[str, Link], poses: Mapping[str, Pose]) -> tuple[Link, ...]:
+    """Return one rigid link for each body, in the order in which the file first names a link of the body."""
     members: dict[str, dict[str, Pose]] = {}  # root -> the links of its body
     for name in links:
         members.setdefault(poses[name].root, {})[name] = poses[name]
-    return tuple(_body(links[root], group, links) for root, group in members.items())
+    return tuple(_merge_group(links[root], group, links) for root, group in members.items())
 
 
-def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
+def _merge_group(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) -> Link:
     """Return a group of welded links as one link, in the frame and with the name of `root`.
 
     `members` are the links of the group with their poses in the root's frame; points, bars and masses are those of all members.
@@ -145,25 +146,25 @@ def _body(root: Link, members: Mapping[str, Pose], links: Mapping[str, Link]) ->
         points |= {renamed[key]: pose.origin + turn_vector(x, pose.turn) for key, x in link.points.items()}
         bars += [(renamed[a], renamed[b]) for a, b in link.bars]
         masses.append(Mass(link.mass, pose.origin + turn_vector(link.com, pose.turn), link.inertia))
-    whole = together(masses)
-    return Link(root.name, whole.mass, whole.inertia, whole.com, points, tuple(bars))
+    total = combine_masses(masses)
+    return Link(root.name, total.mass, total.inertia, total.com, points, tuple(bars))
 
 
-def parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
+def list_parts(links: Mapping[str, Link], poses: Mapping[str, Pose], bodies: Sequence[Link]) -> tuple[Part, ...]:
     """Return every link of the file as a `Part`: the index of its body, and the pose of the link in the body."""
     index = {body.name: i for i, body in enumerate(bodies)}  # a body has the name of its root link
-    found = []
+    parts = []
     for name, link in links.items():
         root, origin, turn = poses[name]
         i = index[root]
-        found.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
-    return tuple(found)
+        parts.append(Part(name, i, origin + turn_vector(link.com, turn) - bodies[i].com, turn))
+    return tuple(parts)
 
 
 def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
     """Return the welds of a file, each with the links that it carries and the point about which its moment is reported."""
     names = list(links)
-    found = []
+    result = []
     for key, weld in welds.items():
         carried = {weld["link"]}  # grows by the links welded to those in it; as many rounds as there are welds reach all of them
         for _ in welds:
@@ -171,7 +172,7 @@ def read_welds(links: Mapping[str, Link], welds: Welds) -> tuple[Weld, ...]:
         link = links[weld["link"]]
         # the link's own point in the first pair ["to.P", "link.Q"] of the weld, else the origin of the link's frame
         point = weld["points"][0][1].partition(".")[2] if "points" in weld else ""
-        at = link.points[point] if point else 0 * link.com  # zero in the type of the numbers
-        place = Point(names.index(link.name), at - link.com, f"{link.name}.{point}")
-        found.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in carried)))
-    return tuple(found)
+        position = link.points[point] if point else 0 * link.com  # zero in the type of the numbers
+        place = Point(names.index(link.name), position - link.com, f"{link.name}.{point}")
+        result.append(Weld(key, place, tuple(i for i, name in enumerate(names) if name in carried)))
+    return tuple(result)

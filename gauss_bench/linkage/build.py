@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.bodies import Mass, bodies, parts, poses, read_welds, together, write_out
+from gauss_bench.linkage.bodies import Mass, combine_masses, expand_cylinders, find_poses, list_parts, merge_welded, read_welds
 from gauss_bench.linkage.errors import BuildError
 from gauss_bench.linkage.references import drivers_of
 from gauss_bench.linkage.schema import CONSTRAINTS, FORCES, SECOND, physics_digest
@@ -45,7 +45,7 @@ def resolve_points(table: dict[str, Any], number: Number = float) -> dict[str, A
 
 
 def build_link(name: str, table: dict[str, Any], number: Number = float) -> model.Link:
-    """Return the link of a table; what is missing of mass, centre and inertia follows from uniform bars and point masses.
+    """Return the link of a table; a mass, centre or inertia that the table lacks follows from uniform bars and point masses.
 
     Raises:
         BuildError: a bar has zero length, or the link has zero inertia.
@@ -58,15 +58,15 @@ def build_link(name: str, table: dict[str, Any], number: Number = float) -> mode
     zero = number("0")
     point_masses = [Mass(exact(number, x["mass"]), points[x["point"]], zero) for x in table.get("point_masses", [])]
     if "mass" in table or "kg_per_m" in table:
-        own = _mass_of_bars(table, [(points[a], points[b]) for a, b in bars], number)
-        whole = together([own, *point_masses]) if point_masses else own
+        bare = _mass_of_bars(table, [(points[a], points[b]) for a, b in bars], number)  # without point masses
+        total = combine_masses([bare, *point_masses]) if point_masses else bare
     else:
         # there are only point masses; an inertia in the file counts as that of a part without mass
         own_inertia = [Mass(zero, point_masses[0].com, exact(number, table["inertia"]))] if "inertia" in table else []
-        whole = together([*point_masses, *own_inertia])
-        if not whole.inertia > 0:
+        total = combine_masses([*point_masses, *own_inertia])
+        if not total.inertia > 0:
             raise BuildError(f"links.{name}.inertia", "required: masses at one point have none")
-    return model.Link(name, whole.mass, whole.inertia, whole.com, points, bars)
+    return model.Link(name, total.mass, total.inertia, total.com, points, bars)
 
 
 def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number: Number) -> Mass:
@@ -74,18 +74,18 @@ def _mass_of_bars(table: dict[str, Any], bars: list[tuple[Array, Array]], number
     zero = number("0")
     lengths = [length(b - a) for a, b in bars]
     middles = [(a + b) / 2 for a, b in bars]
-    total = sum(lengths, start=zero)
-    mass = exact(number, table["mass"]) if "mass" in table else exact(number, table["kg_per_m"]) * total
+    total_length = sum(lengths, start=zero)
+    mass = exact(number, table["mass"]) if "mass" in table else exact(number, table["kg_per_m"]) * total_length
     if "com" in table:
         com = pair(number, table["com"])
     else:
-        weighted = (x * m for x, m in zip(lengths, middles, strict=True))
-        com = sum(weighted, start=pair(number, (0, 0))) / (total if bars else number("1"))
+        weighted = (size * middle for size, middle in zip(lengths, middles, strict=True))
+        com = sum(weighted, start=pair(number, (0, 0))) / (total_length if bars else number("1"))  # the origin without bars
     if "inertia" in table:
         return Mass(mass, com, exact(number, table["inertia"]))
     # thin rods: l^2 / 12 about the middle, and the parallel-axis term, weighted by length
-    second_moments = (x * (x * x / 12 + length(m - com) ** 2) for x, m in zip(lengths, middles, strict=True))
-    return Mass(mass, com, mass / total * sum(second_moments, start=zero))
+    moments = (size * (size * size / 12 + length(middle - com) ** 2) for size, middle in zip(lengths, middles, strict=True))
+    return Mass(mass, com, mass / total_length * sum(moments, start=zero))
 
 
 class UnknownLink(KeyError):
@@ -114,14 +114,14 @@ class Resolver:
         # the crank and the driven links give their bodies (groups of welded links) their frames
         drivers = [driver for scenario in document["scenarios"].values() for driver in drivers_of(scenario)]
         preferred = [document.get("crank"), *(driver.get("link") for driver in drivers)]
-        self.poses = poses(links, welds, preferred, number)
-        self.links = bodies(links, self.poses)
-        self.parts = parts(links, self.poses, self.links) if welds else ()
+        self.poses = find_poses(links, welds, preferred, number)
+        self.links = merge_welded(links, self.poses)
+        self.parts = list_parts(links, self.poses, self.links) if welds else ()
         self.welds = read_welds(links, welds)
         body_index = {body.name: i for i, body in enumerate(self.links)}
         self.index = {name: body_index[pose.root] for name, pose in self.poses.items()} | {"ground": model.GROUND}
         self.ground_points = resolve_points(document.get("ground", {}).get("points", {}), number)
-        self.joints = tuple(pair for name, table in document.get("joints", {}).items() for pair in self.build_joint(name, table))
+        self.joints = tuple(joint for name, table in document.get("joints", {}).items() for joint in self.build_joint(name, table))
 
     def link(self, name: str) -> int:
         """Return the index of the body that carries a link.
@@ -169,7 +169,7 @@ class Resolver:
         return model.Point(i, body.points[key] - body.com, f"{body.name}.{key}")
 
     def turn(self, name: str) -> Any:
-        """Return the angle [rad] of a LINK, or of that of LINK.POINT, in the frame of its body; 0 for the ground."""
+        """Return the angle [rad] of a link in the frame of its body, 0 for the ground; `name` is LINK or LINK.POINT."""
         owner = name.partition(".")[0]
         return 0 if self.index[owner] == model.GROUND else self.poses[owner].turn
 
@@ -184,13 +184,13 @@ class Resolver:
             return [model.Prismatic(name, guide, block, angle, angle - block_angle, self.number(table, "offset"))]
         points = [self.point(x) for x in table["at"]]
         names = [name if k == 0 else f"{name}.{k:03d}" for k in range(len(points) - 1)]
-        return [model.Revolute(n, name, a, b) for n, a, b in zip(names, points, points[1:], strict=False)]
+        return [model.Revolute(pair_name, name, a, b) for pair_name, a, b in zip(names, points, points[1:], strict=False)]
 
     def build_force(self, name: str, table: dict[str, Any]) -> model.Force | model.CoulombFriction:
         """Return the force or dry friction that a table of the file describes.
 
         Raises:
-            BuildError: a force of a kind added to the suite has no loads, or varies, which only torques and forces at points may.
+            BuildError: a force of an added kind has no loads, or a force varies that is neither a torque nor at a point.
         """
         force: model.Force | model.CoulombFriction = self.read(FORCES, f"forces.{name}", table)
         if isinstance(force, model.CoulombFriction) or model.factor_of(force):
@@ -214,8 +214,8 @@ class Resolver:
         except UnknownLink as error:
             raise BuildError(path, f"there is no link {error}") from error
 
-    def drive(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
-        """Return the driver that moves, by a law, the coordinate that a table names by `joint`, `between` or `link`."""
+    def build_driver(self, table: dict[str, Any], law: MotionLaw) -> model.Driver:
+        """Return the driver with a given law; the table names the driven coordinate by `joint`, `between` or `link`."""
         if "joint" in table:
             slide = next(j for j in self.joints if isinstance(j, model.Prismatic) and j.name == table["joint"])
             return model.SlideDriver(slide.name, law, slide)
@@ -224,15 +224,16 @@ class Resolver:
             return model.LengthDriver(f"{a.name}-{b.name}", law, a, b)
         return model.AngleDriver(table["link"], law, self.index[table["link"]])
 
-    def measure(self, table: dict[str, Any]) -> model.Measured:
+    def find_measured(self, table: dict[str, Any]) -> model.Measured:
         """Return the coordinate that the table `measure` of the file names."""
         if "point" in table:
             angle = self.angle(table, "angle")
             degrees = float(np.degrees(float(angle)))
-            axis = {0.0: "x", 90.0: "y"}.get(degrees, f"way at {degrees:g} deg")
+            axis = {0.0: "x", 90.0: "y"}.get(degrees, f"axis at {degrees:g} deg")
             return model.Measured(f"{axis} of {table['point']}", model.Along(self.world, self.point(table["point"]), angle))
-        still = motion_laws.constant(0.0, 0.0)  # `drive` finds the coordinate; its law does not matter
-        return self.choose_measured((self.drive(table, still),), None)
+        # the table names its coordinate by the same keys as that of a driver; the law of this driver is not used
+        driver = self.build_driver(table, motion_laws.constant(0.0, 0.0))
+        return self.choose_measured((driver,), None)
 
     def choose_measured(self, drivers: tuple[model.Driver, ...], crank: str | None) -> model.Measured:
         """Return the coordinate that reports show by default: that of the first driver, or the angle of the crank or first link.
@@ -286,7 +287,7 @@ def build_mechanism(
     Raises:
         BuildError: a fault that shows only when positions are computed from the file's numbers, such as a bar without length.
     """
-    expanded = write_out(document)
+    expanded = expand_cylinders(document)
     names = Resolver(expanded, number, unwelded)
     constraints = [names.read(CONSTRAINTS, f"constraints.{name}", x) for name, x in expanded.get("constraints", {}).items()]
     chosen = expanded["scenarios"][scenario]
@@ -294,7 +295,7 @@ def build_mechanism(
     observe = expanded.get("observe", {})
     crank = expanded.get("crank")
     turns = [names.turn(x["link"]) if "link" in x else 0 for x in drivers_of(chosen)]  # angles of the driven links in their bodies
-    drivers = tuple(names.drive(x, build_law(x, number, turn)) for x, turn in zip(drivers_of(chosen), turns, strict=True))
+    drivers = tuple(names.build_driver(x, build_law(x, number, turn)) for x, turn in zip(drivers_of(chosen), turns, strict=True))
     return model.Mechanism(
         name=document["name"],
         title=document.get("title", ""),
@@ -315,7 +316,7 @@ def build_mechanism(
         crank=None if crank is None else names.index[crank],
         observed_points=tuple(names.point(x) for x in observe.get("points", [])),
         observed_links=tuple(names.index[x] for x in observe.get("links", [])),
-        measured=names.measure(document["measure"]) if "measure" in document else names.choose_measured(drivers, crank),
+        measured=names.find_measured(document["measure"]) if "measure" in document else names.choose_measured(drivers, crank),
         frictions=tuple(f for f in forces if isinstance(f, model.CoulombFriction)),
         parts=names.parts,
         welds=names.welds,

@@ -23,9 +23,9 @@ from gauss_bench.mechanism.spaces import angles
 from gauss_bench.terms import Array, largest
 from gauss_bench.trajectory import Trajectory
 
-LARGE = 100  # rows and columns from which sparse normal equations are solved
+LARGE = 100  # number of rows and of columns from which a system is solved by sparse normal equations
 REGULAR = 1e-8  # smallest pivot of regular normal equations, relative to the largest
-MOVES = 1e-6  # a coordinate can move if more than this of its gradient is no combination of joint rows; less is rounding
+MOVES = 1e-6  # smallest part of a gradient outside the span of the joint rows if its coordinate can move; less is rounding
 CLOSED = 1e-10  # [m, rad] largest residual of closed joints; Gauss-Newton ends near 1e-16
 STILL = 1e-15  # [m, rad] largest step of Gauss-Newton that is rounding alone
 NEARLY = 1e-9  # [m, rad] largest last step of an intermediate closure: convergence is quadratic, so that 1e-18 is left
@@ -33,7 +33,7 @@ FAR, ROUNDING = 100.0, 4e-16  # coordinates larger than FAR [m, rad] converge on
 LONGEST = 0.5  # [m, rad] longest step of Gauss-Newton
 STEP = np.radians(5.0)  # [rad, m] largest change of a held coordinate between two closures
 PATIENCE = 1500  # evaluations after which intermediate closures are skipped if the last one failed
-MOST_STEPS = 720  # of STEP, ten turns: a larger gap is first reduced by whole turns, or is crossed in longer steps
+MOST_STEPS = 720  # largest number of steps to a target, ten turns: from farther away, whole turns come first, or steps are longer
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,10 @@ class Held:
     target: Array
     rate: Array
 
-    def of(self, q: Array) -> tuple[Array, Array]:
+    def evaluate(self, q: Array) -> tuple[Array, Array]:
         """Return the values (k,) of the held coordinates at q (n,), and their gradients as rows (k, n)."""
         rows = [gradient(x, q) for x in self.coordinates]
         return np.array([value(x, q) for x in self.coordinates]), np.array(rows).reshape(-1, len(q))
-
-    def distance(self, q: Array) -> float:
-        """Return the largest difference [m or rad] of the held coordinates at q (n,) from their targets."""
-        return largest(self.of(q)[0] - self.target)
 
 
 def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
@@ -72,10 +68,10 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
     q = close_joints(mechanism, joints, sketch(mechanism, document))
     q = reach_held(mechanism, joints, held, q)
     v = start_velocity(mechanism, held, q)
-    J = joints.residual(q)[1]
+    _, J = joints.residual(q)
     rank = _rank(J)
     closed = replace(mechanism, q0=q, v0=v, dof=mechanism.n - rank, redundant=joints.m - rank)
-    if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):
+    if not (mechanism.drivers or mechanism.crank is not None or "measure" in document):  # the file does not say what is measured
         closed = replace(closed, measured=first_moving(closed, J))
     check_expected(closed, document.get("expect", {}))
     closed = replace(closed, warnings=tuple(check_springs(closed)))
@@ -87,7 +83,7 @@ def assemble(mechanism: Mechanism, document: dict[str, Any]) -> Mechanism:
 
 
 def joint_constraints(mechanism: Mechanism) -> Constraints:
-    """Return the rows of the joints alone, without drivers and knife edges."""
+    """Return the constraint rows of the joints and couplings of a mechanism, without those of drivers and knife edges."""
     return Constraints(replace(mechanism, drivers=(), knife_edges=()))
 
 
@@ -97,15 +93,15 @@ def free_coordinates(mechanism: Mechanism, q: Array, J: Array) -> list[str]:
     rank = _rank(J)
     # greedy: a coordinate is taken if its gradient raises the rank of the rows taken so far
     for x in _list_coordinates(mechanism):
-        more = np.vstack([J, gradient(x.coordinate, q)])
-        if rank < mechanism.n and _rank(more) > rank:
-            J, rank = more, rank + 1
+        extended = np.vstack([J, gradient(x.coordinate, q)])
+        if rank < mechanism.n and _rank(extended) > rank:
+            J, rank = extended, rank + 1
             names.append(x.name)
     return names
 
 
 def _list_coordinates(mechanism: Mechanism) -> list[Measured]:
-    """Return the angle of every link, then the coordinate along every slide."""
+    """Return the angle of every link, then the coordinate along every slide, in the order of the file."""
     angles = [measure_angle(mechanism.links, i) for i in range(len(mechanism.links))]
     return [*angles, *map(measure_slide, mechanism.slides)]
 
@@ -118,8 +114,8 @@ def first_moving(mechanism: Mechanism, J: Array) -> Measured:
     coordinates = _list_coordinates(mechanism)
     rows = np.array([gradient(x.coordinate, mechanism.q0) for x in coordinates])  # (k, n)
     # a coordinate cannot move if its gradient is a combination of joint rows: subtract the nearest combination
-    combination = _shortest(J.T, rows.T)
-    moves = np.abs(rows - combination.T @ J).max(axis=1) > MOVES
+    coefficients = _shortest(J.T, rows.T)  # (m, k)
+    moves = np.abs(rows - coefficients.T @ J).max(axis=1) > MOVES
     return coordinates[int(moves.argmax())]  # argmax: the first True
 
 
@@ -136,9 +132,9 @@ def check_expected(mechanism: Mechanism, expect: dict[str, int]) -> None:
 
 
 def check_springs(mechanism: Mechanism) -> Iterator[str]:
-    """Yield a warning about each spring with a force at zero length, whose end points can coincide in some position.
+    """Yield a warning about each spring that has a force at zero length and whose end points can coincide in some position.
 
-    As a generator it checks nothing until it is read. Motions that do not follow from forces give no warning.
+    There is no warning if the drivers prescribe the whole motion. This is a generator: it checks nothing until it is read.
 
     Raises:
         AssemblyError: the end points of a spring with a rest length or a bias coincide at the start: its force has no direction.
@@ -173,8 +169,10 @@ def gauss_newton(q: Array, residual: Residual, iterations: int = 60, enough: flo
         return not (np.isfinite(F).all() and np.isfinite(J).all())
 
     def is_still(q: Array, size: Array) -> bool:
-        far = largest(q)
-        return bool(size < (enough if far < FAR else max(enough, ROUNDING * far)))
+        """Tell whether the largest entry of a step, `size`, is below `enough`, or below the rounding of large coordinates."""
+        coordinate = largest(q)
+        rounding = ROUNDING * coordinate if coordinate >= FAR else 0.0
+        return bool(size < max(enough, rounding))
 
     q = project(q, residual, _shortest, iterations, is_infinite, is_still, LONGEST)
     F, J = residual(q)
@@ -219,8 +217,7 @@ def levenberg_marquardt(q: Array, residual: Residual) -> Array:
     """Return q (n,) nearer to a root of `residual`, by Levenberg-Marquardt: from there Gauss-Newton may converge."""
     from scipy.optimize import least_squares
 
-    tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    return np.asarray(least_squares(lambda x: residual(x)[0], q, jac=lambda x: residual(x)[1], **tolerances).x)
+    return np.asarray(least_squares(lambda x: residual(x)[0], q, lambda x: residual(x)[1], xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
 
 
 def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
@@ -241,14 +238,17 @@ def close_joints(mechanism: Mechanism, joints: Constraints, q: Array) -> Array:
 
 
 def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = float) -> Held:
-    """List the angles, slides, points and lengths that start and drivers prescribe at t = 0, with their values and rates."""
+    """Return the coordinates that the drivers and the table `start` prescribe at t = 0, with their values and rates.
+
+    Drivers come first, then the angles, slides and points of `start`.
+    """
     start = scenario.get("start", {})
+    # (coordinate, value, rate); a law returns value, first and second derivative
     held: list[tuple[Coordinate, Any, Any]] = [(x.coordinate, *x.law(number("0"))[:2]) for x in mechanism.drivers]
     held += [(Angle(GROUND, link), *prescribed) for link, prescribed in _list_held_angles(mechanism, start, number).items()]
-    slides = {joint.name: joint for joint in mechanism.slides}
     for name, target in start.get("slides", {}).items():
         speed = start.get("slide_speeds", {}).get(name, 0)
-        held.append((slides[name].motion, exact(number, target), exact(number, speed)))
+        held.append((mechanism.drivable[name].motion, exact(number, target), exact(number, speed)))
     world = Point(GROUND, pair(number, (0, 0)), "ground.")
     for reference, place in start.get("points", {}).items():
         velocity = start.get("point_velocities", {}).get(reference, (0, 0))
@@ -259,7 +259,7 @@ def list_held(mechanism: Mechanism, scenario: dict[str, Any], number: Number = f
 
 
 def _list_held_angles(mechanism: Mechanism, start: dict[str, Any], number: Number) -> dict[int, tuple[Any, Any]]:
-    """Return the angle [rad] and angular speed [rad/s] that `start` prescribes, by index of the body."""
+    """Return index of a body -> (angle [rad], angular speed [rad/s]) of each body whose angle `start` prescribes."""
     speeds: dict[int, Any] = {}
     for name, speed in start.get("speeds", {}).items():
         body, _ = mechanism.find_body(name)
@@ -294,14 +294,14 @@ class _Search:
 
         With `stays_closed`, stop at the first intermediate position in which the joints cannot be closed.
         """
-        # homotopy: the held coordinates must equal target + part * gap, with part falling from 1 to 0
+        # the held coordinates must equal target + share * gap, with the share falling from 1 to 0
         target = self.held.target
-        gap, error = self.held.of(q)[0] - target, np.inf
-        steps = 1 + min(MOST_STEPS, int(self.held.distance(q) / STEP))
-        for part in np.linspace(1.0, 0.0, steps + 1)[1:]:
-            if part and error > CLOSED and self.evaluations > PATIENCE:
+        gap, error = self.held.evaluate(q)[0] - target, np.inf
+        steps = 1 + min(MOST_STEPS, int(largest(gap) / STEP))
+        for share in np.linspace(1.0, 0.0, steps + 1)[1:]:
+            if share and error > CLOSED and self.evaluations > PATIENCE:
                 continue  # the last intermediate position failed, after many evaluations: try the target itself at once
-            q, error = gauss_newton(q, partial(self._residual, target + part * gap), enough=NEARLY if part else STILL)
+            q, error = gauss_newton(q, partial(self._residual, target + share * gap), enough=NEARLY if share else STILL)
             if stays_closed and error > CLOSED:
                 break
         return q, error
@@ -310,7 +310,7 @@ class _Search:
         """Return the residual of joints and held coordinates, which must equal `goal` (k,), at q (n,), and its Jacobian."""
         self.evaluations += 1
         F, J = self.joints.residual(q)
-        values, rows = self.held.of(q)
+        values, rows = self.held.evaluate(q)
         return np.concatenate([F, values - goal]), np.vstack([J, rows])
 
 
@@ -327,17 +327,18 @@ def reach_held(mechanism: Mechanism, joints: Constraints, held: Held, q: Array) 
     search = _Search(joints, held)
     # First close every intermediate position, which keeps the assembly mode; then start nearer by whole turns; at last go through
     # positions that cannot be closed, which a start beyond a dead centre needs. From far away, whole turns come first.
-    near = turn_links(mechanism, held, q)
-    attempts = [(q, True), (near, True), (q, False)]
-    if held.distance(q) > MOST_STEPS * STEP:
-        attempts = [(near, True), (near, False)]
+    turned = turn_links(mechanism, held, q)
+    attempts = [(q, True), (turned, True), (q, False)]  # (first position, whether to stop where the joints cannot be closed)
+    values, _ = held.evaluate(q)
+    if largest(values - held.target) > MOST_STEPS * STEP:
+        attempts = [(turned, True), (turned, False)]
     for start, stays_closed in attempts:
         reached, error = search.follow(start, stays_closed)
         if error <= CLOSED:
             break
     else:
         raise AssemblyError(path, f"the held coordinates cannot be reached from the sketch (residual {error:.3g})")
-    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.of(reached)[1]]), path)
+    _check_determined(mechanism, reached, np.vstack([joints.residual(reached)[1], held.evaluate(reached)[1]]), path)
     return reached
 
 
@@ -351,7 +352,7 @@ def _check_determined(mechanism: Mechanism, q: Array, J: Array, path: str) -> No
     if rank < mechanism.n:
         free = ", ".join(free_coordinates(mechanism, q, J))
         where = ", in a `start` beside the list `drivers = [{ ... }]`" if mechanism.drivers else ""
-        text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; what is free: {free or 'a link'}"
+        text = f"the held coordinates do not determine the position: {mechanism.n - rank} too few; still free: {free or 'a link'}"
         raise AssemblyError(path, f"{text}; hold it{where}")
 
 
@@ -362,7 +363,7 @@ def turn_links(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """
     q = q.copy()
     slides = [{end.link for end in joint.ends} for joint in mechanism.slides]
-    for coordinate, gap in zip(held.coordinates, held.target - held.of(q)[0], strict=True):
+    for coordinate, gap in zip(held.coordinates, held.target - held.evaluate(q)[0], strict=True):
         if isinstance(coordinate, Angle) and coordinate.a == GROUND:
             links = {coordinate.b}  # grows to all links that slides connect to it
             for _ in slides:
@@ -380,7 +381,7 @@ def start_velocity(mechanism: Mechanism, held: Held, q: Array) -> Array:
     """
     rows = Constraints(replace(mechanism, drivers=()))(0.0, q, np.zeros_like(q))
     # J v = 0 for joints and knife edges; the gradients of held coordinates times v equal the held rates
-    A = np.vstack([rows.J, held.of(q)[1]])
+    A = np.vstack([rows.J, held.evaluate(q)[1]])
     b = np.concatenate([np.zeros(len(rows.J)), held.rate])
     v = _shortest(A, b)
     if largest(A @ v - b) > CLOSED * max(1.0, largest(b)):

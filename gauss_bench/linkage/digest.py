@@ -29,9 +29,8 @@ def source_digest(*folders: str, without: Collection[str] = ()) -> str:
         place = PACKAGE / folder
         files = [place] if place.is_file() else sorted(x for x in place.rglob("*") if x.is_file())
         names = [x.relative_to(PACKAGE) for x in files]
-        left_out = {*without}
-        used = [x for x in names if "__pycache__" not in x.parts and not left_out & {x.parts[0], x.name}]
-        if not used:  # a digest of nothing would be the same for all versions
+        used = [x for x in names if "__pycache__" not in x.parts and not {x.parts[0], x.name} & {*without}]
+        if not used:  # without files the digest would be the same for all versions
             raise FileNotFoundError(f"{place}: no sources whose digest would identify a version")
         for name in used:
             digest.update(f"{name.as_posix()}\n".encode() + (PACKAGE / name).read_bytes())

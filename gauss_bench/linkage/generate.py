@@ -19,9 +19,10 @@ def n_four_bar(count: int) -> dict[str, Any]:
     verticals = {f"v{i}": _bar("A", "B") for i in range(count + 1)}
     horizontals = {f"h{i}": _bar("B", "C") for i in range(count)}
     joints: dict[str, Any] = {f"A{i}": {"type": "revolute", "at": [f"ground.A{i}", f"v{i}.A"]} for i in range(count + 1)}
-    for i in range(count + 1):
-        before, after = [f"h{i - 1}.C"] if i > 0 else [], [f"h{i}.B"] if i < count else []
-        joints[f"B{i}"] = {"type": "revolute", "at": [f"v{i}.B", *before, *after]}
+    joints |= {f"B{i}": {"type": "revolute", "at": [f"v{i}.B"]} for i in range(count + 1)}
+    for i in range(count):  # each horizontal joins the tops of two neighbouring verticals
+        joints[f"B{i}"]["at"].append(f"h{i}.B")
+        joints[f"B{i + 1}"]["at"].append(f"h{i}.C")
     upright = {f"v{i}": 90.0 for i in range(count + 1)} | {f"h{i}": 0.0 for i in range(count)}
     return {
         "format": "planar-linkage/1",
@@ -43,7 +44,7 @@ def n_four_bar(count: int) -> dict[str, Any]:
 
 
 def pendulums(count: int) -> dict[str, Any]:
-    """Return the document of a chain of `count` bars, released at rest."""
+    """Return the document of a chain of `count` pendulums, each a bar pinned to the end of the one before, released at rest."""
     bars = [f"bar{i}" for i in range(count)]
     above = ["ground.O", *(f"{bar}.B" for bar in bars[:-1])]
     angles = {name: FIRST + FAN * i for i, name in enumerate(bars)}

@@ -20,7 +20,7 @@ CHAINED = 100  # points in a chain in which each is given relative to the next
 SHOWN = 50  # largest number of faults in one error
 MOST = 5000  # entries of a table or list whose name has no limit of its own
 ENTRIES = 60_000  # of the whole file: the largest generated one, of 400 windows, has 20,000
-SQUARES = "beyond that, sums with it and squares of it lose all digits of other numbers"  # reason in messages
+SQUARES = "beyond that, a sum with it or with its square loses all digits of the other numbers"  # reason in messages
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ ANY = Range(1e15, least=1e-30)  # the range of numbers whose key has no range of
 
 
 def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
-    """List at most SHOWN values that are too large, too small or not printable; if there are none, too long chains of points.
+    """Return at most SHOWN faults of values that are too large, too small or not printable; without any, that of a too long chain.
 
     A table or list that has too many entries or is nested too deeply ends the search at once; only this fault is listed.
     """
@@ -72,11 +72,11 @@ def limit_faults(document: Mapping[str, Any]) -> list[Fault]:
                     continue
                 limited = name if name in RANGES or name in COUNTS else key  # else the limits of the table hold
                 waiting.append((f"{path}.{name}" if path else name, limited, x, depth + 1))
-    return sorted(faults[:SHOWN]) or list(_chains(document))
+    return sorted(faults[:SHOWN]) or list(_chain_faults(document))
 
 
 def _text_faults(path: str, text: str) -> list[Fault]:
-    """Return a list with the fault of a text that is too long or not printable; empty without a fault."""
+    """Return the fault of a text that is too long or not printable, in a list that is empty without a fault."""
     if len(text) > LONGEST_TEXT:
         return [Fault(path, f"a text of {len(text)} characters; at most {LONGEST_TEXT} are read")]
     if any(unprintable(x) for x in text):
@@ -85,7 +85,7 @@ def _text_faults(path: str, text: str) -> list[Fault]:
 
 
 def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
-    """Return a list with the fault of a number that is out of the range of its key; empty without a fault."""
+    """Return the fault of a number that is out of the range of its key, in a list that is empty without a fault."""
     if x - x != 0:
         return []  # infinite or NaN: the grammar refuses it
     bound = RANGES.get(key, ANY)
@@ -98,14 +98,17 @@ def _number_faults(path: str, key: str, x: Any) -> list[Fault]:
 
 
 def _describe(x: Any) -> str:
-    """Return a number as text; a whole number above 10^15, which may be very long, by its number of digits."""
+    """Return a number as text; of a whole number above 10^15, which may be very long, return the number of its digits."""
     if isinstance(x, int) and abs(x) > 10**15:
         return f"a number of {x.bit_length() * 30103 // 100_000 + 1} digits"  # log10(2) = 0.30103
     return f"{x:g}"
 
 
-def _chains(document: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield a fault for the first point that follows from others through too long a chain; circles are left to `references.py`."""
+def _chain_faults(document: Mapping[str, Any]) -> Iterator[Fault]:
+    """Yield a fault for the first point whose position is given relative to more than CHAINED points, one after the other.
+
+    Circles are left to `references.py`.
+    """
     links = document.get("links")
     owners = {"ground": document.get("ground")}
     if isinstance(links, dict):

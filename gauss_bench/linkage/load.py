@@ -44,7 +44,7 @@ def built_in_folder() -> Path | None:
 
 
 def built_in() -> dict[str, Path]:
-    """Return the files of the built-in linkages by name."""
+    """Return name -> path of the file, for all built-in linkages; empty if their folder is missing."""
     folder = built_in_folder()
     return {path.stem: path for path in sorted(folder.glob("*.toml"))} if folder else {}
 
@@ -57,7 +57,7 @@ def find(name_or_path: str | Path) -> Path:
 def load(name_or_path: str | Path, scenario: str | None = None) -> Mechanism:
     """Load a linkage and assemble it in one scenario, by default the first scenario with a table `start`.
 
-    A file of the same content gives the same object, so that results cached for a mechanism serve again.
+    The same content of a file gives the same object, for which results may be cached.
 
     Raises:
         LinkageError: the linkage has faults; the message names file, table and field of each.
@@ -159,7 +159,8 @@ def choose_scenario(document: dict[str, Any], scenario: str | None, source: str,
         raise LinkageError(source, faults)
     scenarios = document["scenarios"]
     if scenario is None:
-        scenario = next((name for name, x in scenarios.items() if "start" in x), next(iter(scenarios)))
+        with_start = [name for name, entry in scenarios.items() if "start" in entry]
+        scenario = [*with_start, *scenarios][0]
     if scenario not in scenarios:
         raise LinkageError(source, [Fault(f"scenarios.{scenario}", f"unknown scenario; the file has {', '.join(scenarios)}")])
     return scenario
@@ -167,9 +168,9 @@ def choose_scenario(document: dict[str, Any], scenario: str | None, source: str,
 
 def reduce_to_scenario(document: dict[str, Any], scenario: str) -> dict[str, Any]:
     """Return the document with one scenario's override applied and all other scenarios removed."""
-    own = dict(document["scenarios"][scenario])
-    merged = merge(document, own.pop("override", {}))
-    return merged | {"scenarios": {scenario: own}}
+    reduced = dict(document["scenarios"][scenario])
+    merged = merge(document, reduced.pop("override", {}))
+    return merged | {"scenarios": {scenario: reduced}}
 
 
 def read(path: Path) -> tuple[dict[str, Any], str]:
@@ -178,10 +179,10 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
     Raises:
         LinkageError: the file is missing, empty, too large, not text or not TOML.
     """
-    source = str(path)
 
     def refuse(text: str, where: str = "") -> LinkageError:
-        return LinkageError(source, [Fault(where, text)])
+        """Return the exception with one fault, at the path `where` of keys."""
+        return LinkageError(str(path), [Fault(where, text)])
 
     try:
         content = read_bytes(path, MAX_BYTES)
@@ -208,10 +209,11 @@ def read(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _toml_fault(message: str) -> tuple[str, str]:
-    """Return the text and the path of the fault for a message of the TOML parser."""
-    twice = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
-    if twice:
-        return f"duplicate name: declared twice {twice[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", twice[1]))
+    """Return the text of the fault for a message of the TOML parser, and the path of keys that the message names, or ""."""
+    # such as "Cannot declare ('links', 'rod') twice (at line 3, column 9)"
+    duplicate = re.match(r"Cannot (?:declare|mutate immutable namespace|overwrite) \((.*?),?\) ?.*(\(at .*\))", message)
+    if duplicate:
+        return f"duplicate name: declared twice {duplicate[2]}", ".".join(re.findall(r"['\"](.*?)['\"]", duplicate[1]))
     if message.startswith("Cannot overwrite a value"):
         return f"duplicate name: a key is given twice {message.removeprefix('Cannot overwrite a value ')}", ""
     return f"TOML syntax: {message}", ""
@@ -220,7 +222,7 @@ def _toml_fault(message: str) -> tuple[str, str]:
 def document_faults(document: dict[str, Any], stem: str | None = None) -> list[Fault]:
     """Return every fault of a document, also those that the override of a scenario causes."""
     faults = _faults_without_overrides(document, stem)
-    if any(f.path == "format" for f in faults):  # another format may have other keys
+    if any(f.path == "format" for f in faults):  # another format may have other keys: no other fault is certain
         return [f for f in faults if f.path == "format"]
     reported = set(faults)
     for name, scenario in items(document, "scenarios"):
@@ -234,7 +236,7 @@ def document_faults(document: dict[str, Any], stem: str | None = None) -> list[F
 
 
 def _faults_without_overrides(document: dict[str, Any], stem: str | None) -> list[Fault]:
-    """Return every fault of a document, without overrides of scenarios."""
+    """Return the faults of the keys, values and names of a document; overrides of scenarios are not applied."""
     faults, accepted = check_grammar(document)
     if any(f.path.startswith("cylinders") for f in faults):
         return faults  # a faulty cylinder is not expanded into links, so that references to its links would be reported wrongly

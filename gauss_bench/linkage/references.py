@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 from typing import Any
 
-from gauss_bench.linkage.bodies import BARREL, ROD, write_out
+from gauss_bench.linkage.bodies import BARREL, ROD, expand_cylinders
 from gauss_bench.linkage.errors import Fault
 from gauss_bench.linkage.limits import follow
 from gauss_bench.linkage.schema import GRAMMAR
@@ -47,24 +47,24 @@ def places(document: Document, *patterns: str) -> Iterator[Place]:
     In a pattern such as `scenarios.*.hold[*]`, * stands for any key, [*] for any entry of a list, and ~ for the keys themselves.
     """
     for pattern in patterns:
-        found: list[Place] = [("", document)]
-        for part in pattern.replace("[*]", ".[*]").split("."):
-            found = [inner for path, x in found for inner in _step(path, x, part)]
-        yield from ((path, x) for path, x in found if x is not None)
+        matches: list[Place] = [("", document)]  # of the pattern's components so far
+        for component in pattern.replace("[*]", ".[*]").split("."):
+            matches = [inner for path, value in matches for inner in _match_entries(path, value, component)]
+        yield from ((path, value) for path, value in matches if value is not None)
 
 
-def _step(path: str, x: Any, part: str) -> Iterator[Place]:
-    """Yield path and value of each entry of x whose key matches `part`, one component of a pattern.
+def _match_entries(path: str, x: Any, component: str) -> Iterator[Place]:
+    """Yield path and value of each entry of x, the table or list at `path`, whose key matches a component of a pattern.
 
     "[*]" is all entries of a list; "*" all values of a table; "~" all keys of a table as values; anything else one key.
     """
-    if part == "[*]":
+    if component == "[*]":
         for i, entry in enumerate(x if isinstance(x, list) else ()):
             yield f"{path}[{i}]", entry
     elif isinstance(x, dict):
         for key, entry in x.items():
-            if part in ("*", "~", key):
-                yield f"{path}.{key}".lstrip("."), key if part == "~" else entry
+            if component in ("*", "~", key):
+                yield f"{path}.{key}".lstrip("."), key if component == "~" else entry
 
 
 class Names:
@@ -79,6 +79,7 @@ class Names:
         self.document = document
         self.faults: list[Fault] = []
         self.links, self.joints, self.forces = (table(document, key) for key in ("links", "joints", "forces"))
+        # in the form of points that are given relative to each other, whose chains `follow` finds
         welds: dict[Any, Any] = {weld.get("link"): {"from": weld.get("to")} for _, weld in items(document, "welds")}
         self.bodies = {name: follow(welds, name)[0][-1] for name in self.links}
         self.points = {name: set(table(link, "points")) for name, link in self.links.items()}
@@ -96,11 +97,13 @@ class Names:
         known: dict[str, Collection[str]] = {
             "link": {*self.links, "ground"},
             "own link": self.links,
+            "joint": self.joints,
             "force": self.forces,
             "link or joint": {*self.links, *self.joints},
         }
-        if name not in known.get(kind, self.joints):
-            self.fault(path, f"unknown {kind.removeprefix('own ') if kind in known else 'joint'} {name!r}")
+        item = "joint" if kind in ("slide", "start slide") else kind
+        if name not in known[item]:
+            self.fault(path, f"unknown {item.removeprefix('own ')} {name!r}")
         elif kind in ("slide", "start slide") and table(self.joints, name).get("type") != "prismatic":
             self.fault(path, "not a prismatic joint" if kind == "start slide" else f"joint {name!r} is not prismatic")
 
@@ -130,19 +133,19 @@ class Names:
         """Add a fault if the link has no revolute joint on the ground, unless the schema has rejected a joint."""
         # only revolute joints have `at`; None is a joint or point that the schema rejected, which may have been the missing one
         points_of_joints = [joint and joint.get("at", ()) for joint in self.joints.values()]
-        if link not in self.links or any(at is None or None in at for at in points_of_joints):
+        if link not in self.links or any(points is None or None in points for points in points_of_joints):
             return
-        links_of_joints = [{reference.partition(".")[0] for reference in at} for at in points_of_joints]
+        links_of_joints = [{reference.partition(".")[0] for reference in points} for points in points_of_joints]
         if not any({"ground", link} <= links for links in links_of_joints):
             self.fault(path, f"link {link!r} has no revolute joint on the ground")
 
 
 def reference_faults(document: Document, stem: str | None) -> list[Fault]:
     """Return all faults in names and combinations of keys; `stem` is the file's name without suffix, if there is a file."""
-    cylinder_faults = _cylinder_faults(document)  # first, because `write_out` needs faultless cylinders to expand them
+    cylinder_faults = _cylinder_faults(document)  # first, because `expand_cylinders` needs faultless cylinders to expand them
     if cylinder_faults:
         return cylinder_faults
-    document = write_out(document)
+    document = expand_cylinders(document)
     names = Names(document)
     if stem is not None and document.get("name") not in (None, stem):
         names.fault("name", f"{document['name']!r} differs from the file's name {stem!r}")
@@ -158,8 +161,8 @@ def reference_faults(document: Document, stem: str | None) -> list[Fault]:
         for path, entry in places(document, *rule["tables"]):
             if not isinstance(entry, dict):
                 continue  # a point that is given as a list
-            given = {key for key, x in entry.items() if x != []}
-            if {*rule.get("with", ())} <= given and not given & {*rule.get("without", ())}:
+            keys = {key for key, value in entry.items() if value != []}
+            if {*rule.get("with", ())} <= keys and not keys & {*rule.get("without", ())}:
                 names.fault(f"{path}.{rule.get('at', '')}".removesuffix("."), rule["text"])
     for rule in GRAMMAR["one_of"]:
         for path, entry in places(document, *rule["tables"]):
@@ -257,9 +260,9 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     kind, joint, frame = (force.get(key) for key in ("type", "joint", "frame"))
     if "link" in force:
         ends = [force["link"], force.get("reaction", "ground")]
-        if None not in ends and ends[0] == ends[1]:
+        if ends[0] is not None and ends[0] == ends[1]:
             names.fault(f"{path}.reaction", "link and reaction are the same")
-        elif None not in ends:
+        else:
             names.check_different_links(f"{path}.reaction", ends)
     if force.get("point") is not None:
         names.check_point(f"{path}.point", force["point"], ground=kind != "force")
@@ -268,10 +271,10 @@ def _check_force(names: Names, path: str, force: dict[str, Any]) -> None:
     if kind == "axis_spring_damper":
         names.check_different_links(f"{path}.origin", [force.get("point"), force.get("origin", "ground.")])
     if kind == "coulomb_friction" and joint in names.joints:
-        pair = table(names.joints, joint).get("type")
-        if pair == "revolute" and "radius" not in force:
+        joint_type = table(names.joints, joint).get("type")
+        if joint_type == "revolute" and "radius" not in force:
             names.fault(f"{path}.radius", f"required: joint {joint!r} is revolute")
-        if pair == "prismatic" and "radius" in force:
+        if joint_type == "prismatic" and "radius" in force:
             names.fault(f"{path}.radius", f"joint {joint!r} is prismatic and has none")
 
 
@@ -283,7 +286,7 @@ def _check_times(names: Names, path: str, rows: list[Any]) -> None:
 
 
 def _check_sketch(names: Names, path: str, name: str) -> None:
-    """Check that the sketch places an existing joint or point "link.point"."""
+    """Check that `name`, a key of the sketch, is an existing joint or point "link.point"."""
     names.check(path, name, "point" if "." in name else "joint")
 
 
@@ -320,10 +323,10 @@ def _check_start(names: Names, path: str, start: dict[str, Any]) -> None:
     if holds_crank:
         angles.add(crank)
     held = {"speeds": angles, "slide_speeds": table(start, "slides"), "point_velocities": table(start, "points")}
-    loose = ["speed"] if "speed" in start and crank not in angles else []
+    unheld = ["speed"] if "speed" in start and crank not in angles else []  # paths of rates whose coordinate is not held
     for rates, coordinates in held.items():
-        loose += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
-    for place in loose:
+        unheld += [f"{rates}.{key}" for key in table(start, rates) if key not in coordinates]
+    for place in unheld:
         names.fault(f"{path}.{place}", "a rate without its held coordinate")
 
 

@@ -60,14 +60,14 @@ class Table(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, other: str = "", second: str = "", units: str = "", **more: Any) -> None:
-        """Add the class arguments to the attributes inherited from the parent class."""
+        """Set `other`, `second` and `units` to those of the parent class and those of the class arguments."""
         super().__pydantic_init_subclass__(**more)
         cls.other |= {*other.split()}
         cls.second |= {*second.split()}
         keys = {key_of(cls, name) for name in cls.model_fields}
         angles = {key.removesuffix("_deg") for key in keys if key.endswith("_deg")}
-        by_name = dict.fromkeys(angles, "rad") | {f"{key}_deg": "degrees" for key in angles}
-        cls.units = by_name | cls.units | dict(x.split(": ") for x in units.split("; ") if x)
+        units_of_angles = dict.fromkeys(angles, "rad") | {f"{key}_deg": "degrees" for key in angles}
+        cls.units = units_of_angles | cls.units | dict(x.split(": ") for x in units.split("; ") if x)
         unknown = (cls.other | cls.second | cls.units.keys()) - keys
         if unknown:
             raise TypeError(f"{cls.__name__} has no key {', '.join(sorted(unknown))}")
@@ -376,9 +376,9 @@ def check_grammar(document: dict[str, Any]) -> tuple[list[Fault], dict[str, Any]
         linkage = LinkageTable.model_validate(document)
     except ValidationError as error:
         faults, accepted = [], copy.deepcopy(document)
-        for one in error.errors(include_url=False):
-            keys = _keys_to(one["loc"], document)
-            faults.append(Fault(_path(keys), _text(dict(one))))
+        for problem in error.errors(include_url=False):
+            keys = _keys_to(problem["loc"], document)
+            faults.append(Fault(_join_keys(keys), _describe_problem(dict(problem))))
             _put_none(accepted, keys)
         return faults, accepted
     if linkage.format == SECOND:
@@ -421,7 +421,7 @@ def _keys_to(location: tuple[str | int, ...], document: Any) -> list[Any]:
 
 
 def _put_none(document: Any, keys: list[Any]) -> None:
-    """Replace the value at a place in a document by None."""
+    """Replace the value at the path `keys` in a document by None, unless the table that has it is None already."""
     *parents, last = keys
     for key in parents:
         document = document[key]
@@ -429,13 +429,13 @@ def _put_none(document: Any, keys: list[Any]) -> None:
         document[last] = None
 
 
-def _path(keys: list[Any]) -> str:
+def _join_keys(keys: list[Any]) -> str:
     """Return keys and indices as the text of a path, such as joints.A.at[1]."""
     return "".join(f"[{x}]" if isinstance(x, int) else f".{x}" for x in keys).removeprefix(".")
 
 
-def _text(error: dict[str, Any]) -> str:
-    """Return the sentence for one of pydantic's errors."""
+def _describe_problem(error: dict[str, Any]) -> str:
+    """Return the text of the fault for one of the errors that pydantic lists."""
     kind, context = error["type"], error.get("ctx", {})
     if error["loc"] == ("format",) and kind == "literal_error":
         return f"unsupported format {error['input']!r}; this version reads {FORMAT!r} and {SECOND!r}"
@@ -465,13 +465,13 @@ def physics_digest(document: dict[str, Any], scenario: str) -> str:
 
 
 def _physics(item: Any) -> Any:
-    """Return a table and the tables inside it as dicts of the keys that stand in the file and affect a motion.
+    """Return a table and the tables inside it as dicts, with the keys that the file has and that affect a motion.
 
-    Floats, which pydantic makes of whole numbers too, become decimal texts, the same for equal numbers.
+    Numbers become decimal texts, which are the same for 1, 1.0 and 1e0: pydantic makes floats of whole numbers too.
     """
     if isinstance(item, Table):
-        given = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}
-        return {key: _physics(value) for key, value in given.items() if key not in item.other}  # other: without effect on a motion
+        fields = {key_of(type(item), name): getattr(item, name) for name in item.model_fields_set}  # that the file gives
+        return {key: _physics(value) for key, value in fields.items() if key not in item.other}  # other: without effect on a motion
     if isinstance(item, dict):
         return {key: _physics(value) for key, value in item.items()}
     if isinstance(item, list):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.bodies import expand_cylinders
 from gauss_bench.linkage.errors import NotPlaced
 from gauss_bench.mechanism.model import GROUND, Mechanism, Point
 from gauss_bench.mechanism.numbers import turn_vector
@@ -62,8 +62,8 @@ class _Placing:
         All points of a joint get the position that `drawing` gives for the joint, else that of the joint's point on the ground.
         """
         points: dict[str, Any] = {}
-        for name, joint in write_out(document).get("joints", {}).items():
-            references = joint.get("at") or [joint["block"]]
+        for name, joint in expand_cylinders(document).get("joints", {}).items():
+            references = joint.get("at") or [joint["block"]]  # points of a pin, or the block point of a slide
             on_ground = next((x.partition(".")[2] for x in references if x.startswith("ground.")), None)
             if name in drawing:
                 points |= dict.fromkeys(references, drawing[name])

@@ -11,7 +11,7 @@ from gauss_bench.terms import Array
 
 Residual = Callable[[Array], tuple[Array, Array]]  # q -> F, J
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value: far above rounding, far below any usable transmission angle
+RANK_TOLERANCE = 1e-9  # share of the largest singular value that is zero: far above rounding, far below transmission angles
 TINY = 1e-300  # keeps the division by the size of a zero correction finite
 
 
@@ -21,7 +21,7 @@ def minimum_norm(J: Array, F: Array, tolerance: float = RANK_TOLERANCE) -> Array
 
 
 def never(*_: Array) -> bool:
-    """Return False: a test that never stops the iteration."""
+    """Return False: the default test of `project`, which never stops the iteration."""
     return False
 
 
@@ -30,8 +30,8 @@ def project(
     residual: Residual,
     shortest: Callable[[Array, Array], Array],
     corrections: int,
-    closed: Callable[[Array, Array, Array], bool] = never,
-    still: Callable[[Array, Array], bool] = never,
+    stop_before: Callable[[Array, Array, Array], bool] = never,
+    stop_after: Callable[[Array, Array], bool] = never,
     longest: float = np.inf,
 ) -> Array:
     """Return the position (n,), or positions (k, n), after at most `corrections` Gauss-Newton corrections of q.
@@ -39,18 +39,19 @@ def project(
     Args:
         residual: function of q that returns F (..., m) and J (..., m, n).
         shortest: function of J and F that returns the shortest vector x (..., n) with J x = F.
-        closed: function of q, F and J; if it returns True before a correction, the iteration stops. By default it never stops.
-        still: function of the corrected q and the largest entry (...) of the correction; if True, the iteration stops too.
+        stop_before: function of q, F and J, called before each correction; the iteration stops if it returns True.
+        stop_after: function of the corrected q and the largest entry (...) of the correction, called after it; as `stop_before`.
         longest: largest allowed entry of a correction; a longer correction is scaled down.
     """
     for count in range(corrections + 1):
         F, J = residual(q)
-        if count == corrections or closed(q, F, J):
+        if count == corrections or stop_before(q, F, J):
             break
         step = shortest(J, F)
         size = np.abs(step).max(axis=-1, initial=0.0)
+        # a step with an entry above `longest` is scaled down
         q = q - (step if longest == np.inf else step * np.minimum(1.0, longest / np.maximum(size, TINY))[..., None])
-        if still(q, size):
+        if stop_after(q, size):
             break
     return q
 
@@ -63,10 +64,10 @@ def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0
     Raises:
         ArithmeticError: from `advance`, if even a step of `shortest` fails.
     """
-    done, step = 0.0, longest
-    while done < 1.0:
+    reached, step = 0.0, longest
+    while reached < 1.0:
         # a remainder below `shortest` joins the last step, so that no step is shorter
-        share = done + step if done + step < 1.0 - shortest else 1.0
+        share = reached + step if reached + step < 1.0 - shortest else 1.0
         try:
             advance(share)
         except ArithmeticError:
@@ -74,4 +75,4 @@ def walk(advance: Callable[[float], None], shortest: float, longest: float = 1.0
                 raise
             step /= 2
         else:
-            done, step = share, min(2 * step, longest)
+            reached, step = share, min(2 * step, longest)

@@ -151,12 +151,12 @@ class AngleState:
 class DistanceState:
     """The coordinate x = |p_b - p_a| at a state; members called half_square belong to x^2 / 2, which needs no square root.
 
-    `known` is the value of x if a constraint prescribes it, otherwise None.
+    `prescribed` is the value of x if a constraint gives it, otherwise None.
     """
 
-    def __init__(self, a: End, b: End, arithmetic: Arithmetic, known: Real = None):
+    def __init__(self, a: End, b: End, arithmetic: Arithmetic, prescribed: Real = None):
         self.a, self.b, self.gap = a, b, b.place - a.place
-        self.arithmetic, self.known = arithmetic, known
+        self.arithmetic, self.prescribed = arithmetic, prescribed
 
     @cached_property
     def square(self) -> Real:
@@ -171,12 +171,12 @@ class DistanceState:
     @cached_property
     def inverse_square(self) -> Real:
         """1 / x^2; 0 at x = 0."""
-        return self.arithmetic.inverse(self.square if self.known is None else self.known * self.known)
+        return self.arithmetic.inverse(self.square if self.prescribed is None else self.prescribed * self.prescribed)
 
     @cached_property
     def inverse(self) -> Real:
         """1 / x; 0 at x = 0."""
-        return self.arithmetic.sqrt(self.inverse_square) if self.known is None else self.arithmetic.inverse(self.known)
+        return self.arithmetic.sqrt(self.inverse_square) if self.prescribed is None else self.arithmetic.inverse(self.prescribed)
 
     @cached_property
     def half_square_entries(self) -> tuple[Entry, ...]:
@@ -241,29 +241,29 @@ class WeightedState(NamedTuple):
 State = AngleState | AlongState | DistanceState | WeightedState
 
 
-def state(coordinate: Coordinate, at: Placement, known: Real = None) -> State:
-    """Return a coordinate at a state; `known` is the value of a distance that a constraint prescribes, to save a square root."""
+def state(coordinate: Coordinate, placement: Placement, prescribed: Real = None) -> State:
+    """Return a coordinate at a state; `prescribed` is the value that a constraint gives to a distance; it saves a square root."""
     match coordinate:
         case Angle(a, b):
-            return AngleState(at.frame(a), at.frame(b))
+            return AngleState(placement.frame(a), placement.frame(b))
         case Along(origin, point, angle, across):
-            return AlongState(at.direction(coordinate.axes, angle, across), at.end(origin), at.end(point))
+            return AlongState(placement.direction(coordinate.axes, angle, across), placement.end(origin), placement.end(point))
         case Distance(a, b):
-            return DistanceState(at.end(a), at.end(b), at.arithmetic, known)
+            return DistanceState(placement.end(a), placement.end(b), placement.arithmetic, prescribed)
         case Weighted(terms):
-            return WeightedState([(state(x, at), weight) for x, weight in terms])
+            return WeightedState([(state(x, placement), weight) for x, weight in terms])
         case _:
             assert_never(coordinate)
 
 
-def slip(coordinate: Slip, at: Placement) -> tuple[Entry, Real]:
+def slip(coordinate: Slip, placement: Placement) -> tuple[Entry, Real]:
     """Return the gradient and the bias of a slip s = n . p' at a state.
 
     With n' = omega x n and p' = u + omega x r, the bias is n' . u: the terms of the arm r, which turns with n, cancel.
     """
     point = coordinate.point
-    _, n = at.direction(point.link, coordinate.angle, across=True)
-    frame, arm = at.end(point)
+    _, n = placement.direction(point.link, coordinate.angle, across=True)
+    frame, arm = placement.end(point)
     return Entry(frame, n, m=wedge(arm, n)), frame.omega * wedge(n, frame.u)
 
 
@@ -329,7 +329,7 @@ def push(x: State, law: Law, arithmetic: Arithmetic) -> tuple[Entry, ...]:
 
 
 def energy(x: State, law: Law, arithmetic: Arithmetic) -> Real:
-    """Return the potential energy [J] of a law at its coordinate x."""
+    """Return the potential energy [J] of a law at its coordinate x: k (x - rest)^2 / 2 - bias x + inverse_square / x."""
     terms: list[Real] = []
     if not is_zero(law.k):
         if isinstance(x, DistanceState) and is_zero(law.rest):
@@ -345,7 +345,7 @@ def energy(x: State, law: Law, arithmetic: Arithmetic) -> Real:
 
 
 def loss(x: State, law: Law) -> Real:
-    """Return the power dissipated by the damping of a law [W]."""
+    """Return the power c x'^2 [W] that the damping of a law dissipates at its coordinate x."""
     return 0.0 if is_zero(law.c) else law.c * (x.rate * x.rate)
 
 

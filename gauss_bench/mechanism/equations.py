@@ -6,7 +6,7 @@ coordinate x at the value c, a constant or a law of time, has
 
     phi = x - c,    J = dx/dq,    gamma = c'' - bias of x,    so that J a = gamma
 
-Rows stand in the order: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
+The order of the rows is: joints in the file's order, couplings, drivers, knife edges. `Symbols` evaluates the equations once with
 symbols in place of coordinates, and generates functions of q, v and the values of the motion laws from them.
 """
 
@@ -20,15 +20,14 @@ from gauss_bench.mechanism.coordinates import Entry, columns, energy, loss, push
 from gauss_bench.mechanism.frames import Placement
 from gauss_bench.mechanism.generated import GeneratedFunction, Number, Program, Symbol
 from gauss_bench.mechanism.model import GROUND, Coordinate, Law, Load, Mechanism, PointForce
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import Motion, MotionLaw
 from gauss_bench.mechanism.spaces import Real, Vec, dot, slots, wedge
 from gauss_bench.terms import Array
 
-Motion = tuple[Real, Real, Real]  # a value and its first and second time derivative
 LEVELS = 3  # numbers that a motion law has at a time: value, first and second time derivative
 
 
-class Given(Placement):
+class ConstraintPlacement(Placement):
     """A placement that also provides the values at which joints hold coordinates, and the values of motion laws.
 
     These values have the placement's type of number: numbers of the file, parameters that stay symbols in a compiled program, or
@@ -62,51 +61,50 @@ class Row:
     phi_t: Real
 
 
-def rows(mechanism: Mechanism, at: Given, on_constraints: bool = False) -> Iterator[Row]:
-    """Yield all constraint rows.
+def rows(mechanism: Mechanism, placement: ConstraintPlacement, on_constraints: bool = False) -> Iterator[Row]:
+    """Yield the constraint rows at the state `placement`: those of joints, couplings, drivers, knife edges, in this order.
 
-    If the state satisfies the constraints (`on_constraints`), the value that a constraint prescribes for a distance saves a square
-    root.
+    With `on_constraints`, the state must satisfy the constraints; a distance that one prescribes then needs no square root.
     """
     for joint in (*mechanism.joints, *mechanism.couplings):
         held: tuple[tuple[Coordinate, float], ...] = joint.held
         for index, (coordinate, value) in enumerate(held):
-            constant = (at.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
-            yield _row(joint.name, at, coordinate, constant, on_constraints)
+            at_rest = (placement.held(joint.name, index, value), 0.0, 0.0)  # value and both derivatives
+            yield _row(joint.name, placement, coordinate, at_rest, on_constraints)
     for driver in mechanism.drivers:
-        yield _row(driver.name, at, driver.coordinate, at.law(driver.law), on_constraints)
+        yield _row(driver.name, placement, driver.coordinate, placement.law(driver.law), on_constraints)
     for edge in mechanism.knife_edges:
-        gradient, bias = slip(edge.coordinate, at)
+        gradient, bias = slip(edge.coordinate, placement)
         yield Row(edge.name, columns((gradient,)), -bias, None, 0.0)
 
 
-def _row(name: str, at: Given, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
-    """Return the constraint row that makes a coordinate follow a given motion; `on_constraints` as in `rows`."""
+def _row(name: str, placement: ConstraintPlacement, coordinate: Coordinate, motion: Motion, on_constraints: bool) -> Row:
+    """Return the row, called `name`, of the constraint that a coordinate follows a motion; `on_constraints` as in `rows`."""
     value, rate, second = motion
-    x = state(coordinate, at, value if on_constraints else None)
+    x = state(coordinate, placement, value if on_constraints else None)
     return Row(name, entries=columns(x.entries), gamma=second - x.bias, phi=x.value - value, phi_t=-rate)
 
 
-def generalise(at: Placement, load: Load) -> dict[int, Real]:
+def generalise(placement: Placement, load: Load) -> dict[int, Real]:
     """Return the generalised force of one load at a state, as a dict: index in a state (n,) -> number."""
     match load:
         case Law():
-            return columns(push(state(load.coordinate, at), load, at.arithmetic))
+            return columns(push(state(load.coordinate, placement), load, placement.arithmetic))
         case PointForce():
-            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            force, end = placement.vector(load.frame, load.value).n, placement.end(load.point)
             return columns((Entry(end.frame, force, wedge(end.arm, force)),))  # wedge: moment about the centre of mass
         case _:
             assert_never(load)
 
 
-def energies(at: Placement, load: Load) -> tuple[Real, Real]:
+def energies(placement: Placement, load: Load) -> tuple[Real, Real]:
     """Return the potential energy [J] of one load, and the power [W] of the part of it that has no potential."""
     match load:
         case Law():
-            x = state(load.coordinate, at)
-            return energy(x, load, at.arithmetic), -loss(x, load)
+            x = state(load.coordinate, placement)
+            return energy(x, load, placement.arithmetic), -loss(x, load)
         case PointForce():
-            force, end = at.vector(load.frame, load.value).n, at.end(load.point)
+            force, end = placement.vector(load.frame, load.value).n, placement.end(load.point)
             if load.frame == GROUND:  # a force with a fixed direction has the potential -F . p
                 return -dot(force, end.place), 0.0
             turning = end.frame.omega * wedge(end.arm, force)
@@ -115,7 +113,7 @@ def energies(at: Placement, load: Load) -> tuple[Real, Real]:
             assert_never(load)
 
 
-class Symbols(Given):
+class Symbols(ConstraintPlacement):
     """A placement of bodies with n coordinates that are symbols; it records equations, and generates functions from them.
 
     The inputs of a recorded program are q0, q1, ..., v0, v1, ..., and g0, g1, ...: LEVELS numbers of each motion law.

@@ -18,7 +18,7 @@ from gauss_bench.mechanism.generated import Symbol
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms, largest
 
-CORRECTIONS = 6  # a step of 1e-3 s needs one, one of 1e-2 s three: convergence is quadratic
+CORRECTIONS = 6  # largest number of Gauss-Newton corrections: after an integration step of 1e-3 s one is needed, of 1e-2 s three
 ROUNDING = 1e-15  # relative residual of a closed position
 RECORDING = Lock()  # a program is recorded by one thread at a time
 
@@ -48,15 +48,15 @@ class Constraints:
         constant: (m n,) the constant entries of J, row by row; 0 for an entry that varies.
         varying: (k,) indices of the varying entries in `constant`.
         symbols: the recorded equations; other equations can be added to them and share their operations.
-        listed: four lists of symbols: the varying entries of J, gamma, phi and phi_t.
+        outputs: four lists of symbols: the varying entries of J, gamma, phi and phi_t.
     """
 
     def __init__(self, mechanism: Mechanism):
-        """Record all rows with symbols; constant entries of J are stored, the function for what varies is generated later."""
+        """Record all rows with symbols; constant entries of J are stored, the function for others is generated when first used."""
         self.mechanism, self.n = mechanism, mechanism.n
-        at = self.symbols = Symbols(mechanism.n)  # registers each motion law of a driver in `laws` when its row is made
-        rows, symbol = list(equations.rows(mechanism, at)), at.program.symbol
-        self.m, self.laws = mechanism.m, at.laws
+        symbols = self.symbols = Symbols(mechanism.n)  # its `laws` get the motion law of each driver when the row is made
+        rows, symbol = list(equations.rows(mechanism, symbols)), symbols.program.symbol
+        self.m, self.laws = mechanism.m, symbols.laws
         self.holonomic = self.m - len(mechanism.knife_edges)
         self.joint_rows = self.holonomic - len(mechanism.drivers)
         self.constant = np.zeros(self.m * self.n, dtype=mechanism.gravity.dtype)  # the type of all numbers of the mechanism
@@ -72,13 +72,13 @@ class Constraints:
                     self.constant[i * self.n + k] = entry.number
         self.varying = np.array(flat_indices, dtype=int)
         phi = [symbol(0.0 if row.phi is None else row.phi) for row in rows]
-        self.listed = entries, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
+        self.outputs = entries, [symbol(row.gamma) for row in rows], phi, [symbol(row.phi_t) for row in rows]
 
     @cached_property
     def _function(self) -> Callable[..., list[Array]]:
-        """The generated function of t, q and v that returns an array (..., k) for each list in `listed`."""
+        """The generated function of t, q and v that returns an array (..., k) for each list in `outputs`."""
         with RECORDING:
-            return self.symbols.generate(*self.listed)
+            return self.symbols.generate(*self.outputs)
 
     def __call__(self, t: float | Array, q: Array, v: Array) -> Rows:
         """Return the values of all constraint rows at state(s) q, v (..., n) and time(s) t (...) [s]."""
@@ -103,11 +103,11 @@ def list_determined(mechanism: Mechanism) -> list[str]:
 
     The multipliers are determined up to the null space of J^T: all entries of a joint's rows must be zero there.
     """
-    left, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
+    U, sizes, _ = np.linalg.svd(Constraints(mechanism)(0.0, mechanism.q0, mechanism.v0).J)
     rank = np.count_nonzero(sizes > RANK_TOLERANCE * sizes.max(initial=0.0))
-    null = np.abs(left[:, rank:])  # (m, m - rank) basis of the null space of J^T
-    held = zip(mechanism.held_names, null, strict=False)  # rows of drivers and knife edges follow
-    undetermined = {name for name, row in held if row.max(initial=0.0) > RANK_TOLERANCE}
+    null = np.abs(U[:, rank:])  # (m, m - rank) basis of the null space of J^T
+    named_rows = zip(mechanism.held_names, null, strict=False)  # not strict: rows of drivers and knife edges follow
+    undetermined = {name for name, row in named_rows if row.max(initial=0.0) > RANK_TOLERANCE}
     return [joint.name for joint in mechanism.joints if joint.name not in undetermined]
 
 
@@ -130,7 +130,7 @@ class Evaluator:
     def _terms(self) -> Callable[..., list[Array]]:
         """The generated function of t, q, v for varying entries of J, Q of steady forces (no factor), gamma, phi, phi_t."""
         symbols = self.constraints.symbols
-        entries, *others = self.constraints.listed
+        entries, *others = self.constraints.outputs
         with RECORDING:
             return symbols.generate(entries, self.applied.add_steady(symbols), *others)
 
@@ -153,10 +153,10 @@ class Evaluator:
         """
         if self.friction:
             J = self.constraints(0.0, self.mechanism.q0, self.mechanism.v0).J
-            spare = len(J) - int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
-            if spare:
-                redundant = f"redundant constraint rows ({spare})"
-                raise UndeterminedLoads(f"{redundant} leave the loads of the joints undetermined, and with them their friction")
+            redundant = len(J) - int(np.linalg.matrix_rank(J, rtol=RANK_TOLERANCE))
+            if redundant:
+                rows = f"redundant constraint rows ({redundant})"
+                raise UndeterminedLoads(f"{rows} leave the loads of the joints undetermined, and with them their friction")
 
     def energy(self, q: Array, v: Array) -> Array:
         """Return kinetic plus potential energy (...) [J] of state(s) (..., n)."""

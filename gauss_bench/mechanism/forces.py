@@ -45,32 +45,34 @@ class AppliedForces:
         self.varying = [_VaryingForce(mechanism, force, factor) for force, factor in mechanism.factors]
         self.loads = loads(f for f in mechanism.forces if not factor_of(f))
 
-    def add_steady(self, at: Symbols) -> list[Real]:
+    def add_steady(self, symbols: Symbols) -> list[Real]:
         """Return the sum Q (n,) of gravity and all steady forces, as symbols."""
-        Q: list[Real] = [at.program.symbol(x) for x in self.gravity]
+        Q: list[Real] = [symbols.program.symbol(x) for x in self.gravity]
         for load in self.loads:
-            for k, x in equations.generalise(at, load).items():
+            for k, x in equations.generalise(symbols, load).items():
                 Q[k] = Q[k] + x
         return Q
 
     @cached_property
     def _steady_force(self) -> Callable[..., list[Array]]:
         """The generated function for the generalised force Q (..., n) of gravity and all steady forces."""
-        at = Symbols(self.mechanism.n)
-        return at.generate(self.add_steady(at))
+        symbols = Symbols(self.mechanism.n)
+        return symbols.generate(self.add_steady(symbols))
 
     @cached_property
     def _energies(self) -> Callable[..., list[Array]]:
         """The generated function of the potential energy and the power of all steady forces."""
-        at = Symbols(self.mechanism.n)
-        potential, power = at.program.symbol(0.0), at.program.symbol(0.0)
+        symbols = Symbols(self.mechanism.n)
+        potential, power = symbols.program.symbol(0.0), symbols.program.symbol(0.0)
         for load in self.loads:
-            load_potential, load_power = equations.energies(at, load)
+            load_potential, load_power = equations.energies(symbols, load)
             potential, power = potential + load_potential, power + load_power
-        return at.generate([potential], [power])
+        return symbols.generate([potential], [power])
 
     def generalised(self, q: Array, v: Array, t: float | Array | None = None) -> Array:
-        """Return Q (..., n) [N, N m] at states q, v (..., n) and times t (...) [s]; only forces that vary need t.
+        """Return the generalised force Q (..., n) [N, N m] of all forces at states q, v (..., n) and times t (...) [s].
+
+        Only forces that vary need t.
 
         Raises:
             TypeError: a force varies with time, and t is missing.
@@ -142,16 +144,17 @@ class JointFriction:
             held: tuple[tuple[Coordinate, float], ...] = pair.held
             first = mechanism.held_names.index(pair.name)
             force_rows.append([row for row, (x, _) in enumerate(held, first) if x.unit == "m"])
-        self.first, self.last = (np.array([x[end] for x in force_rows], dtype=int) for end in (0, -1))
+        self.first, self.last = (np.array([rows[end] for rows in force_rows], dtype=int) for end in (0, -1))
         self.both = np.array(self.first != self.last, dtype=float)
         self.lever = np.array([f.mu * f.radius for f, _ in self.acting])
         self.speed = np.array([f.speed for f, _ in self.acting])
-        at = Symbols(mechanism.n)
-        motions = [state(pair.motion, at) for _, pair in self.acting]
-        entries = [columns(x.entries) for x in motions]  # gradients of the relative motions
-        self.places = [(k, p) for p, gradient in enumerate(entries) for k in gradient]
-        # returns the relative speeds (..., p), and the entries of all gradients in the order of `places`
-        self._function = at.generate([x.rate for x in motions], [x for gradient in entries for x in gradient.values()])
+        symbols = Symbols(mechanism.n)
+        motions = [state(pair.motion, symbols) for _, pair in self.acting]
+        gradients = [columns(x.entries) for x in motions]  # of the relative motions
+        self.places = [(k, p) for p, gradient in enumerate(gradients) for k in gradient]
+        entries = [x for gradient in gradients for x in gradient.values()]  # in the order of `places`
+        # returns the relative speeds (..., p), and the entries of all gradients
+        self._function = symbols.generate([x.rate for x in motions], entries)
 
     def __bool__(self) -> bool:
         """Tell whether any pair of the mechanism has friction."""
@@ -161,9 +164,9 @@ class JointFriction:
         """Return W (..., n, p) at state(s) q, v (..., n): column k is the generalised friction under a load of 1 N of pair k."""
         W = np.zeros((*q.shape, len(self.acting)), dtype=q.dtype)
         rates, entries = self._function(0.0, q, v)
-        law = -self.lever * np.tanh(rates / self.speed)
+        friction = -self.lever * np.tanh(rates / self.speed)  # (..., p) along the relative motion, per load of the pair
         for i, (k, p) in enumerate(self.places):
-            W[..., k, p] = entries[..., i] * law[..., p]
+            W[..., k, p] = entries[..., i] * friction[..., p]
         return W
 
     def loads(self, multipliers: Array) -> Array:
@@ -174,7 +177,7 @@ class JointFriction:
         """Return the generalised force W N(lambda) of friction (..., n) [N, N m]."""
         return np.asarray((self.directions(q, v) @ self.loads(multipliers)[..., None])[..., 0])
 
-    def consistent(self, base: Array, gain: Array) -> Array:
+    def solve_multipliers(self, base: Array, gain: Array) -> Array:
         """Solve lambda = base + gain N(lambda) for the multipliers lambda (..., m).
 
         `base` (..., m) are the multipliers without friction, `gain` (..., m, p) their change per load of a pair.

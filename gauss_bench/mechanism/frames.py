@@ -15,7 +15,7 @@ from gauss_bench.terms import Array
 
 
 class Frame(NamedTuple):
-    """A body at a state: its index, z and u of its centre of mass [m, m/s], its angular speed and unwrapped angle [rad].
+    """A body at a state: index, position z [m] and velocity u [m/s] of its centre of mass, angular speed, unwrapped angle [rad].
 
     `rests` tells whether the body is at rest, as the ground is: formulas leave out its terms.
     """
@@ -44,7 +44,7 @@ class End(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """A unit vector fixed in a body, in world axes."""
+    """A vector fixed in a body, in world axes: a unit vector, or a force."""
 
     frame: Frame
     n: Vec

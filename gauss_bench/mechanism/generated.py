@@ -2,8 +2,8 @@
 
 The equations are evaluated once, with symbols in place of numbers. Operations on symbols are recorded in order, equal operations
 only once, and simplified where they involve 0, 1 or constants. The result is the source text of one function without loops or
-indices, which works on floats and on arrays of states, in double precision or in types with more digits. A single state takes a
-tenth of the time with floats.
+indices, which works on floats and on arrays of states, in double precision or in types with more digits. For a single
+state, floats take a tenth of the time of arrays.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy as np
 
 from gauss_bench.terms import Array
 
-FEW = 20  # states: below this number a loop over floats is faster than arrays
+FEW = 20  # number of states below which a loop over floats is faster than arrays
 FUNCTIONS = ("sqrt", "sin", "cos", "tanh")
 Number = Any  # a float, or one of a longer type
 
@@ -50,7 +50,7 @@ class Symbol:
     __radd__ = __add__
 
     def __sub__(self, other: "Symbol | Number") -> "Symbol":
-        """Return the difference, as the sum with the negative, whose line is left out if nothing else uses it (`lines_for`)."""
+        """Return the difference: the sum with the negative, which `lines_for` leaves out if no other operation uses it."""
         return self + -self.program.symbol(other)
 
     def __rsub__(self, other: Number) -> "Symbol":
@@ -108,7 +108,7 @@ class Program:
         self.opposites: dict[str, Symbol] = {}
 
     def symbol(self, x: Symbol | Number) -> Symbol:
-        """Return x as a symbol of the program."""
+        """Return x as a symbol of the program: a number becomes a constant, a symbol is returned unchanged."""
         if isinstance(x, Symbol):
             return x
         if float(x) == x:  # exact in double precision: a literal
@@ -149,7 +149,7 @@ class Program:
         return self.known[text]
 
     def lines_for(self, results: Iterable[Symbol]) -> list[Line]:
-        """Return the lines on which the given results depend, in their order."""
+        """Return the lines of the program on which the given results depend, in the order in which they were recorded."""
         wanted, lines = {x.text for x in results}, []
         for line in reversed(self.lines):
             if line.name in wanted:
@@ -175,6 +175,7 @@ class GeneratedFunction:
             if count:
                 scalars = "".join(f"{name}{k}, " for k in range(count))
                 heads.append(f"{scalars.rstrip()} = {name}")
+        # the source of each returned tuple, such as "(x3, q0, )"
         tuples = [f"({''.join(f'{x.text}, ' for x in group)})" for group in groups]
         needed = program.lines_for(x for group in groups for x in group)
         lines = [f"{line.name} = {line.text}" for line in needed]
@@ -183,7 +184,7 @@ class GeneratedFunction:
         code = compile(self.source, "<equations>", "exec")
         floats = {name: getattr(math, name) for name in FUNCTIONS} | {"inverse": lambda x: 1.0 / x if x else 0.0}
         arrays = {name: getattr(np, name) for name in FUNCTIONS} | {"inverse": inverse} | program.constants
-        self._of_floats, self._of_arrays = _function(code, floats), _function(code, arrays)
+        self._of_floats, self._of_arrays = _define_function(code, floats), _define_function(code, arrays)
         self._fits_floats = not program.constants  # named constants have more digits than a float
 
     def __call__(self, *inputs: Array) -> list[Array]:
@@ -202,7 +203,7 @@ class GeneratedFunction:
         return results
 
     def _state_by_state(self, shape: tuple[int, ...], inputs: Sequence[Array]) -> list[Array]:
-        """Return what `__call__` returns, computed with floats for each state of the batch in turn."""
+        """Return the result of `__call__`, computed with floats for one state of the batch after the other."""
         if not shape:
             return [np.array(group) for group in self._of_floats(*(x.tolist() for x in inputs))]
         count = math.prod(shape)
@@ -213,8 +214,8 @@ class GeneratedFunction:
         return [np.array(group).reshape(*shape, size) for group, size in zip(groups, self.sizes, strict=True)]
 
 
-def _function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
-    """Return the function that a compiled text defines; `names` has what it uses."""
+def _define_function(code: CodeType, names: dict[str, Any]) -> Callable[..., tuple[tuple[Any, ...], ...]]:
+    """Return the function that the compiled source text defines; `names` has the functions and constants that it uses."""
     exec(code, names)  # the code contains only names and numbers of `Program`, no text of a user
     return names["function"]  # type: ignore[no-any-return]
 

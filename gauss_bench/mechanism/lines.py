@@ -31,5 +31,5 @@ def line_values(mechanism: Mechanism, t: float | Array) -> Array:
 def with_lines(mechanism: Mechanism, values: Array, t: float | Array) -> Array:
     """Return the parameters (..., p) of a program at times (...) [s]: `values` (p,), with `line_values` as the last l."""
     lines = line_values(mechanism, t)  # (..., l)
-    given = values[: len(values) - lines.shape[-1]]
-    return np.concatenate([np.broadcast_to(given, (*lines.shape[:-1], len(given))), lines], axis=-1)
+    others = values[: len(values) - lines.shape[-1]]  # the parameters that do not depend on time
+    return np.concatenate([np.broadcast_to(others, (*lines.shape[:-1], len(others))), lines], axis=-1)

@@ -163,13 +163,13 @@ class Weld:
 class Revolute:
     """A pin: point a of one link coincides with point b of another.
 
-    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. Every kind of joint has the
-    attributes of the class.
+    A joint of m links, whose name in the file is `joint`, has m - 1 pins with names of their own. `Prismatic` has the same
+    attributes.
 
     Attributes:
         ends_meet: whether the joint keeps its two ends at one place; the held coordinates are then the gap between them.
         parts: names of the held coordinates.
-        numbers: names of the fields that are the values of the first held coordinates and may be parameters of programs.
+        numbers: names of the fields that have the values of the first held coordinates; they can be parameters of programs.
     """
 
     name: str
@@ -335,7 +335,7 @@ Load = Law | PointForce  # every force is a sum of these two: terms, kernels and
 
 
 class Names(Protocol):
-    """What the method `read` of a force or constraint needs to build it from a table of the file, in the number type in use."""
+    """The parts of a linkage by name, and the numbers of its file, from which forces and constraints are built by `read`."""
 
     @property
     def world(self) -> Point:
@@ -485,7 +485,7 @@ class JointDamping:
 
 @dataclass(frozen=True, eq=False)
 class CoulombFriction:
-    """Dry friction in every pair of a joint, proportional to the load of the pair. A `Force` depends on q, v and t only.
+    """Dry friction in every pair of a joint, proportional to the load of the pair; no `Force`, which depends on q, v and t alone.
 
     Attributes:
         mu: coefficient of friction.
@@ -501,7 +501,7 @@ class CoulombFriction:
 
     @classmethod
     def read(cls, name: str, table: Mapping[str, Any], names: Names) -> "CoulombFriction":
-        """Return the friction of a table."""
+        """Return the friction of a table; a slide has no `radius`, and gets 1."""
         numbers = (names.number({"radius": 1, **table}, key) for key in ("mu", "radius", "speed"))
         return cls(name, names.pairs(table["joint"]), *numbers)
 
@@ -510,7 +510,7 @@ Force = Torque | PointForce | SpringDamper | AxisSpringDamper | RotationalSpring
 
 
 def turns_only(force: Force) -> bool:
-    """Tell whether a force acts along angles alone."""
+    """Tell whether all loads of a force are laws on angles, so that it exerts only torques."""
     return all(isinstance(x, Law) and x.coordinate.unit == "rad" for x in force.to_loads())
 
 
@@ -529,27 +529,27 @@ def loads(forces: Iterable[Force]) -> tuple[Load, ...]:
     Raises:
         UnsupportedForce: a force varies, or has no method `to_loads`; the message names it.
     """
-    found: list[Load] = []
+    result: list[Load] = []
     for force in forces:
         if not hasattr(force, "to_loads"):
             raise UnsupportedForce(f"force {force.name}: unknown kind {type(force).__name__}")
         if factor_of(force):
             raise UnsupportedForce(f"force {force.name} varies with time or direction, which is not supported here")
-        parts = tuple(force.to_loads())
+        own_loads = tuple(force.to_loads())
         # nothing would apply the factor of another kind of force, or that of a load
-        if any(getattr(x, "factor", None) for x in (force, *parts)):
+        if any(getattr(x, "factor", None) for x in (force, *own_loads)):
             raise UnsupportedForce(f"force {force.name}: only a Torque or a PointForce may vary, not a {type(force).__name__}")
-        found += parts
-    return tuple(found)
+        result += own_loads
+    return tuple(result)
 
 
 @dataclass(frozen=True, eq=False)
 class AngleDriver:
-    """Prescribed rotation of a link: theta = law(t) [rad]. Every kind of driver has the attributes of the class.
+    """Prescribed rotation of a link: theta = law(t) [rad]. The other kinds of driver have the same attributes.
 
     Attributes:
-        by: key of the driver's table in linkage files that names what is driven.
-        key: key of linkage files for the value of the driver.
+        by: key of a linkage file that names the driven link, joint or points in the driver's table.
+        key: name of the prescribed coordinate in results.
     """
 
     name: str
@@ -575,7 +575,7 @@ class SlideDriver:
 
     @property
     def key(self) -> str:
-        """The key of linkage files for the value of the driver: "position", or "length" if the slide is that of a cylinder."""
+        """The name of the prescribed coordinate in results: "position", or "length" if the slide is that of a cylinder."""
         return "length" if self.joint.guide.name == f"{self.name}_barrel.pin" else "position"
 
     @property
@@ -678,9 +678,9 @@ class Mechanism:
         """
         # `load` returns the same object for the same file, so a caller that changed its arrays would change them for all others
         for name in ("gravity", "q0", "v0"):
-            given = getattr(self, name)
-            if isinstance(given, np.ndarray):  # a sweep gives lists of expressions instead
-                view = given.view()
+            array = getattr(self, name)
+            if isinstance(array, np.ndarray):  # a sweep gives lists of expressions instead
+                view = array.view()
                 view.flags.writeable = False
                 object.__setattr__(self, name, view)
         # the result is not needed: `loads` raises if a force is of an unknown type
@@ -704,7 +704,7 @@ class Mechanism:
 
     @property
     def drivable(self) -> dict[str, Prismatic]:
-        """Name -> joint, of the joints whose coordinate a driver, or the start of a scenario, may give: the slides."""
+        """Name -> joint, of the slides: a driver or the start of a scenario can prescribe their coordinates."""
         return {joint.name: joint for joint in self.slides}
 
     @property
@@ -731,17 +731,17 @@ class Mechanism:
 
     @property
     def constraints(self) -> tuple[KnifeEdge | Coupling, ...]:
-        """Couplings and knife edges: an engine without them must not run this mechanism."""
+        """Couplings and knife edges: an engine that does not support them must not run this mechanism."""
         return *self.couplings, *self.knife_edges
 
     @property
     def has_friction(self) -> bool:
-        """Whether dry friction acts in a joint: an engine without it must not run this mechanism."""
+        """Whether dry friction acts in a joint: an engine that does not support it must not run this mechanism."""
         return any(f.mu > 0 for f in self.frictions)
 
     @property
     def varying(self) -> tuple[Torque | PointForce, ...]:
-        """The forces that vary with time or direction: an engine without such forces must not run this mechanism."""
+        """The forces that vary with time or direction: an engine that does not support them must not run this mechanism."""
         return tuple(force for force, _ in self.factors)
 
     @property
@@ -767,7 +767,7 @@ class Mechanism:
 
     @property
     def loops(self) -> int:
-        """Number of independent loops: joints - links, by Euler, if all links hang together with the ground."""
+        """Number of independent loops: joints - links, by Euler, if all links are connected with the ground."""
         return max(0, len(self.joints) - len(self.links))
 
     @property

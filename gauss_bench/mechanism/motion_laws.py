@@ -72,7 +72,7 @@ def cosine(s: Any, pi: Any = np.pi) -> Motion:
 
 
 def poly345(s: Any, pi: Any = np.pi) -> Motion:
-    """Return 10 s^3 - 15 s^4 + 6 s^5 and both derivatives at s in 0..1; `pi` is unused: all RISE_LAWS have the same arguments."""
+    """Return 10 s^3 - 15 s^4 + 6 s^5 and both derivatives at s in 0..1; like all RISE_LAWS it takes `pi`, but does not use it."""
     return (
         s * s * s * (10 - 15 * s + 6 * s * s),
         30 * s * s * (1 - s) * (1 - s),

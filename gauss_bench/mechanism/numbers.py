@@ -26,7 +26,7 @@ def pair(number: Number, values: Any) -> Any:
 
 
 def radians(number: Number, degrees: float | Decimal) -> Any:
-    """Convert an angle in degrees to radians."""
+    """Convert an angle in degrees to radians, in the type of numbers that `number` returns."""
     return exact(number, degrees) * (number(PI) / number("180"))
 
 

@@ -39,11 +39,11 @@ class AbsoluteCoordinates:
         free = Q / self.root  # M^(-1/2) Q
         friction = self.evaluator.friction
         if friction:
-            # `consistent` solves lambda = base + lift V1^T W N(lambda)
+            # `solve_multipliers` solves lambda = base + lift V1^T W N(lambda)
             W = friction.directions(q, v) / self.root[:, None]  # (k, n, joints), in weighted coordinates
             lift = U * inverse[..., None, :]  # U1 S1^-1
             base = lift @ (Vt @ free[..., None] - moved[..., None])
-            multipliers = friction.consistent(base[..., 0], lift @ Vt @ W)
+            multipliers = friction.solve_multipliers(base[..., 0], lift @ Vt @ W)
             free = free + (W @ friction.loads(multipliers)[..., None])[..., 0]
         blocked = keep * (Vt @ free[..., None])[..., 0]  # V1^T M^(-1/2) Q
         b = free + (V @ (moved - blocked)[..., None])[..., 0]

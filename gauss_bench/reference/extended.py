@@ -128,12 +128,12 @@ class Linkage:
 
         def gap(q: Array) -> Array:
             """Return the residuals of the loops, and the distances from the values that the start prescribes."""
-            return np.concatenate([close(q)[0], held.of(q)[0] - held.target])
+            return np.concatenate([close(q)[0], held.evaluate(q)[0] - held.target])
 
         q = guess.q0.astype(LONG)
-        q = self.q0 = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.of(q)[1]])), q)
+        q = self.q0 = solve_by_chord(gap, pseudo_inverse(np.vstack([close(q)[1], held.evaluate(q)[1]])), q)
         # velocities: A v = b has the rows of loops and knife edges with b = 0, and the prescribed rates
-        A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.of(q)[1]])
+        A = np.vstack([Constraints(free)(0.0, q, np.zeros_like(q)).J, held.evaluate(q)[1]])
         b = np.concatenate([np.zeros(len(A) - len(held.rate)), held.rate])
         self.v0 = solve_by_chord(lambda v: A @ v - b, pseudo_inverse(A), guess.v0.astype(LONG))
         # independent rows: n - dof of the joints, since `dof` counts no drivers and knife edges, and one for each of these

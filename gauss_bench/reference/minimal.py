@@ -154,8 +154,8 @@ class MinimalCoordinate:
     def _friction(self, q: Array, d: Array, v: Array, force: Array) -> Array:
         """Return the generalised friction forces W N(lambda) (k, n) at states q, v, with d = dq/dtheta.
 
-        `force` (k, n) is Q - M e w^2 without friction. Friction changes lambda, and lambda changes friction; `consistent` finds the
-        multipliers lambda that satisfy both relations.
+        `force` (k, n) is Q - M e w^2 without friction. Friction changes lambda, and lambda changes friction; `solve_multipliers`
+        finds the multipliers lambda that satisfy both relations.
         """
         W = self.friction.directions(q, v)
         columns = np.concatenate([force[..., None], W], axis=-1)  # all forces but friction, and friction of unit load in each joint
@@ -164,7 +164,7 @@ class MinimalCoordinate:
         J = self.constraints(q[:, self.crank], q, v).J
         # J^T lambda = balanced; the last multiplier is that of the crank's row, which is zero
         solution = np.linalg.solve(np.swapaxes(J, -1, -2), balanced)[:, :-1]
-        multipliers = self.friction.consistent(solution[..., 0], solution[..., 1:])
+        multipliers = self.friction.solve_multipliers(solution[..., 0], solution[..., 1:])
         return np.asarray((W @ self.friction.loads(multipliers)[..., None])[..., 0])
 
     def angles_reached(self) -> tuple[float, float]:

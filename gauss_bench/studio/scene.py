@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gauss_bench.kinematics.topology import find_graph, pin_loose_links
-from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.bodies import expand_cylinders
 from gauss_bench.linkage.references import items, sequence, table
 from gauss_bench.mechanism.coordinates import position
 from gauss_bench.mechanism.model import GROUND, Point
@@ -177,9 +177,8 @@ def forces(reading: Reading) -> list[dict[str, Any]]:
 def drivers_possible(reading: Reading) -> list[dict[str, str]]:
     """Return name and kind of the coordinates that can be driven: "angle" of a link with a pin on the ground, or "slide"."""
     kinds: dict[str, str] = {}
-    # `rest` is the document without faulty parts; `write_out` replaces a cylinder in it by two links and a prismatic joint, so that
-    # a cylinder is a slide here
-    for name, joint in items(write_out(reading.rest), "joints"):
+    # `rest` is the document without faulty parts; a cylinder in it becomes two links and a prismatic joint, and so is a slide here
+    for name, joint in items(expand_cylinders(reading.rest), "joints"):
         owners = [x.partition(".")[0] for x in sequence(joint, "at") if isinstance(x, str)]
         if "ground" in owners:
             kinds |= {x: "angle" for x in owners if x != "ground"}
@@ -194,7 +193,7 @@ def status(reading: Reading) -> dict[str, Any]:
     if mechanism is None or joints is None:
         return {"assembles": False, "dof": None, "loops": 0, "redundant": 0, "loop_names": []}
     found = find_graph(pin_loose_links(mechanism)).loops
-    loops = [[mechanism.link_name(way.link) for way in loop.ways if way.link != GROUND] for loop in found]
+    loops = [[mechanism.link_name(path.link) for path in loop.paths if path.link != GROUND] for loop in found]
     return {
         "assembles": reading.closed,
         "dof": mechanism.n - reading.rank,
@@ -206,5 +205,5 @@ def status(reading: Reading) -> dict[str, Any]:
 
 def pins_of(document: Document) -> dict[str, list[str]]:
     """Return name of a pin joint -> references "LINK.POINT" of its points; the pins at the ends of cylinders are included."""
-    joints = items(write_out(document), "joints")
+    joints = items(expand_cylinders(document), "joints")
     return {name: sequence(joint, "at") for name, joint in joints if joint.get("type") == "revolute"}

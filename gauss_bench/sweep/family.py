@@ -263,7 +263,7 @@ class Family:
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
             for part in np.arange(1, strides + 1) / strides:
-                q = project(q, constraints_at(part), _solve, NEWTON, still=_is_still, longest=LONGEST)
+                q = project(q, constraints_at(part), _solve, NEWTON, stop_after=_is_still, longest=LONGEST)
             phi, J = constraints_at(1.0)(q)
             # J v: joints do not move, and held coordinates have their rates
             right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)

@@ -36,10 +36,10 @@ from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
 from gauss_bench.kinematics.loop_equations import REGULAR
 from gauss_bench.mechanism.coordinates import value
-from gauss_bench.mechanism.equations import Motion, Row
+from gauss_bench.mechanism.equations import Row
 from gauss_bench.mechanism.evaluate import Constraints
 from gauss_bench.mechanism.model import Mechanism
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import Motion, MotionLaw
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
 

@@ -26,10 +26,10 @@ from gauss_bench.compiler.equations.laws import law_of_time
 from gauss_bench.compiler.equations.sampling import SPEED, scales
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.expressions.node import ExpressionGraph, Node
-from gauss_bench.mechanism.equations import Given, Motion
+from gauss_bench.mechanism.equations import ConstraintPlacement
 from gauss_bench.mechanism.frames import Direction, End, unit
 from gauss_bench.mechanism.model import GROUND, Force, Link, Load, Mechanism, Point, PointForce, Torque, factor_of, loads
-from gauss_bench.mechanism.motion_laws import Factor, MotionLaw
+from gauss_bench.mechanism.motion_laws import Factor, Motion, MotionLaw
 from gauss_bench.mechanism.spaces import Vec, angle_slot, rotate_vec, slots
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import States
@@ -187,7 +187,7 @@ def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
-class Links(Given):
+class Links(ConstraintPlacement):
     """The links of one mechanism at one state, with nodes in place of numbers, in the form that `mechanism/equations.py` needs.
 
     Attributes:

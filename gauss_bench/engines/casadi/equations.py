@@ -10,9 +10,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from gauss_bench.mechanism.equations import Given, Motion, energies, generalise, rows
+from gauss_bench.mechanism.equations import ConstraintPlacement, energies, generalise, rows
 from gauss_bench.mechanism.model import Mechanism, loads
-from gauss_bench.mechanism.motion_laws import MotionLaw
+from gauss_bench.mechanism.motion_laws import Motion, MotionLaw
 from gauss_bench.mechanism.spaces import slots
 
 Symbol = Any  # casadi.SX, which has no types
@@ -45,7 +45,7 @@ class Equations:
     power: Symbol
 
 
-class Symbols(Given):
+class Symbols(ConstraintPlacement):
     """The state of all bodies as symbols t, q (n,) and v (n,), in the form that `mechanism/equations.py` takes."""
 
     def __init__(self, t: Symbol, q: Symbol, v: Symbol):

@@ -23,7 +23,7 @@ from gauss_bench.engines.minimal.machine import Machine, compile_function
 from gauss_bench.engines.minimal.structure import Links, NoWay, ways
 from gauss_bench.engines.shared import LibraryEngine, finite_acceleration, require_agreement, size, unsteady
 from gauss_bench.formulations.gauss import gauss
-from gauss_bench.integrate.fixed_step import EVALUATIONS, Equal, equal_runs
+from gauss_bench.integrate.fixed_step import EVALUATIONS, EqualSteps, equal_runs
 from gauss_bench.mechanism.evaluate import Evaluator
 from gauss_bench.mechanism.model import Angle, Law, Load, Mechanism, Weighted, loads
 from gauss_bench.mechanism.spaces import angle_at, angles, places
@@ -272,7 +272,7 @@ class MinimalModel:
             if not self.failure:
                 self._run_equal(part)
 
-    def _run_equal(self, part: Equal) -> None:
+    def _run_equal(self, part: EqualSteps) -> None:
         """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:

@@ -180,7 +180,7 @@ class OwnModelRun:
             here = self.absolute(y, at_rest)
             return here.q - q, here.jacobian
 
-        y = project(self.y0, residual, minimum_norm, ITERATIONS, still=lambda _, size: bool(size < CLOSE))
+        y = project(self.y0, residual, minimum_norm, ITERATIONS, stop_after=lambda _, size: bool(size < CLOSE))
         gap, J = residual(y)
         if not largest(minimum_norm(J, gap)) < CLOSE:
             raise RunFailure(Status.ERROR, "the joints of the model cannot take a state of its linkage")

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, Element, Way
+from gauss_bench.kinematics.link_units import BLOCK, GUIDE, PIN, Element, LinkPath
 from gauss_bench.linkage.load import load
 from gauss_bench.papers.audit import worst
 from gauss_bench.papers.crank_slider import TINY, Number
@@ -116,7 +116,7 @@ def unit_off(form: Callable[[Pose], Units], p: Pose, kind: str) -> float:
         "RP2": Element("b", "b", GUIDE, -1j * p.e, 1.0 + 0j, "b"),
     }
     places, rates = ([p.s], [p.s_rate]) if kind == "RP2" else ([], [])
-    own = Way(0, Element("a", "a", PIN, 0j), ends[kind]).units(p.phi, p.phi_rate, places, rates).vector
+    own = LinkPath(0, Element("a", "a", PIN, 0j), ends[kind]).link_unit(p.phi, p.phi_rate, places, rates).vector
     # derivatives of A by phi and, if J has two columns, by s
     slopes = [along(lambda x: form(x)[0], p, *direction) for direction in ((1.0, 0.0), (0.0, 1.0))[: J.shape[1]]]
     rate = along(lambda x: form(x)[1], p, p.phi_rate, p.s_rate)

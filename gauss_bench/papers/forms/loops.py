@@ -67,7 +67,7 @@ class DrivenLinkage:
     @property
     def matrices(self) -> Matrices:
         """The matrices J, B of the loop equations and their rates."""
-        return self.equations.at(self.x, self.rate)
+        return self.equations.evaluate(self.x, self.rate)
 
 
 @cache
@@ -126,9 +126,9 @@ def loops_of(linkage: DrivenLinkage) -> list[tuple[list[Array], list[Array], lis
     """
     equations, loops = linkage.equations, []
     theta = equations.turning @ linkage.x + equations.phase
-    for ways in equations.ways:
-        units = [way.units(theta[way.link], 0.0, linkage.x[slides], linkage.rate[slides]).J for way, slides, _ in ways]
-        factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in ways]
+    for paths in equations.paths:
+        units = [path.link_unit(theta[path.link], 0.0, linkage.x[slides], linkage.rate[slides]).J for path, slides, _ in paths]
+        factors: list[Array] = [np.eye(len(linkage.x))[own] for _, _, own in paths]
         loops.append((units, [f[:, : linkage.unknowns] for f in factors], [f[:, linkage.unknowns :] for f in factors]))
     return loops
 
@@ -177,11 +177,11 @@ def columns_off(form: list[int], linkage: DrivenLinkage) -> float:
     leaves it.
     """
     errors = []
-    for way, slides, _ in chain.from_iterable(linkage.equations.ways):
-        kinds = [way.enter.kind, way.leave.kind]
+    for path, slides, _ in chain.from_iterable(linkage.equations.paths):
+        kinds = [path.enter.kind, path.leave.kind]
         guides = sum(kind in MOVING for kind in kinds)
-        unit = way.units(0.0, 0.0, linkage.x[slides], linkage.rate[slides])  # its shape does not depend on the angle 0.0
-        errors.append(count_off(form, (int(way.turns), guides, kinds.count("block")), unit.J.shape[1]))
+        unit = path.link_unit(0.0, 0.0, linkage.x[slides], linkage.rate[slides])  # its shape does not depend on the angle 0.0
+        errors.append(count_off(form, (int(path.turns), guides, kinds.count("block")), unit.J.shape[1]))
     return worst(errors)
 
 
@@ -198,7 +198,7 @@ def counted() -> list[LoopEquations]:
 
 def unknowns_off(form: list[int], equations: LoopEquations) -> float:
     """Return the error of a claimed number of unknowns, a * loops + b * redundant constraints with `form` = [a, b]."""
-    return count_off(form, (len(equations.ways), equations.mechanism.redundant), len(equations.unknown))
+    return count_off(form, (len(equations.paths), equations.mechanism.redundant), len(equations.unknown))
 
 
 def incidence(graph: LinkageGraph, oriented: bool) -> Array:

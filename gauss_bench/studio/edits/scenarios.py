@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss_bench.linkage.bodies import write_out
+from gauss_bench.linkage.bodies import expand_cylinders
 from gauss_bench.linkage.closure import null_space
 from gauss_bench.linkage.references import drivers_of, items, sequence, table
 from gauss_bench.linkage.start_coordinates import choose_held
@@ -70,7 +70,7 @@ def _find_coordinate(d: Drawing, given: Any) -> dict[str, Any]:
     name = given.get("name") if isinstance(given, dict) else given
     if isinstance(name, str) and name in d.group("links"):
         return {"link": name}
-    if isinstance(name, str) and table(write_out(d.document).get("joints", {}), name).get("type") == "prismatic":
+    if isinstance(name, str) and table(expand_cylinders(d.document).get("joints", {}), name).get("type") == "prismatic":
         return {"joint": name}
     raise Refused(f"there is no coordinate {str(name)[:60]!r} that can be driven", field="coordinate")
 
