@@ -181,7 +181,7 @@ class _Equations:
 
         def solve_rows(right: Sequence[Node]) -> list[Node]:
             """Return the solution (n) of J x = right."""
-            return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
+            return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.is_zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
             """Return the first and second derivatives (n) of all coordinates for those (`rates`, `seconds`) of the inputs."""

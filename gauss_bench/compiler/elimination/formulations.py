@@ -78,12 +78,12 @@ class Terms:
     @property
     def gamma(self) -> Sparse:
         """Right-hand side of J a = gamma, as a dict from the row to a node; zeros are left out."""
-        return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
+        return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.is_zero}
 
     @property
     def driven(self) -> Sparse:
         """Right-hand side -phi_t of J v = -phi_t, as a dict from the row to a node; zeros are left out."""
-        return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
+        return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.is_zero}
 
 
 class Motions:
@@ -165,7 +165,7 @@ class Gauss:
         graph = self.terms.graph
         # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9); b is the right-hand side
         a0 = self.factors.solve(gamma)
-        b = [graph.total(_reduced_force(self.terms, N, a0), pairs=REACH) for N in self.N]
+        b = [graph.total(_reduced_force(self.terms, N, a0), distance=REACH) for N in self.N]
         h = self.reduced.solve(_without_zeros(enumerate(b)))
         a = [graph.total([*_summands(self.N, h, j), *_entry(a0, j)]) for j in range(len(self.terms.mass))]
         return _without_zeros(enumerate(a))
@@ -193,7 +193,7 @@ class Gauss:
 
 def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Sparse:
     """Return a sparse vector with the entries (index, node) that are not zero."""
-    return {j: x for j, x in entries if not x.zero}
+    return {j: x for j, x in entries if not x.is_zero}
 
 
 def _entry(x: Sparse, j: int) -> list[Node]:
@@ -213,7 +213,7 @@ def _metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights: Sequence
     for k in unknowns:
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
-            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
+            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), distance=REACH)
     return lu(graph, A, unknowns, unknowns, Search(search.seed))  # by the plain rule: other settings are for the larger J
 
 
@@ -228,7 +228,7 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) ->
     for j, x in sorted(products.items()):
         of_weight.setdefault(weights[j].index, []).append(x)
     by_index = {w.index: w for w in weights}
-    return [by_index[w] * graph.total(x, pairs=REACH) for w, x in of_weight.items()]
+    return [by_index[w] * graph.total(x, distance=REACH) for w, x in of_weight.items()]
 
 
 def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
@@ -437,7 +437,7 @@ class Workspace:
         at_new = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
         at_new.suffix = "_new"
         moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
-        return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
+        return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.is_zero}
 
     def spread_out(self, multipliers: Sparse) -> Sparse:
         """Return the multipliers of all constraint rows, as a dict from the index of a row to a node; zeros are left out.
@@ -458,7 +458,7 @@ class Workspace:
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)
             sides[k] = side if row.phi is None else side - row.phi * beta**2
-        return {k: x for k, x in sides.items() if not x.zero}
+        return {k: x for k, x in sides.items() if not x.is_zero}
 
     def exact(self) -> tuple[list[Node], list[Node], Node]:
         """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.

@@ -138,7 +138,7 @@ class NormalEquations:
             if r in y:
                 parts.setdefault(c, []).append(e * y[r])
         sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}  # S^T y
-        return self.factors.solve({c: node for c, node in sums.items() if not node.zero})
+        return self.factors.solve({c: node for c, node in sums.items() if not node.is_zero})
 
 
 def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
@@ -151,7 +151,7 @@ def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node 
 
 def _put(target: Sparse, index: int, x: Node | None, factor: Node | None) -> None:
     """Enter x times a factor (None for 1) into a sparse vector, unless x is zero or None."""
-    if x is not None and not x.zero:
+    if x is not None and not x.is_zero:
         target[index] = x if factor is None else x * factor
 
 
@@ -221,7 +221,7 @@ class _Entry:
     def values(self) -> Array:
         """Values of the sum at the samples, followed by those at the random points; new summands are added first."""
         for node in self._not_yet_added:
-            self._values = node.at if self._values is None else self._values + node.at
+            self._values = node.values if self._values is None else self._values + node.values
         self._not_yet_added = []
         return self._values  # type: ignore[return-value]  # at least one summand has been added
 
@@ -288,7 +288,7 @@ class _Markowitz:
         self.rows: dict[int, dict[int, _Entry]] = {r: {} for r in rows}
         self.columns: dict[int, set[int]] = {c: set() for c in columns}
         for (r, c), node in A.items():
-            if r in self.rows and c in self.columns and not node.zero:
+            if r in self.rows and c in self.columns and not node.is_zero:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
         self.scale = {}
@@ -324,7 +324,7 @@ class _Markowitz:
         for c, d in combinations_with_replacement(columns, 2):
             products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
             entry = self.graph.total(products)
-            if not entry.zero:
+            if not entry.is_zero:
                 normal[c, d] = normal[d, c] = entry
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 

@@ -24,7 +24,7 @@ def rows_of(links: Links) -> list[Row]:
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
         entries = {k: node(entry) for k, entry in x.entries.items()}
-        entries = {k: entry for k, entry in entries.items() if not entry.zero}
+        entries = {k: entry for k, entry in entries.items() if not entry.is_zero}
         phi = None if x.phi is None else node(x.phi)
         rows.append(replace(x, entries=entries, gamma=node(x.gamma), phi=phi, phi_t=node(x.phi_t)))
     return rows
@@ -44,7 +44,7 @@ def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
     gamma = graph.total([row.gamma * factor for row, factor in parts])
     phi_t = graph.total([row.phi_t * factor for row, factor in parts])
     phi = graph.total([row.phi * factor for row, factor in parts if row.phi is not None])
-    return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, phi_t)
+    return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.is_zero}, gamma, phi, phi_t)
 
 
 def rate_of(links: Links, row: Row) -> Node:

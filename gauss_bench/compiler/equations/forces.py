@@ -39,7 +39,7 @@ def generalised_force(links: Links) -> dict[int, Node]:
         for k, x in entries.items():
             terms.setdefault(k, []).append(links.graph.node(x))
     sums = {k: links.graph.total(x) for k, x in terms.items()}
-    return {k: x for k, x in sums.items() if not x.zero}
+    return {k: x for k, x in sums.items() if not x.is_zero}
 
 
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
