@@ -43,6 +43,7 @@ VALUE: dict[str, Callable[..., Array]] = {  # operation -> its function in numpy
     "FMAX": np.maximum,
     "LE": lambda a, b: np.less_equal(a, b) * 1.0,
 }
+Key = tuple[Any, ...]  # operation, and indices of its operands
 Generic = tuple[float, float, float]  # values of one expression at the GENERIC random points
 
 
@@ -140,7 +141,7 @@ class ExpressionGraph:
         """Make an empty graph; each of its nodes will have values at `samples` sample states of the linkage."""
         self.samples = samples
         self.count = 0
-        self.known: dict[tuple[Any, ...], Node] = {}  # operation and operands -> its node
+        self.known: dict[Key, Node] = {}  # operation and operands -> its node
         self.ratios: dict[str, Node] = {}
         self.trail: list[tuple[dict[Any, Node], Any]] = []  # entries that `forget` can undo
         self.random = np.random.default_rng(19800427)
@@ -321,14 +322,7 @@ class ExpressionGraph:
         return self.scale_by(_round(factor), base)
 
     def _new(
-        self,
-        op: str,
-        args: tuple[Any, ...],
-        g: Generic,
-        ratio: str,
-        ready: float,
-        key: tuple[Any, ...],
-        values: Array | None = None,
+        self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: Key, values: Array | None = None
     ) -> Node:
         """Make a node, and enter it into the tables `known` (under `key`) and `ratios`; `trail` notes it for `forget`."""
         node = Node(self, op, args, g, None, ready, values)
@@ -337,7 +331,7 @@ class ExpressionGraph:
             self.trail.append((self.ratios, ratio))
         return self._enter(node, key)
 
-    def _enter(self, node: Node, key: tuple[Any, ...]) -> Node:
+    def _enter(self, node: Node, key: Key) -> Node:
         """Enter a node into the table `known` under a key (operation and operands); return the node."""
         self.known[key] = node
         self.trail.append((self.known, key))

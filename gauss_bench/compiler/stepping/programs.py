@@ -111,12 +111,12 @@ class Stepper:
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
         call = self.loaded.call(lanes)
 
-        def part(low: int, high: int) -> None:
+        def compute(low: int, high: int) -> None:
             """Compute the groups of trajectories with the indices low to high - 1."""
-            arrays = self.loaded.given([y[low:high], p[low:high], samples[low:high], report[low:high]])
+            arrays = self.loaded.as_arguments([y[low:high], p[low:high], samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
-        share(part, groups, threads)
+        share(compute, groups, threads)
         # of each trajectory: number of steps done; 1 if all were done; 1 if it stopped only because a link rotated too far
         done, complete, too_far = out_of_lanes(report, count).T
         if too_far.any() and self.further is not None:
@@ -130,15 +130,15 @@ class Stepper:
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        # this thread's buffers for the arguments, allocated in its first call: state, number arguments, sample, report
-        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
-        (y, p, sample, report), numbers, counts = one.arrays, one.numbers, one.counts
-        one.q[...], one.v[...] = q, v  # views of y
+        # memory for the arguments, which each thread allocates in its first call: state, number arguments, sample, report
+        single = self.loaded.of_thread.single or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
+        (y, p, sample, report), numbers, counts = single.arrays, single.numbers, single.counts
+        single.q[...], single.v[...] = q, v  # views of y
         if len(parameters):
             p[:] = parameters
         numbers[0], numbers[1] = h, t0
         counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
-        one.run()
+        single.run()
         # report: number of steps done; 1 if all were done; 1 if a step was not done only because a link rotated too far
         if report[1]:
             return sample.copy()
@@ -165,7 +165,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
     # rtol, atol, longest and shortest step, first step
     numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
     # then come integers: number of samples, largest number of steps, and one group; call(1) computes one trajectory
-    loaded.call(1)(*loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
+    loaded.call(1)(*loaded.as_arguments([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
     # report: number of stored samples, of accepted and of attempted steps, and the time reached
     stored, taken, tried, t = report[0, :, 0].tolist()
     return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
@@ -177,7 +177,7 @@ def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) ->
     lanes = loaded.lanes(count)
     y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
     out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-    loaded.call(lanes)(*loaded.given([y, p, at, out]), len(y))
+    loaded.call(lanes)(*loaded.as_arguments([y, p, at, out]), len(y))
     rows = out_of_lanes(out, count)
     return rows[:, :-1], rows[:, -1] > 0
 
@@ -189,13 +189,13 @@ def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array
     guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its threshold
     instead. The next call overwrites the array.
     """
-    # this thread's buffers for the arguments, which are allocated in its first call
-    one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, len(q) + 1)
-    _, p, time, out = one.arrays  # the first array has q and v
-    one.q[...], one.v[...], time[0] = q, v, t
+    # memory for the arguments, which each thread allocates in its first call
+    single = loaded.of_thread.single or loaded.single(2 * len(q), len(parameters), 1, len(q) + 1)
+    _, p, time, out = single.arrays  # the first array has q and v
+    single.q[...], single.v[...], time[0] = q, v, t
     if len(parameters):
         p[:] = parameters
-    one.run()
+    single.run()
     return out
 
 

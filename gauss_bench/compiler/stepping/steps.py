@@ -254,7 +254,7 @@ class Builder:
         if isfinite(bound):
             g = self.g
             weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
-            self.score.append(g.mul(weight, g.squares(values)))
+            self.score.append(g.mul(weight, g.sum_of_squares(values)))
 
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
         """Return sine and cosine of each angle after a change of the positions, by rotating sine and cosine before the change.
@@ -617,7 +617,7 @@ def _error(b: Builder, a: list[list[int]], A: Array, old: list[int], new: list[i
     for e in dop853_estimates():
         # errors of q and v divided by h; the factor h^2 of the formula is in the last line
         errors = [*b.times(b.h, b.weighted(a, e @ A)), *b.weighted(a, e)]
-        squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
+        squares.append(g.sum_of_squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
     return g.div(g.mul(g.mul(b.h, b.h), g.mul(fifth, fifth)), g.mul(both, g.const(float(len(new)))))

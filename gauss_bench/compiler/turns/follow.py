@@ -80,7 +80,7 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
-    norms = [g.squares([x[k] for k in angles]) for x in (correction, advance)]
+    norms = [g.sum_of_squares([x[k] for k in angles]) for x in (correction, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
     parts = {"start": flat_start, "end": flat_end, "closed": closed, "guards": guards}
     parts |= {"following": following, "stored": stored, "norms": norms}

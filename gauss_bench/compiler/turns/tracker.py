@@ -103,8 +103,8 @@ class Tracker:
         report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
         block = samples * self.program.width  # numbers of one lane
         last = out.size - block  # where the numbers of the last lane begin
-        given = self.loaded.given([guesses, bounds, levels, out, report])
-        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
+        arguments = self.loaded.as_arguments([guesses, bounds, levels, out, report])
+        self.loaded.call(lanes)(*arguments, samples, inputs[0].size, block, last, len(guesses))
         # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
         found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
         return found[:, 0].astype(int), found[:, 1:]
