@@ -85,7 +85,7 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
 
 
 class Writer(Emitter):
-    """Writes the lines of one function.
+    """Writes the lines of one function of LLVM.
 
     Attributes:
         lanes: number W of trajectories in a vector.
@@ -99,14 +99,15 @@ class Writer(Emitter):
         super().__init__(routine)
         self.routine, self.lanes = routine, lanes
         self.lines: list[str] = []
-        self.block, self._count, self._labels, self._values = "entry", 0, 0, 0
+        self.block, self._results, self._labels, self._values = "entry", 0, 0, 0  # the numbers count what is written
         self.real, integer, self.mask = (t if lanes == 1 else f"<{lanes} x {t}>" for t in ("double", "i64", "i1"))
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
+        # texts that replace the names in braces of INSTRUCTIONS
         self._words = {"real": self.real, "integer": integer, "mask": self.mask, "suffix": self.suffix}
         self._words |= {"zeros": self.splat("0", "i64"), "trues": self.splat("true", "i1")}
 
     def text(self) -> str:
-        """Write the whole module: declarations, and the function with its loop over groups of W trajectories."""
+        """Return the whole module: declarations, and the function with its loop over groups of W trajectories."""
         r = self.routine
         arguments = [f"ptr noalias %{x}" for x in r.arrays]
         arguments += [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in (*r.counts, "groups")]
@@ -159,9 +160,9 @@ class Writer(Emitter):
 
     def let(self, text: str) -> str:
         """Write an instruction; return the name of its result."""
-        self._count += 1
-        self.line(f"  %r{self._count} = {text}")
-        return f"%r{self._count}"
+        self._results += 1
+        self.line(f"  %r{self._results} = {text}")
+        return f"%r{self._results}"
 
     def splat(self, constant: str, kind: str) -> str:
         """Return the text of a vector with the same constant in every lane, or of the constant alone if there is one lane."""
@@ -172,8 +173,8 @@ class Writer(Emitter):
         if self.lanes == 1:
             return scalar
         vector = f"<{self.lanes} x {kind}>"
-        one = self.let(f"insertelement {vector} poison, {kind} {scalar}, i32 0")
-        return self.let(f"shufflevector {vector} {one}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
+        lane_0 = self.let(f"insertelement {vector} poison, {kind} {scalar}, i32 0")
+        return self.let(f"shufflevector {vector} {lane_0}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
 
     def address(self, base: str, row: int | str, kind: str) -> str:
         """Return the address of element number `row` of an array of LLVM's type `kind` that begins at `base`."""
@@ -193,7 +194,7 @@ class Writer(Emitter):
         match operation:
             case "const":  # hexadecimal digits lose nothing
                 return self.splat(f"0x{struct.pack('>d', payload).hex().upper()}", "double")
-            case "all":  # a constant mask
+            case "all":  # the constant mask that is True, or False, in all lanes
                 return self.splat(str(payload).lower(), "i1")
             case "whole":  # a constant integer
                 return str(payload)
@@ -296,12 +297,12 @@ class Writer(Emitter):
             size = min(BLOCK, self.lanes - low)
             kind = "double" if size == 1 else f"<{size} x double>"
             places = [self.address(place, start, "double") for place in self.places[low : low + size]]
-            part = vectors  # of these lanes
+            of_lanes = vectors
             if size < self.lanes:
-                part = [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in vectors]
+                of_lanes = [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in vectors]
             last = len(vectors) - size
             for k in sorted({*range(0, last, size), last}):  # the last block may overlap the one before
-                for place, x in zip(places, self._transpose(part[k : k + size]), strict=True):
+                for place, x in zip(places, self._transpose(of_lanes[k : k + size]), strict=True):
                     self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:

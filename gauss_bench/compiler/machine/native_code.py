@@ -25,7 +25,7 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.machine.source import in_python
+from gauss_bench.compiler.machine.source import make_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
@@ -271,7 +271,7 @@ class Loaded:
         self.codes: dict[int, NativeCode] = {}
         self.of_thread = OfThread()
         self._lock = threading.Lock()
-        self._python = in_python(make(True)) if target.backend == "numpy" else None  # replaces machine code
+        self._python = make_python(make(True)) if target.backend == "numpy" else None  # replaces machine code
 
     def lanes(self, count: int) -> int:
         """Return how many of `count` trajectories are computed together, as one group."""

@@ -17,7 +17,7 @@ from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
 from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
-C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results, for operations not of doubles
+C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results that are no doubles
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ C = Language(
 
 
 class Source(Emitter):
-    """Writes the lines of one function.
+    """Writes the lines of one function in C or Python.
 
     Attributes:
         variables: name of each variable written so far -> its type in C.
@@ -123,12 +123,12 @@ class Source(Emitter):
         The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
         """
         operation, payload, number = self.graph.operation[x], self.graph.payload[x], self.graph.number(x)
-        c = self.language is C
+        is_c = self.language is C
         if number is not None:
-            text = number.hex() if c else repr(number)
+            text = number.hex() if is_c else repr(number)
             return text if number >= 0 else f"({text})"
         if operation == "all":  # the mask that is True, or False, for all trajectories
-            return str(int(bool(payload))) if c else str(payload)
+            return str(int(bool(payload))) if is_c else str(payload)
         operands = [self.names[k] for k in self.graph.operands[x]]
         return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
@@ -166,14 +166,14 @@ class Source(Emitter):
                     self.statements(s.body)
                     self.line(self.language.leave.format(self.need(s.again)))
                     with self.within():
-                        self._assign({x: new for x, (_, new) in carried.items()})
+                        self._compute_and_assign({x: new for x, (_, new) in carried.items()})
             case If():  # first the values without the branch; the branch assigns others
-                self._assign({x: old for x, (_, old) in s.merged.items()})
+                self._compute_and_assign({x: old for x, (_, old) in s.merged.items()})
                 with self.block(self.language.branch.format(self.need(s.condition))), self.within():
                     self.statements(s.body)
-                    self._assign({x: new for x, (new, _) in s.merged.items()})
+                    self._compute_and_assign({x: new for x, (new, _) in s.merged.items()})
 
-    def _assign(self, values: Mapping[int, int]) -> None:
+    def _compute_and_assign(self, values: Mapping[int, int]) -> None:
         """Write lines that compute and assign new values of variables; `values`: variable (a leaf) -> its new value."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
@@ -182,21 +182,21 @@ class Source(Emitter):
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
-def in_c(routine: Routine) -> str:
+def write_c(routine: Routine) -> str:
     """Return the text of a C function that computes one trajectory; it returns 0, or 1 if the routine's mask `sound` is false."""
     s = Source(routine, C)
     s.statements(routine.body)  # writes s.lines, and notes the variables in s.variables
     s.line(f"return !{s.need(routine.sound)};")
     arguments = [f"double *{name}" for name in routine.arrays]
     arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
-    kinds: dict[str, list[str]] = {}  # type -> its variables, which C99 may declare together
+    of_type: dict[str, list[str]] = {}  # type -> its variables, which one line declares
     for name, kind in s.variables.items():
-        kinds.setdefault(kind, []).append(name)
-    declarations = [f"    {kind} {', '.join(names)};" for kind, names in kinds.items()]
+        of_type.setdefault(kind, []).append(name)
+    declarations = [f"    {kind} {', '.join(names)};" for kind, names in of_type.items()]
     return "\n".join([f"int {routine.name}({', '.join(arguments)})\n{{", *declarations, *s.lines, "}\n"])
 
 
-def in_python(routine: Routine) -> Callable[..., None]:
+def make_python(routine: Routine) -> Callable[..., None]:
     """Return a routine as a Python function of arrays, numbers and counts, then the number of groups of trajectories.
 
     Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement writes has only
@@ -205,17 +205,17 @@ def in_python(routine: Routine) -> Callable[..., None]:
     s = Source(routine, PYTHON)
     s.statements(routine.body)
     names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
-    space: dict[str, Any] = {"np": np}
+    space: dict[str, Any] = {"np": np}  # names that the function can use
     exec("\n".join([f"def {routine.name}({names}):", *s.lines, "    return"]), space)
-    step_group: Callable[..., None] = space[routine.name]
+    compute_group: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
-        """Compute one group after the other; results are in the arrays."""
+        """Compute one group after the other; the function writes its results into the arrays."""
         arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]  # the last is the number of groups
         with np.errstate(all="ignore"):
             for k in range(arguments[-1]):
                 # an array with 0 rows is shared by all groups
-                parts = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
-                step_group(*parts, *numbers)
+                of_group = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
+                compute_group(*of_group, *numbers)
 
     return call

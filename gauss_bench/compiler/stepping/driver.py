@@ -61,7 +61,7 @@ class Driver:
         self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
         self.tally = Tally()
 
-    def nominal(self, p: Array) -> bool:
+    def has_nominal(self, p: Array) -> bool:
         """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps."""
         return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
 
@@ -78,7 +78,7 @@ class Driver:
         """
         # if programs leave out redundant rows, a change of the program needs a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
-        if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
+        if not np.isfinite(state).all() or (self.drifting and not self.has_nominal(p)):
             return None
         while True:
             margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs.codes)) if k not in without}
@@ -110,7 +110,7 @@ class Driver:
         """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
-        if self.nominal(p) and np.isfinite(state).all():
+        if self.has_nominal(p) and np.isfinite(state).all():
             if not h:
                 return np.concatenate(self.by_rank.project(t, q, v)) if self.projected else state
             try:
