@@ -108,7 +108,7 @@ class Closure:
         if not np.isfinite(levels).all():
             raise ValueError("inputs or their derivatives are not finite")
         # if samples are too far apart for one step, further samples are put between them, and removed from the result below
-        stride = self._tracker.strides(levels[:, 0])
+        stride = self._tracker.longest_stride(levels[:, 0])
         divided = max(1, ceil(stride))
         if divided > 1:
             levels = _divide(levels, divided)

@@ -26,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, vector
+from gauss_bench.compiler.elimination.formulations import keep_rows, list_guards, vector
 from gauss_bench.compiler.elimination.function import Function, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
@@ -127,22 +127,23 @@ class _Equations:
         self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
         self.parameters = Parameters(driven, ())
         joints = Constraints(driven).joint_rows
-        self.kept = (*(k for k in known.kept(0) if k < joints), *range(joints, joints + len(driven.drivers)))
-        q = self._same_assembly(known.states.q)
-        u = np.array([value(d.coordinate, q) for d in driven.drivers])
+        self.kept = (*(k for k in known.kept_rows(0) if k < joints), *range(joints, joints + len(driven.drivers)))
+        q = self._in_same_assembly(known.states.q)
+        u = np.array([value(d.coordinate, q) for d in driven.drivers])  # (inputs, samples)
         self.graph = graph = ExpressionGraph(len(q))
         self.states = States(np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
-        # u: values of the drivers' coordinates at the samples; w, b and g (first and second time derivatives, and changes, of the
-        # inputs) have arbitrary values near 1, which differ so that no terms cancel by accident
-        self.u, self.w, self.b, self.g = (
-            tuple(graph.input(letter, k, x if letter == "u" else 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
-            for place, letter in enumerate("uwbg")
+        self.u = tuple(graph.input("u", k, x, 1.0) for k, x in enumerate(u))
+        # w, b and g (first and second time derivatives, and changes, of the inputs) get arbitrary values near 1 at the samples
+        # that differ, so that no terms cancel by accident
+        self.w, self.b, self.g = (
+            tuple(graph.input(letter, k, 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
+            for place, letter in enumerate("wbg", start=1)
         )
         zero = graph.constant(0.0)
         self.zeros = (zero,) * len(u)
         self.rows = self._rows(self.zeros, self.zeros)
 
-    def _same_assembly(self, q: Array) -> Array:
+    def _in_same_assembly(self, q: Array) -> Array:
         """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
 
         J is made square: each redundant row is left out, after multiples of it by the factors in `drop.shares` are added to kept
@@ -161,8 +162,8 @@ class _Equations:
         regular = sizes[:, -1] / sizes[:, 0]  # 0 at a singular position
         if regular[0] < REGULAR:
             raise KernelError(f"{self.driven.name}: the start is at a singular position")
-        same: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
-        return same
+        usable: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
+        return usable
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
         """Return the rows that are eliminated, for inputs with the values u and given first and second time derivatives.
@@ -177,7 +178,7 @@ class _Equations:
         """Return the results of `ClosingProgram.correction` and `ClosingProgram.motion`: [z], and [guards, step, (q, v, a)]."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
-        factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
+        factors = lu(graph, jacobian, range(n), range(n), Search(), normal_equations=True)
 
         def solve_rows(right: Sequence[Node]) -> list[Node]:
             """Return the solution (n) of J x = right."""
@@ -200,5 +201,5 @@ class _Equations:
             v, a = follow(w, b)
         z = solve_rows([-row.phi for row in self.rows if row.phi is not None])
         links = Links(graph, self.driven, self.parameters, self.states)
-        q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
+        q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in list_guards(factors)]
         return [z], [guards, advance, [*q, *v, *a]]

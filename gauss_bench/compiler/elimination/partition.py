@@ -25,7 +25,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest_solution
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Constraints
@@ -76,7 +76,7 @@ def least_singular_values(bases: Array, rows: tuple[int, ...]) -> Array:
     return np.asarray(values / np.linalg.norm(bases, axis=2).max(axis=1))
 
 
-SAMPLES = 48  # number of poses, a tenth of a radian apart: a pivot that touches zero between two of them is small at both
+SAMPLES = 48  # number of poses, about a tenth of a radian apart: a pivot that touches zero between two of them is small at both
 FEW = 8  # number of poses of a large linkage
 SINGULAR = 0.02  # smallest singular value relative to its median: a pose with less is too near to a singular position
 # The condition of a choice of rows or coordinates at a sample is their smallest singular value as above; 0 is singular.
@@ -114,7 +114,7 @@ class Drop:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Results of the analysis of a linkage before elimination.
+    """Results of the analysis of a linkage before elimination, from k samples of its states.
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
@@ -131,11 +131,11 @@ class Study:
     left: Array
     bases: Array
 
-    def kept(self, choice: int) -> tuple[int, ...]:
+    def kept_rows(self, choice: int) -> tuple[int, ...]:
         """Return the indices of the constraint rows that are kept if the redundant rows in drops[choice] are left out."""
         return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
-    def dropped(self, choice: int) -> tuple[str, ...]:
+    def dropped_names(self, choice: int) -> tuple[str, ...]:
         """Return the names of the constraint rows that are left out by drops[choice]."""
         names = [f"{row.owner}.{row.part}" if row.part else row.owner for row in self.mechanism.row_names]
         return tuple(names[k] for k in self.drops[choice].rows)
@@ -215,7 +215,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     rows = choose_rows(dropped.T[None], redundant, allowed)
     if rows is None:
         return None
-    factors = -np.linalg.solve(dropped[:, list(rows)], dropped)  # (redundant, m): of each dropped row in each kept one
+    factors = -np.linalg.solve(dropped[:, list(rows)], dropped)  # (redundant, m): of each dropped row in every row
     shares = []  # (kept row, dropped row, factor)
     for k in (k for k in allowed if k not in rows):
         shares += [(k, r, float(x)) for r, x in zip(rows, factors[:, k], strict=True) if x]
@@ -223,17 +223,17 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     return drop if (_soundness(left, drop) >= ENOUGH).all() else None
 
 
-def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned.
+def _covering(bases: Array, first_choices: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
+    """Return `first_choices` of rows and further choices, such that at every sample at least one choice is well conditioned.
 
     At most MOST choices are returned; some samples may then have no well conditioned choice.
     """
-    # open_samples: at these no choice is well conditioned
-    open_samples, choices = np.ones(len(bases), bool), list(chosen)
+    # open_samples: true where no choice is well conditioned
+    open_samples, choices = np.ones(len(bases), bool), list(first_choices)
     for rows in choices:
         open_samples &= least_singular_values(bases, rows) < ENOUGH
     while open_samples.any() and len(choices) < MOST:
-        k = int(np.flatnonzero(open_samples)[0])
+        k = int(np.flatnonzero(open_samples)[0])  # the first open sample
         best = choose_rows(bases[k : k + 1], bases.shape[2], allowed)  # the best rows for this sample alone
         if best is None or best in choices:
             break
@@ -246,7 +246,7 @@ def _sparse_null_space(J: Array, free: int) -> Array:
     """Return a basis (n, free) of the null space of a large J (m, n) of full row rank."""
     X = np.random.default_rng(0).normal(size=(J.shape[1], free))
     for _ in range(2):  # project random vectors onto the null space; twice, because one pass leaves rounding errors
-        X = np.array([x - shortest(J, J @ x) for x in X.T]).reshape(free, -1).T
+        X = np.array([x - shortest_solution(J, J @ x) for x in X.T]).reshape(free, -1).T
         X = np.linalg.qr(X)[0] if free else X
     return X
 
@@ -261,13 +261,14 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
     """
     if study.free == 0:
         return [()]
-    mechanism, every = study.mechanism, range(study.mechanism.n)
+    mechanism, coordinates = study.mechanism, range(study.mechanism.n)
     # one choice for each coordinate that comes first in it
-    begun_with_each = {choose_rows(study.bases, study.free, every, first) for first in every}
-    angles = choose_rows(study.bases, study.free, every[angle_slot(0) :: SIZE])  # among the indices of all angles
-    worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}  # over the samples
+    begun_with_each = {choose_rows(study.bases, study.free, coordinates, first) for first in coordinates}
+    angles = choose_rows(study.bases, study.free, coordinates[angle_slot(0) :: SIZE])  # among the indices of all angles
+    # choice -> its condition at the worst sample
+    worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}
     best = max(worst.values(), default=0.0)
-    sound = sorted(chosen for chosen, condition in worst.items() if condition > max(USABLE, NEAR * best))
+    sound = sorted(choice for choice, condition in worst.items() if condition > max(USABLE, NEAR * best))
     # first a choice with the crank's angle, then the choice of angles only
     preferred = [] if mechanism.crank is None else [x for x in sound if angle_slot(mechanism.crank) in x][:1]
     if angles is not None and worst[angles] > USABLE:
@@ -276,8 +277,8 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
         return preferred
     if mechanism.n > DENSE:
         return preferred[:1] or [sound[len(sound) // 2]]
-    even = [sound[k] for k in np.unique(np.linspace(0, len(sound) - 1, CANDIDATES).round().astype(int))]
-    return list(dict.fromkeys(preferred + even))
+    evenly_spaced = [sound[k] for k in np.unique(np.linspace(0, len(sound) - 1, CANDIDATES).round().astype(int))]
+    return list(dict.fromkeys(preferred + evenly_spaced))
 
 
 def conditions(study: Study, independent: tuple[int, ...]) -> Array:
@@ -287,8 +288,7 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 
 def covering(study: Study) -> list[tuple[int, ...]]:
     """Return choices of independent coordinates, one or more usable at each sample; the first has the crank's angle if possible."""
-    chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition
-    chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
-    return _covering(study.bases, chosen, range(study.mechanism.n))
+    best_first = sorted(candidates(study), key=lambda x: (crank not in x, -float(conditions(study, x).min())))
+    return _covering(study.bases, best_first[:1], range(study.mechanism.n))

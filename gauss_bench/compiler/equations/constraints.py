@@ -18,7 +18,7 @@ from gauss_bench.mechanism.equations import Row
 def rows_of(links: Links) -> list[Row]:
     """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
 
-    The entries of a row of J are a dict from column to node, without zeros. If `links.exact` is true, the rows are also valid at
+    The entries of a row of J are column -> node; zeros are left out. If `links.exact` is true, the rows are also valid at
     states that violate the constraints.
     """
     node, rows = links.graph.node, []
@@ -31,7 +31,7 @@ def rows_of(links: Links) -> list[Row]:
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the sum of factor times row over the pairs (row, factor); it has the name of the first row.
+    """Return the linear combination of constraint rows: the sum of factor times row over all `parts`, named as the first row.
 
     A row that constrains velocities only, such as that of a knife edge, has no residual phi, so it adds nothing to the residual of
     the sum.
