@@ -420,7 +420,7 @@ class Kernel:
                 if is_sound[0]:
                     values[row] = by_program_k[0]
                     continue
-            values[row] = by_rank(float(time), q_row, v_row) if self._driver.has_nominal(p) else np.nan
+            values[row] = by_rank(float(time), q_row, v_row) if self._driver.has_nominal_values(p) else np.nan
         return np.asarray(values[0] if is_single else values)
 
 

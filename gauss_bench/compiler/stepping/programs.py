@@ -27,6 +27,7 @@ class Batch:
     Attributes:
         states: (k, 2n) q and v at the start.
         parameters: (k, n_p) number arguments of the code: the numbers of the linkage that are not constants in the code.
+        t0, h, n: time at the start [s], size [s] and number of the steps.
         every: number of steps between samples, at least 1.
     """
 
@@ -45,11 +46,13 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The outcome of a batch.
+    """The outcome of a batch of k trajectories.
 
     Attributes:
         states: (k, 2n) last states; of a trajectory that stopped early, the state before the failed step.
         samples: (k, slots, 2n); of a trajectory that stopped early, those after the failed step are NaN.
+        done: (k,) number of steps that were taken.
+        complete: (k,) whether all steps were taken.
     """
 
     states: Array
@@ -72,6 +75,7 @@ class Course:
     Attributes:
         samples: (k, 2n) states at the k times that were reached, projected under the stabilisation "projection".
         state: (2n,) last state, at the time t [s].
+        taken, tried: numbers of accepted and of attempted steps.
     """
 
     samples: Array
@@ -148,8 +152,8 @@ class Stepper:
         return Stop(y.copy(), int(report[0]))
 
 
-LEAST = 1e-14  # shortest step, relative to the duration or to the largest time
-LIMIT = 10**7  # number of steps of one call
+LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is longer
+LIMIT = 10**7  # largest number of steps of one call
 
 
 def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
@@ -236,7 +240,7 @@ class Programs:
         return True
 
     def runner(self, k: int, integrator: str) -> Stepper:
-        """Return the stepper of program k with an integrator; it is made, and its code compiled, on first use."""
+        """Return the stepper of program k with an integrator, which is made on first use."""
         if (k, integrator) in self.runners:
             return self.runners[k, integrator]
         code = self.codes[k]
@@ -260,7 +264,7 @@ class Programs:
         return self._routine(k, self.stabilization, self._integrate)
 
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
-        """Return the routine whose code `make` writes for program k; the code is compiled on first use.
+        """Return the routine that `make` builds for program k; its code is compiled on first use.
 
         A routine is stored under the key (k, make) without the stabilisation, because each `make` is used with one stabilisation
         only.
@@ -290,7 +294,7 @@ class Programs:
         return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p)[-1])  # the last number is the margin
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return accelerations (states, n) by program k, and flags (states,): True where all pivots of it are large enough."""
+        """Return accelerations (states, n) by program k, and flags (states,): True where all of its pivots are large enough."""
         if k == 0 and not self.plain:  # only program 0 has compiled code for this
             return evaluate_many(self.native, t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
@@ -305,13 +309,13 @@ class Programs:
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
+        """Return multipliers (states, rows) by program k, and flags (states,): True where all of its pivots are large enough."""
         (multipliers,) = self.codes[k].program.multipliers(t[:, None], q, v, p)
         _, margins = self.margins(k, t, q, v, p)
         return multipliers, margins >= 1.0
 
     def loaded(self) -> list[tuple[float, bool]]:
-        """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""
+        """Return for all machine code made so far the times [s] to compile or load it, each with whether it was in the cache."""
         routines = [*self._routines.values()]
         for runner in self.runners.values():
             routines += runner.compiled
