@@ -1,4 +1,4 @@
-"""Expressions that know their values: a graph in which equal expressions are one node.
+"""Expressions with their values at sample states of a linkage: a graph in which equal expressions are one node.
 
 Every node has values at sample states of the linkage, by which pivots are chosen, and at a few random points, by which equal
 expressions are recognised. The random points violate the constraints slightly; far from the constraints, products of many factors
