@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +99,7 @@ def choose_settings(wanted: Sequence[str] | None) -> list[EngineSetting]:
         if offer.usable:
             labels = [x for x in LABELS if x in offer.settings] or list(offer.settings)[:1]
             stabilizations = [x for x in STABILIZED if x in offer.stabilizations] or list(offer.stabilizations)[:1]
-            usable += [EngineSetting(offer.name, x, offer.integrators[0], y) for x, y in product(labels, stabilizations)]
+            usable += [EngineSetting(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
     return usable
 
 
@@ -274,7 +273,7 @@ def survey(settings: Sequence[EngineSetting], axes: Sequence[Axis], budget: floa
                     tell(f"{done}/{len(pairs)} {setting.name}, {axis.title}: {describe(reach)}")
             return reach
 
-        pairs = list(product(axes, settings))
+        pairs = [(axis, setting) for axis in axes for setting in settings]
         tell(f"settings of engines: {len(settings)}; axes: {len(axes)}")
         try:
             with ThreadPoolExecutor(jobs) as pool:

@@ -61,8 +61,8 @@ class ClosingProgram:
         """
         # `study` samples positions. Without its driver a linkage of one degree of freedom is sampled over its whole motion, and not
         # only where the driver moves it in this scenario.
-        known = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
-        correction, motion = _Equations(driven, known).solve()
+        analysis = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
+        correction, motion = _Equations(driven, analysis).solve()
         n, K = driven.n, len(driven.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
         # None: the code of the two functions is not merged, so that they share no instructions
         self.correction: Function = function((("q", n), ("u", K)), correction, None)
@@ -119,16 +119,16 @@ class _Equations:
         rows: the kept rows for inputs with the values u and zero time derivatives.
     """
 
-    def __init__(self, driven: Mechanism, known: Study):
+    def __init__(self, driven: Mechanism, analysis: Study):
         """Write the constraint rows of a linkage as expressions, with values at sampled positions."""
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
-        self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
+        self.driven, self.drop = replace(driven, drivers=tuple(numbered)), analysis.drops[0]
         self.parameters = Parameters(driven, ())
         joints = Constraints(driven).joint_rows
-        self.kept = (*(k for k in known.kept_rows(0) if k < joints), *range(joints, joints + len(driven.drivers)))
-        q = self._in_same_assembly(known.states.q)
+        self.kept = (*(k for k in analysis.kept_rows(0) if k < joints), *range(joints, joints + len(driven.drivers)))
+        q = self._in_same_assembly(analysis.states.q)
         u = np.array([value(d.coordinate, q) for d in driven.drivers])  # (inputs, samples)
         self.graph = graph = ExpressionGraph(len(q))
         self.states = States(np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
@@ -162,8 +162,7 @@ class _Equations:
         regular = sizes[:, -1] / sizes[:, 0]  # 0 at a singular position
         if regular[0] < REGULAR:
             raise KernelError(f"{self.driven.name}: the start is at a singular position")
-        usable: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
-        return usable
+        return np.asarray(q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))])
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
         """Return the rows that are eliminated, for inputs with the values u and given first and second time derivatives.

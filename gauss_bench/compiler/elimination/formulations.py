@@ -405,7 +405,7 @@ class Workspace:
         # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
         at_start = dict(zip(line_names(mechanism), line_values(mechanism, 0.0).tolist(), strict=True))
         parameters = Parameters(mechanism, open_names, at_start)
-        soundness, condition = study.soundness(plan.drop), conditions(study, plan.independent)
+        soundness, condition = self.drop.soundness(study.left), conditions(study, plan.independent)
         usable = soundness > USABLE  # (samples,) whether the kept rows are independent there
         if plan.formulation == "gauss":
             usable &= condition > USABLE

@@ -359,10 +359,9 @@ class _Markowitz:
         First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
         columns; then, unless `steady_only`, a pivot whose sign changes.
         """
-        size = len(self.rows)
-        rounds = [(LOOKED_AT, True), (min(size, LOOKED_AT**2), True)]  # (number of rows and of columns, steady)
+        rounds = [(LOOKED_AT, True), (LOOKED_AT**2, True)]  # (number of rows and of columns, steady)
         if not steady_only:
-            rounds += [(LOOKED_AT, False), (size, False)]
+            rounds += [(LOOKED_AT, False), (len(self.rows), False)]
         for count, steady in rounds:
             place = self._cheapest(self._places_in_sparsest(count), steady)
             if place is not None:
@@ -470,10 +469,9 @@ class _Markowitz:
         """
         if not self.search.crossing or pivot.number is not None or not others:
             return False
-        for x in others:
-            if len(self.rows[x]) - 1 > CROSSED or any(step.scale for step in self.steps[x]):
-                return False
-        return self.random.random() < self.search.crossing
+        are_short = all(len(self.rows[x]) - 1 <= CROSSED for x in others)
+        were_multiplied = any(step.scale for x in others for step in self.steps[x])
+        return are_short and not were_multiplied and self.random.random() < self.search.crossing
 
     def _subtract(self, other: int, factor: Node, row: dict[int, Node]) -> None:
         """Subtract `factor` times the pivot's row (column -> node) from row `other`; entries that become zero are removed."""

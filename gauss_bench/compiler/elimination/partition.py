@@ -111,6 +111,21 @@ class Drop:
             W[self.rows.index(dropped), kept] = -factor
         return np.asarray(W / np.linalg.norm(W, axis=1, keepdims=True))
 
+    def soundness(self, left: Array) -> Array:
+        """Return for each of k samples how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
+
+        The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations
+        of rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null
+        space: the result is the smallest singular value of D L, divided by the norm of the largest row of L.
+
+        Args:
+            left: (k, m, redundant) the bases L.
+        """
+        if not self.rows:
+            return np.ones(len(left))
+        values = np.linalg.svd(self.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
+        return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
@@ -139,10 +154,6 @@ class Study:
         """Return the names of the constraint rows that are left out by drops[choice]."""
         names = [f"{row.owner}.{row.part}" if row.part else row.owner for row in self.mechanism.row_names]
         return tuple(names[k] for k in self.drops[choice].rows)
-
-    def soundness(self, choice: int) -> Array:
-        """Return for each sample how far the rows kept by drops[choice] are from linear dependence (k,); 0 means dependent."""
-        return _soundness(self.left, self.drops[choice])
 
 
 @lru_cache(maxsize=32)  # a mechanism is compiled under several formulations, and needs its study again for further programs
@@ -179,19 +190,6 @@ def study(mechanism: Mechanism) -> Study:
     return Study(mechanism, states[regular], drops=chosen, free=mechanism.n - rank, left=left, bases=null)
 
 
-def _soundness(left: Array, drop: Drop) -> Array:
-    """Return for each sample how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
-
-    The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations of
-    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space:
-    the result is the smallest singular value of D L, divided by the norm of the largest row of L.
-    """
-    if not drop.rows:
-        return np.ones(len(left))
-    values = np.linalg.svd(drop.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
-    return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
-
-
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     """Choose combinations of two constraint rows to drop that leave rows independent at every sample; None if there are none.
 
@@ -220,7 +218,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     for k in (k for k in allowed if k not in rows):
         shares += [(k, r, float(x)) for r, x in zip(rows, factors[:, k], strict=True) if x]
     drop = Drop(rows, tuple(shares))
-    return drop if (_soundness(left, drop) >= ENOUGH).all() else None
+    return drop if (drop.soundness(left) >= ENOUGH).all() else None
 
 
 def _covering(bases: Array, first_choices: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:

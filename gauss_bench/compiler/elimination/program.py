@@ -121,7 +121,7 @@ def search_plan(work: Workspace, count: int) -> Attempt:
 
 
 def cheapest(
-    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
+    analysis: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
 ) -> Attempt:
     """Return the cheapest elimination over the formulations and independent coordinates that the caller does not prescribe.
 
@@ -136,20 +136,20 @@ def cheapest(
         KernelError: no independent coordinates or no pivots are usable.
     """
     # in Lagrange's formulation the independent coordinates only select the free motions
-    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
+    plans = [Plan("lagrange", covering(analysis)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
-        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
+        choices = (candidates(analysis) or covering(analysis)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x, drop) for x in choices]
-    plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
+    plain, failure = [], KernelError(f"{analysis.mechanism.name}: no partition is usable")
     for plan in plans:
         try:
-            plain += try_settings(Workspace(known, open_parameters, plan), [PLAIN])
+            plain += try_settings(Workspace(analysis, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
         raise failure
     plain = sorted(plain, key=lambda x: x.costs.single)
-    unknowns = known.mechanism.n + len(known.kept_rows(drop))
+    unknowns = analysis.mechanism.n + len(analysis.kept_rows(drop))
     # for a linkage with many unknowns or a long program fewer attempts are made, so that the search ends soon
     count = min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))
     if count <= 1:
@@ -172,7 +172,7 @@ def _sources() -> str:
     return source_digest(*SOURCES)
 
 
-def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Attempt | None:
+def _recall(analysis: Study, open_parameters: tuple[str, ...], name: str | None) -> Attempt | None:
     """Repeat the elimination whose settings an earlier search has stored as `name`.
 
     Return None if none are stored, or if they find no usable pivots.
@@ -182,7 +182,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
         return None
     plan, search = json.loads(stored)
     try:
-        work = Workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
+        work = Workspace(analysis, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
         return try_settings(work, [Search(**search)])[0]
     except KernelError:
         return None
@@ -245,11 +245,6 @@ class Program:
     residual: Function = NOTHING
     stabilized: Function | None = None
 
-    @property
-    def n_parameters(self) -> int:
-        """Number of parameters p."""
-        return len(self.parameters)
-
 
 def generate(
     mechanism: Mechanism,
@@ -277,21 +272,21 @@ def generate(
         raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
     if mechanism.has_friction:
         raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
-    known = study(mechanism)
-    if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
-        raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
+    analysis = study(mechanism)
+    if independent is not None and (len(set(independent)) != analysis.free or not set(independent) <= set(range(mechanism.n))):
+        raise KernelError(f"{mechanism.name} has {analysis.free} independent coordinates among {mechanism.n}, not {independent}")
     arguments = (open_parameters, formulation, independent, drop)
     name = _cache_name(mechanism, *arguments, ATTEMPTS) if remembered else None
-    recalled = _recall(known, open_parameters, name)
-    best = recalled or cheapest(known, *arguments)
-    program = _write(known, best, baumgarte)
+    recalled = _recall(analysis, open_parameters, name)
+    best = recalled or cheapest(analysis, *arguments)
+    program = _write(analysis, best, baumgarte)
     error = error_of(program, mechanism)
     if recalled is None:
         if error > PRECISE and best.search != PLAIN:
             # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
             with suppress(KernelError):  # the plain attempt may find no usable pivots
                 plain = try_settings(best.work, [PLAIN])[0]
-                other = _write(known, plain, baumgarte)
+                other = _write(analysis, plain, baumgarte)
                 other_error = error_of(other, mechanism)
                 if other_error < error:
                     best, program, error = plain, other, other_error
@@ -312,10 +307,10 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     return covering(study(mechanism))
 
 
-def _write(known: Study, best: Attempt, baumgarte: tuple[float, float] | None) -> Program:
+def _write(analysis: Study, best: Attempt, baumgarte: tuple[float, float] | None) -> Program:
     """Repeat the elimination of the attempt `best`, and return the program that it gives."""
     work, elimination = best.work, best.work.eliminate(best.search)
-    mechanism, links, graph = known.mechanism, work.links, work.terms.graph
+    mechanism, links, graph = analysis.mechanism, work.links, work.terms.graph
     n = mechanism.n
     # residuals and energy come first: later the graph may replace a product by an expression that equals it on the constraints only
     phi, phi_dot, energy = work.checked_outputs()
@@ -347,7 +342,7 @@ def _write(known: Study, best: Attempt, baumgarte: tuple[float, float] | None) -
         independent=work.plan.independent,
         parameters=links.parameters.names,
         values=links.parameters.values,
-        dropped=known.dropped_names(work.plan.drop),
+        dropped=analysis.dropped_names(work.plan.drop),
         thresholds=thresholds(guards),
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq, correcting_pivots], shared),

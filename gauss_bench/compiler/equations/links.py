@@ -50,10 +50,15 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
     """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y."""
+    return split_vectors(named_numbers(mechanism))
+
+
+def split_vectors(numbers: Mapping[str, Any]) -> dict[str, float]:
+    """Return name -> number for numbers and vectors (2,); a vector NAME gives the two numbers NAME.x and NAME.y."""
     values: dict[str, float] = {}
-    for name, number in named_numbers(mechanism).items():
+    for name, number in numbers.items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
-        values |= dict(zip(labels, np.ravel(number).tolist(), strict=True))
+        values |= dict(zip(labels, np.ravel(number).astype(float).tolist(), strict=True))
     return values
 
 

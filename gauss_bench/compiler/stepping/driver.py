@@ -69,8 +69,7 @@ class Driver:
 
     def has_nominal_values(self, p: Array) -> bool:
         """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps."""
-        count = self.open_count
-        return not count or bool((p[..., :count] == self.programs.values[:count]).all())
+        return bool((p[..., : self.open_count] == self.programs.values[: self.open_count]).all())
 
     @property
     def drifts(self) -> bool:

@@ -80,7 +80,7 @@ class Body:
         names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
         y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(name) for name in names]
-        parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
+        parameters = {g.leaf(f"%p{k}"): k for k in range(len(code.program.parameters))}
         self.arrays = {"p": Array(len(parameters))}
         self.entry = [Load("y", {x: k for k, x in enumerate(y)}), Load("p", parameters)]
         first = dict(zip(names, y, strict=True))  # name of a leaf -> its value at the first step
@@ -315,7 +315,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     # array -> names of the leaves in its rows
     rows = {
         "y": [f"%{letter}{i}" for letter in "qv" for i in range(b.n)],
-        "p": [f"%p{i}" for i in range(code.program.n_parameters)],
+        "p": [f"%p{i}" for i in range(len(code.program.parameters))],
         "t": ["%t"],
     }
     return evaluation("accelerate", b.g, [*a, validity], rows, plain)

@@ -182,7 +182,7 @@ class Builder:
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
         self.q, self.v = self.vector("q"), self.vector("v")
-        self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
+        self.p = [g.leaf(f"%p{i}") for i in range(len(code.program.parameters))]
         self.t, self.h = g.leaf("%t"), g.leaf("%h")
         self.sines: dict[int, Pair] = {}
         self.pivots: list[int] = []

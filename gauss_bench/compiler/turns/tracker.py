@@ -123,8 +123,7 @@ class Tracker:
             stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) array that receives q, v and a of every sample, NaN where the linkage is not closed.
         """
-        closed = self._follow_parts(levels, stride, rows)
-        return self._finish(levels, rows, closed) if closed < len(rows) else None
+        return self._finish(levels, rows, self._follow_parts(levels, stride, rows))
 
     def _walk(self, u: Array) -> Array:
         """Return positions (m, n) at inputs u (m, K), computed in a single lane; NaN from the first input on that it cannot close.
