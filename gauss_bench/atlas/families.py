@@ -41,7 +41,7 @@ Truth = Callable[[float, Array, float], Array]
 
 @dataclass(frozen=True)
 class Axis:
-    """A family of linkages that becomes harder to simulate with one number.
+    """A family of linkages that become harder to simulate as one number, the value, changes.
 
     Attributes:
         name: key of the axis; title, meaning, unit: texts for users.
@@ -113,7 +113,7 @@ def redundancy(count: float) -> Document:
 
 
 def mass(ratio: float) -> Document:
-    """Return the four-bar with crank and rocker `ratio` times lighter."""
+    """Return the four-bar whose crank and rocker have 1 / ratio of the coupler's mass per length."""
     document = four_bar()
     for name in ("crank", "rocker"):
         document["links"][name]["kg_per_m"] = DENSITY / ratio

@@ -61,7 +61,7 @@ class RunVerdict:
 
 
 def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
-    """Return the verdict on a run, which is compared with a reference."""
+    """Return the verdict on a run, from its differences to a reference and from the objections of the judge."""
     if run.status is Status.SKIP:
         return RunVerdict(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:

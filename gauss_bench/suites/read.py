@@ -67,6 +67,7 @@ def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
     def locate(_: str, section: Any) -> Any:
+        """Return a section in which files of linkages in the suite's folder have absolute paths."""
         if not isinstance(section, OnLinkages):
             return section
         paths = {x: folder / x for x in section.linkages if x.endswith(".toml") and (folder / x).is_file()}
@@ -111,6 +112,7 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
     """
 
     def select(name: str, section: Any) -> Any:
+        """Return a section with those of the given engines that it has; None if it has none of them."""
         if name not in ("accuracy", "cost", "search", "field"):
             return section
         chosen = tuple(e for e in engines if not section.engines or e in section.engines)  # all, if the section names none
@@ -128,6 +130,7 @@ def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """
 
     def keep(name: str, section: Any) -> Any:
+        """Return a section with those of the given linkages that it is run for; None if there are none."""
         if not isinstance(section, OnLinkages):
             return section if name in ("left_out", "steps", "right_hand_side", "bounds") else None
         chosen = linkages if section.any_linkage else {x: s for x, s in section.linkages.items() if x in linkages}

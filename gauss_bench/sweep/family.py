@@ -312,6 +312,7 @@ def _solve(J: Array, right: Array) -> Array:
     is_finite = np.isfinite(J).all(axis=(1, 2))
     x = np.full((len(J), J.shape[2]), np.nan)
     if is_finite.any():
+        # smaller singular values, relative to the largest, belong to redundant rows
         x[is_finite] = (np.linalg.pinv(J[is_finite], rcond=1e-9) @ right[is_finite][..., None])[..., 0]
     return x
 

@@ -36,7 +36,7 @@ def is_length(path: str) -> bool:
 
 
 def number_at(document: Document, path: str) -> float:
-    """Return the number at a path.
+    """Return the number of a document at a path; at the path of a length, the length of the bar [m].
 
     Raises:
         SweepError: the document has no number at this path.

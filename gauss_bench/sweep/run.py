@@ -49,6 +49,7 @@ class Backend:
     Attributes:
         backend: "local" for threads or processes of this machine, or "dask".
         scheduler: address of Dask's scheduler; if it is None, a scheduler is started on this machine.
+        jobs: number of threads, processes, or workers of a scheduler that is started.
     """
 
     backend: str = "local"
@@ -62,6 +63,12 @@ class Options:
 
     Engines that simulate a batch of samples in one call have the default integrator EIGHTH_ORDER with steps of EIGHTH_ORDER_STEP.
     For all other engines the default is the first integrator that the engine offers, with steps of STEP.
+
+    Attributes:
+        scenario: name of the scenario; settings, integrator, stabilization: names that the engines offer.
+        step: integration step [s].
+        until: end of each motion [s].
+        limit: longest time of one sample in a worker [s].
     """
 
     scenario: str | None = None
@@ -283,7 +290,7 @@ def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, R
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
-def _end_with(parent: int) -> None:
+def _end_with_parent(parent: int) -> None:
     """End this process when the process that started it, with the id `parent`, ends.
 
     Otherwise joblib's processes would run for minutes after their parent was killed.
@@ -310,7 +317,7 @@ def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
         with parallel_config(backend="threading"):
             yield
     else:
-        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),)):
+        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with_parent, initargs=(os.getpid(),)):
             yield
 
 

@@ -265,11 +265,11 @@ class Lagrange:
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
         """Factorise the equations; `moving`: whether the independent coordinates determine the velocities at every sample."""
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
-        self.factors = self._factors(terms.mass)
+        self.factors = self._factorise(terms.mass)
         self.single = moving and len(self.independent) <= 1
         self.guards = list_guards(self.factors)
 
-    def _factors(self, mass: Sequence[Node]) -> Factors:
+    def _factorise(self, mass: Sequence[Node]) -> Factors:
         """Factorise the matrix [M J^T; J 0], where M is the diagonal matrix of `mass` (n,)."""
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
@@ -288,7 +288,7 @@ class Lagrange:
     @cached_property
     def _units(self) -> Factors:
         """The factorisation of [1 J^T; J 0], the matrix of the equations with unit masses."""
-        return self._factors([self.terms.graph.constant(1.0)] * self.n)
+        return self._factorise([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
     def _free_motions(self) -> list[Sparse]:

@@ -41,7 +41,7 @@ class Costs:
 
 
 class Instruction(NamedTuple):
-    """One value of a function.
+    """One operation of a function, which computes a value from earlier ones, or an input or constant of the function.
 
     Attributes:
         operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which gives 1 where the first

@@ -85,6 +85,7 @@ class _Replacement:
     """
 
     def __init__(self, mechanism: Mechanism, numbers: Mapping[str, Any]):
+        """Replace the numbers of points and links; `mechanism` replaces those of all other components."""
         self.old, self.numbers, self.named = mechanism, numbers, named_numbers(mechanism)
         self.zeros = 0.0 * next(iter(numbers.values()))
         self.ground = self._points("ground", mechanism.ground_points)

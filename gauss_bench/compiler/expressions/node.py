@@ -445,14 +445,14 @@ def _ratio_key(g: Generic) -> str:
 
     An expression and all its multiples have the same ratios.
     """
-    first = g[0] or 1e-300
+    first = g[0] or 1e-300  # a divisor that is not zero
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
     """Return the nearest number of few digits if it differs by rounding alone, else x: 0.4999999999999999 becomes 0.5."""
     text = f"{x:.12g}"
-    short = float(text)
+    short = float(text)  # of at most 12 digits; below, at most 8 characters count as few
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x
 
 

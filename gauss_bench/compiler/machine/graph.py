@@ -115,6 +115,7 @@ class Graph:
         return self.make("sub", a, b) if a < b else self.neg(self.make("sub", b, a))
 
     def sub(self, a: int, b: int) -> int:
+        """Return a - b, by the rules of `add`."""
         return self.add(a, self.neg(b))
 
     def mul(self, a: int, b: int) -> int:
@@ -145,6 +146,7 @@ class Graph:
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
+        """Return |a|, which is the same value for a and -a."""
         without_sign, _ = self.split_sign(a)
         return self.make("abs", without_sign)
 

@@ -579,7 +579,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         rotations.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
 
-    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
+    def motion_at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
         """Return displacement and velocity at a fraction c of the step, from the accelerations a_k of the stages so far.
 
         The displacement is c h v + h^2 sum_k of_position_k a_k, and the velocity is v + h sum_k of_velocity_k a_k.
@@ -588,11 +588,11 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         return moved, b.along(v, h, b.weighted(a, of_velocity))
 
     for k in range(1, len(c)):
-        moved, stage_v = at(c[k], A[k], twice[k])
+        moved, stage_v = motion_at(c[k], A[k], twice[k])
         stage_q = b.plus(q, moved)
         rotate_sines(stage_q, moved)
         a.append(b.acceleration(g.add(b.t, b.times_h(c[k])), stage_q, stage_v))
-    moved, v_new = at(1.0, weights, weights @ A)
+    moved, v_new = motion_at(1.0, weights, weights @ A)
     q_new = b.plus(q, moved)
     pairs = rotate_sines(q_new, moved)
     b.limit([g.largest(rotations)], reach.step)
@@ -647,14 +647,14 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     out_pivots = list(b.pivots)  # guards of the sample at q, v
     newton = b.newton(q, v, start, A) if free else None
 
-    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
+    def state_at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
         """Return position and velocity at a fraction of the step, from weighted sums of the accelerations `stages`."""
         moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(stages, of_position))
         return b.plus(q, moved), b.along(v, h, b.weighted(stages, of_velocity))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s  # accelerations (s, n), and their independent components (s, f)
     for _ in range(NATIVE_PASSES):
-        states = [at(c[i], A[i], (A @ A)[i]) for i in range(s)]
+        states = [state_at(c[i], A[i], (A @ A)[i]) for i in range(s)]
         accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *states[i]) for i in range(s)]
         if newton is None:
             changes = [b.minus(a, old) for a, old in zip(accelerations, stages, strict=True)]
@@ -665,7 +665,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
         stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *states[i], accelerations[i], z[i]) for i in range(s)]
     b.limit(b.times(h, [x for change in changes for x in change]), CONVERGED)
-    q_new, v_new = at(1.0, weights, weights @ A)
+    q_new, v_new = state_at(1.0, weights, weights @ A)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)
 
