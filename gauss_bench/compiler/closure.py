@@ -104,7 +104,7 @@ class Closure:
             ValueError: the shape does not fit, or a number is not finite.
         """
         if levels.shape[1:] != (3, len(self.inputs)) or not len(levels):
-            raise ValueError(f"levels of shape {levels.shape} are not samples of {', '.join(self.inputs)}")
+            raise ValueError(f"levels of shape {levels.shape} must have the shape (samples, 3, {len(self.inputs)})")
         if not np.isfinite(levels).all():
             raise ValueError("inputs or their derivatives are not finite")
         # if samples are too far apart for one step, further samples are put between them, and removed from the result below

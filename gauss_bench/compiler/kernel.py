@@ -247,7 +247,7 @@ class Kernel:
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         if self._kinks and n and not dt > 0:
-            raise ValueError("a force has kinks in time, and steps over them go forward")
+            raise ValueError(f"a force has kinks in time: the step must be positive, not {dt:g} s")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion takes as long as several steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         self._driver.tally = Tally()
@@ -295,7 +295,7 @@ class Kernel:
             ValueError: there are fewer than two times, or they do not ascend.
         """
         if len(times) < 2 or not (np.diff(times) > 0).all():
-            raise ValueError("times must be at least two, in order")
+            raise ValueError("`times` must be at least two ascending times")
         numbers_at, ends = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         self._driver.tally = Tally()

@@ -64,7 +64,8 @@ class Family:
     Attributes:
         document: linkage document with this scenario alone, whose overrides are merged into it.
         nominal: the mechanism with the numbers of the file.
-        paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
+        paths: paths of the d varied numbers in the document, as in `paths.py`.
+        source: path of the file.
         heads: keys of a table that contains varied numbers, such as ("links", "rod") or ("gravity",) -> indices in `paths` of the
             varied numbers in this table. Such a table is read anew for each sample.
     """
@@ -80,7 +81,8 @@ class Family:
         self.heads = dict[tuple[str, ...], list[int]]()
         for k, path in enumerate(paths):
             head, *rest = path.split(".")
-            self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
+            table = (head,) if head in WHOLE else (head, *rest[:1])
+            self.heads.setdefault(table, []).append(k)
 
     @cached_property
     def not_open(self) -> str:

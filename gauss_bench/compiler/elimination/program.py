@@ -140,7 +140,7 @@ def cheapest(
     if formulation != "lagrange":
         choices = (candidates(analysis) or covering(analysis)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x, drop) for x in choices]
-    plain, failure = [], KernelError(f"{analysis.mechanism.name}: no partition is usable")
+    plain, failure = [], KernelError(f"{analysis.mechanism.name}: no choice of independent coordinates is usable")
     for plan in plans:
         try:
             plain += try_settings(Workspace(analysis, open_parameters, plan), [PLAIN])
@@ -293,7 +293,7 @@ def generate(
         if name:
             user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
     if error == math.inf:
-        raise KernelError(f"{program.name}: the {program.formulation} kernel gives numbers at no position that was tried")
+        raise KernelError(f"{program.name}: the {program.formulation} kernel has no finite results at any checked state")
     if error > CHECKED:
         raise KernelError(f"{program.name}: the {program.formulation} kernel has a relative error of {error:.1e}")
     return program

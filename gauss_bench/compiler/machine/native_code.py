@@ -252,7 +252,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     chosen = backend or ("llvm" if available() else "numpy")
     width = best_lanes() if lanes is None else lanes
     if width < 1 or (chosen == "llvm" and width.bit_count() != 1):
-        raise KernelError(f"{width} lanes are no power of 2")
+        raise KernelError(f"the number of lanes must be a power of 2, not {width}")
     return Target(chosen, width, cache)
 
 
