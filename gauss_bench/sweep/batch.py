@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
@@ -93,7 +93,7 @@ class Grid:
 def grid(step: float, until: float) -> Grid:
     """Return equal steps up to the time `until` [s], of at most the length `step` [s], with at most about SAMPLES samples."""
     count = max(1, int(np.ceil(until / step * (1 - 1e-12))))  # rounding of the quotient adds no step
-    every = max(1, -(-count // SAMPLES))  # rounded up
+    every = max(1, -(-count // SAMPLES))  # -(-a // b) rounds a / b up
     steps = np.unique([*range(0, count + 1, every), count])
     return Grid(until / count, count, every, steps * (until / count))
 
@@ -103,7 +103,7 @@ def in_batches(engine: str) -> bool:
     return engine in FORMULATIONS
 
 
-_stepping = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
+_kernel_lock = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
 
 
 @lru_cache(maxsize=4)
@@ -125,9 +125,7 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
     if reason := linkages.not_open:
         raise SweepError(f"--vary {reason}; take an engine that builds every sample anew, such as gauss")
     try:
-        code = compile_kernel(
-            linkages.nominal, FORMULATIONS[engine], choice.stabilization, linkages.open_numbers, baumgarte=BAUMGARTE
-        )
+        code = compile_kernel(linkages.nominal, FORMULATIONS[engine], choice.stabilization, linkages.open_numbers)
     except KernelError as error:
         raise SweepError(f"--engine {engine}: {error}") from error
     code.prepare(choice.integrator, many=True)
@@ -167,7 +165,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     columns = {name: x[closed] for name, x in starts.columns.items()}  # inputs of the kernel, which are stacked in p
     p = np.stack(list(columns.values()), axis=-1) if columns else np.zeros((len(closed), 0))
     q0, v0 = starts.q[closed], starts.v[closed]
-    with _stepping, np.errstate(all="ignore"):
+    with _kernel_lock, np.errstate(all="ignore"):
         q, v = code.rollout(
             q0, v0, steps.h, steps.count, parameters=p, every=steps.every, threads=case.jobs, integrator=choice.integrator
         )
@@ -176,7 +174,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     for k in np.flatnonzero(~is_finite).tolist():  # a motion ends with the last sample before the first that is not finite
         until = steps.t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
         rows["status"][closed[k]] = str(Status.NAN)
-        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: the kernel finds no regular coordinates there"
+        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: no choice of pivots is usable there"
     if not is_finite.any():
         return rows
     finite = np.flatnonzero(is_finite)  # indices in q and v, which have the closed samples alone

@@ -181,9 +181,7 @@ def study(mechanism: Mechanism) -> Study:
     allowed = range(constraints.joint_rows)  # rows of drivers and knife edges are never dropped
     first = choose_rows(left, left.shape[2], allowed)
     if first is None:
-        raise KernelError(
-            f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and some of them belong to drivers or knife edges"
-        )
+        raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not all of them belong to joints")
     # choices of rows, of which at least one is well conditioned at each sample
     drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
     # if no single choice of rows is good at every sample, combinations of rows may be

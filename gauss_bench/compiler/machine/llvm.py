@@ -111,7 +111,7 @@ class Writer(Emitter):
         r = self.routine
         arguments = [f"ptr noalias %{x}" for x in r.arrays]
         arguments += [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in (*r.counts, "groups")]
-        self.line(f"define void @{r.name}({', '.join(arguments)}) align 64 {{\nentry:")
+        self.write_line(f"define void @{r.name}({', '.join(arguments)}) align 64 {{\nentry:")
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
             name = str(payload)[1:]  # the payload of a leaf is "%name"
             if operation == "leaf" and name in r.numbers:
@@ -125,22 +125,22 @@ class Writer(Emitter):
         # addresses of the group's part of each array, and of the places at which `Scatter` stores
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
         self.places = [place for s in flatten(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
-        self.statements(r.body)
+        self.write_statements(r.body)
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
-        self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
-        self.line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
+        self.write_line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
+        self.write_line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
         declarations = ["declare i64 @llvm.smin.i64(i64, i64)"]
         for name, count in INTRINSICS.items():
             declarations.append(f"declare {self.real} @llvm.{name}.{self.suffix}({', '.join([self.real] * count)})")
         return "\n".join([*declarations, *self.lines])
 
-    def line(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Write one line."""
         self.lines.append(text)
 
     def label(self, name: str) -> None:
         """Begin a basic block."""
-        self.line(f"{name}:")
+        self.write_line(f"{name}:")
         self.block = name
 
     def _new_label(self, name: str) -> str:
@@ -150,18 +150,18 @@ class Writer(Emitter):
 
     def _go_to(self, label: str) -> None:
         """End the basic block with a jump to a new one, which begins here."""
-        self.line(f"  br label %{label}")
+        self.write_line(f"  br label %{label}")
         self.label(label)
 
     def _reserve_line(self) -> int:
         """Reserve an empty line for the phi instructions of a basic block, and return its index."""
-        self.line("")
+        self.write_line("")
         return len(self.lines) - 1
 
     def let(self, text: str) -> str:
         """Write an instruction; return the name of its result."""
         self._results += 1
-        self.line(f"  %r{self._results} = {text}")
+        self.write_line(f"  %r{self._results} = {text}")
         return f"%r{self._results}"
 
     def splat(self, constant: str, kind: str) -> str:
@@ -184,7 +184,7 @@ class Writer(Emitter):
         """Return the address of a row of an array; a row is one vector of W doubles."""
         return self.address(base, row, self.real)
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name."""
         self._values += 1
         if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
@@ -217,7 +217,7 @@ class Writer(Emitter):
         bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
         return self.let(f"icmp ne i{self.lanes} {bits}, 0")
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write one statement of the routine; `Compute` statements are written by the base class."""
         match s:
             case Load():
@@ -227,7 +227,7 @@ class Writer(Emitter):
             case Store():
                 values, base = self.compute(s.values), self._row_address(s.array, s.start)
                 for row, x in enumerate(values):
-                    self.line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
+                    self.write_line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
             case Scatter():
                 self._scatter(s)
             case Loop():
@@ -255,10 +255,10 @@ class Writer(Emitter):
         self._go_to(label)
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
-        self.statements(s.body)
+        self.write_statements(s.body)
         again, last = self.need(s.again), self._new_label("end")
         following, below = self.compute([b for _, b in carried.values()]), self.block
-        self.line(f"  br i1 {again}, label %{label}, label %{last}")
+        self.write_line(f"  br i1 {again}, label %{label}, label %{last}")
         self.label(last)
         self.lines[header] = "\n".join(
             f"  {inside[x]} = phi {self._type_of(x)} [{a}, %{above}], [{b}, %{below}]"
@@ -269,15 +269,15 @@ class Writer(Emitter):
         """Write a branch; phi instructions after it select the value of each variable in `s.merged`."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
-        self.line(f"  br i1 {condition}, label %{then}, label %{join}")
+        self.write_line(f"  br i1 {condition}, label %{then}, label %{join}")
         with self.within():
             self.label(then)
-            self.statements(s.body)
+            self.write_statements(s.body)
             new, below = self.compute([a for a, _ in s.merged.values()]), self.block
         self._go_to(join)
         for k, (x, a, b) in enumerate(zip(s.merged, new, old, strict=True)):
             self.names[x] = f"%{join}_{k}"
-            self.line(f"  %{join}_{k} = phi {self._type_of(x)} [{a}, %{below}], [{b}, %{above}]")
+            self.write_line(f"  %{join}_{k} = phi {self._type_of(x)} [{a}, %{below}], [{b}, %{above}]")
 
     def _lane_addresses(self, s: Scatter) -> Iterator[str]:
         """Yield for every lane the address at which a `Scatter` stores the numbers of its trajectory, without `start`."""
@@ -303,7 +303,7 @@ class Writer(Emitter):
             last = len(vectors) - size
             for k in sorted({*range(0, last, size), last}):  # the last block may overlap the one before
                 for place, x in zip(places, self._transpose(of_lanes[k : k + size]), strict=True):
-                    self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
+                    self.write_line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:
         """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.

@@ -180,15 +180,15 @@ class Emitter:
         self.names: dict[int, str] = {}
         self.first: list[str] = []
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Write the operation that computes x, whose operands have names already; return the name of the result."""
         raise NotImplementedError
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write one statement."""
         raise NotImplementedError
 
-    def statements(self, body: Sequence[Statement]) -> None:
+    def write_statements(self, body: Sequence[Statement]) -> None:
         """Write statements in their order; in front of a loop, write what must be computed before it (`_write_before`)."""
         for s in body:
             if isinstance(s, Compute):
@@ -196,7 +196,7 @@ class Emitter:
             else:
                 if isinstance(s, Loop):
                     self._write_before(s)
-                self.statement(s)
+                self.write_statement(s)
 
     def _write_before(self, s: Loop) -> None:
         """Write the code in front of a loop: the first values of its variables, and all values that do not change in the loop."""
@@ -230,7 +230,7 @@ class Emitter:
             else:
                 y = waiting.pop()
                 if y not in self.names:
-                    self.names[y] = self.value(y)
+                    self.names[y] = self.write_value(y)
         return self.names[x]
 
     @contextmanager

@@ -93,19 +93,19 @@ class Source(Emitter):
             if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
                 self.names[x] = str(payload)[1:]
 
-    def line(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Write one line, indented."""
         self.lines.append("    " * self.depth + text)
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
         """Write the line `head`, and indent all lines that are written inside this `with` statement below it."""
-        self.line(head)
+        self.write_line(head)
         self.depth += 1
         yield
         self.depth -= 1
         if self.language.close:
-            self.line(self.language.close)
+            self.write_line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
         """Assign the expression `text` to a variable for value x of the graph; return its name, `letter` and x.
@@ -114,10 +114,10 @@ class Source(Emitter):
         """
         name = f"{letter}{x}"
         self.variables[name] = C_TYPES.get(self.graph.operation[x], "double")
-        self.line(self.language.assign.format(name, text))
+        self.write_line(self.language.assign.format(name, text))
         return name
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Return the text that stands for value x of the graph, whose operands have names already.
 
         The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
@@ -142,7 +142,7 @@ class Source(Emitter):
         for x, name in copies.items():
             self.names[x] = self.let(x, name, "v")
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write the lines of one statement; `Compute` is written by the base class."""
         match s:
             case Load():
@@ -152,25 +152,25 @@ class Source(Emitter):
                 # copied first: a value may be a view of the array
                 copies = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
                 for row, name in enumerate(copies):
-                    self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
+                    self.write_line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
             case Scatter():  # in Python only: `place` has the index at which the numbers of each trajectory begin
                 values, (start, block, last) = self.compute(s.values), self.compute([s.start, s.block, s.last])
                 lanes = f"np.arange({next(iter(self.routine.arrays))}.shape[-1])"
                 place = self.let(s.start, f"np.minimum({lanes} * {block}, {last}) + {start}", "place")
                 for row, name in enumerate(values):
-                    self.line(f"{s.array}[{place} + {row}] = {name}")
+                    self.write_line(f"{s.array}[{place} + {row}] = {name}")
             case Loop():
                 carried = self.select_carried(s)
                 self.assign_leaves(dict(zip(carried, self.first, strict=True)))  # values in the first iteration
                 with self.block(self.language.forever):
-                    self.statements(s.body)
-                    self.line(self.language.leave.format(self.need(s.again)))
+                    self.write_statements(s.body)
+                    self.write_line(self.language.leave.format(self.need(s.again)))
                     with self.within():
                         self._compute_and_assign({x: new for x, (_, new) in carried.items()})
             case If():  # first the values without the branch; the branch assigns others
                 self._compute_and_assign({x: old for x, (_, old) in s.merged.items()})
                 with self.block(self.language.branch.format(self.need(s.condition))), self.within():
-                    self.statements(s.body)
+                    self.write_statements(s.body)
                     self._compute_and_assign({x: new for x, (new, _) in s.merged.items()})
 
     def _compute_and_assign(self, values: Mapping[int, int]) -> None:
@@ -185,8 +185,8 @@ class Source(Emitter):
 def write_c(routine: Routine) -> str:
     """Return the text of a C function that computes one trajectory; it returns 0, or 1 if the routine's mask `sound` is false."""
     s = Source(routine, C)
-    s.statements(routine.body)  # writes s.lines, and notes the variables in s.variables
-    s.line(f"return !{s.need(routine.sound)};")
+    s.write_statements(routine.body)  # writes s.lines, and notes the variables in s.variables
+    s.write_line(f"return !{s.need(routine.sound)};")
     arguments = [f"double *{name}" for name in routine.arrays]
     arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
     of_type: dict[str, list[str]] = {}  # type -> its variables, which one line declares
@@ -203,7 +203,7 @@ def make_python(routine: Routine) -> Callable[..., None]:
     one axis.
     """
     s = Source(routine, PYTHON)
-    s.statements(routine.body)
+    s.write_statements(routine.body)
     names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
     space: dict[str, Any] = {"np": np}  # names that the function can use
     exec("\n".join([f"def {routine.name}({names}):", *s.lines, "    return"]), space)
