@@ -254,7 +254,7 @@ class Kernel:
         legs = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps between kinks; one or none: nothing is split
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(legs) <= 1:
-            # a single trajectory of which only the last state is wanted is stepped with the least overhead
+            # a single trajectory of which only the last state is returned is stepped with the least overhead
             if self._kinks or p.shape != self._values.shape:  # forces between kinks have parameters of their own, for this leg
                 p = self._numbers(parameters, 1, _middle(t0, legs))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)

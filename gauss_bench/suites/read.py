@@ -1,4 +1,4 @@
-"""Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for.
+"""Read suites by name or path, join them with the suites that they build on, and restrict them to given linkages and engines.
 
 A suite is a TOML file that lists measurements. Each of its sections, such as `[[accuracy]]`, describes one measurement.
 """

@@ -185,7 +185,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
         by_name, evidences = figures(linkages.nominal, numbers, steps.t, q_group, v_group, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
-        for k, sample, evidence in zip(group, samples, evidences, strict=True):  # evidence: what `_judge` needs of a motion
+        for k, sample, evidence in zip(group, samples, evidences, strict=True):
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
             load = partial(linkages.mechanism_of, values[sample])
             rows["status"][sample], rows["message"][sample] = _judge(evidence, load, motion)

@@ -244,7 +244,7 @@ class Family:
             return q, v
         # the continuation begins at the kernel inputs and goals of the file, and ends at those of the samples
         file_columns, file_goals = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
-        # the number of strides is such that dimensions and held coordinates change little between two closures
+        # enough strides that dimensions and held coordinates change little from one closure to the next
         dimensions = [x for x in columns if x.startswith(("points.", "joints."))]
         lengths = [np.abs(columns[x] - file_columns[x]).max(initial=0.0) for x in dimensions]
         turn = float(np.abs(goals[:, 0] - file_goals[0]).max(initial=0.0))

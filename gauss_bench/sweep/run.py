@@ -275,7 +275,7 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)
         with warnings.catch_warnings(), closing(work(tasks)) as finished:
-            # on an interrupt joblib warns that tasks are left, which the user knows
+            # after an interrupt, joblib's warning of unfinished tasks tells the user nothing new
             warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
             for batch, rows in finished:
                 folder.write(batch.number, rows)

@@ -6,10 +6,10 @@ whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-As many rows of this matrix are chosen as it has columns, such that they are linearly independent at all samples. The first one is
-the row whose smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the
-next one is chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots
-for all samples.
+Of its rows, as many as it has columns are chosen, which must be linearly independent at all samples. The first one is the row whose
+smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next one is
+chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots for all
+samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
 dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
@@ -81,7 +81,7 @@ FEW = 8  # number of poses of a large linkage
 SINGULAR = 0.02  # smallest singular value relative to its median: a pose with less is too near to a singular position
 # The condition of a choice of rows or coordinates at a sample is their smallest singular value as above; 0 is singular.
 USABLE = 0.02  # least condition of a choice at a sample where it is used
-ENOUGH = 5 * USABLE  # condition of a choice below which another choice is sought
+ENOUGH = 5 * USABLE  # condition of a choice at a sample, below which a further choice is added
 MOST = 4  # number of choices at most
 NEAR = 0.5  # condition relative to the best choice of coordinates: among the choices above it the costs decide
 RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # in a combination of two rows, the second coefficient divided by the first
@@ -222,7 +222,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
 
 
 def _covering(bases: Array, first_choices: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return `first_choices` of rows and further choices, such that at every sample at least one choice is well conditioned.
+    """Return `first_choices` of rows and further choices, of which at least one is well conditioned at every sample.
 
     At most MOST choices are returned; some samples may then have no well conditioned choice.
     """

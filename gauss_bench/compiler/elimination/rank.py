@@ -47,7 +47,7 @@ def _constrain(terms: Terms, mass: Array, solve: Callable[[Array, Array], Array]
 
 
 class RankDecision:
-    """Accelerations, multipliers and integration steps of a mechanism, for one state at a time, whatever the rank of J is there."""
+    """Accelerations, multipliers and integration steps of a mechanism, for one state at a time and any rank of J."""
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
         """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of Baumgarte's terms, None if there are no such terms."""
@@ -130,5 +130,5 @@ def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array
     t, v = float(states.t[-1]), states.v[-1]
     q = states.q[-1] + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=mechanism.n)
     terms = evaluator.terms(t, q, v)
-    wanted = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [evaluator.energy(q, v)]])
-    return float(np.abs((evaluate(t, q, v) - wanted) / np.maximum(np.abs(wanted), 1.0)).max())
+    expected = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [evaluator.energy(q, v)]])
+    return float(np.abs((evaluate(t, q, v) - expected) / np.maximum(np.abs(expected), 1.0)).max())

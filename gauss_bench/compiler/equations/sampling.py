@@ -78,7 +78,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
-    # each step of a large linkage takes long: no more steps than states are asked for
+    # each step of a large linkage takes long: it makes at most as many steps as states are needed
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     forwards: Path = [(0.0, mechanism.q0)]
     backwards: Path = []
@@ -86,7 +86,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
         q, ahead, before = mechanism.q0, sign * heading, len(poses)
         for _ in range(steps):
             _, J = constraints.residual(q)
-            # the last direction, changed a little at random, and projected onto what the constraints allow
+            # the last direction, changed a little at random, and projected onto the null space of J
             drift = DRIFT * scale * rng.normal(size=mechanism.n) * wanders  # 0 if the linkage does not wander
             ahead = _normalise(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)

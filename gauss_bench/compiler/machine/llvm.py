@@ -99,7 +99,7 @@ class Writer(Emitter):
         super().__init__(routine)
         self.routine, self.lanes = routine, lanes
         self.lines: list[str] = []
-        self.block, self._results, self._labels, self._values = "entry", 0, 0, 0  # the numbers count what is written
+        self.block, self._results, self._labels, self._values = "entry", 0, 0, 0  # the numbers count results, labels and values
         self.real, integer, self.mask = (t if lanes == 1 else f"<{lanes} x {t}>" for t in ("double", "i64", "i1"))
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
         # texts that replace the names in braces of INSTRUCTIONS

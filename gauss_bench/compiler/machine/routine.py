@@ -189,7 +189,7 @@ class Emitter:
         raise NotImplementedError
 
     def write_statements(self, body: Sequence[Statement]) -> None:
-        """Write statements in their order; in front of a loop, write what must be computed before it (`_write_before`)."""
+        """Write statements in their order, and in front of each loop the values that do not change in it (`_write_before`)."""
         for s in body:
             if isinstance(s, Compute):
                 self.compute(s.values)

@@ -143,7 +143,7 @@ class Driver:
         return outcome
 
     def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, done: int) -> Iterator[Array]:
-        """Yield the samples (2n,) that a trajectory still lacks, which a guard of the first program stopped after `done` steps.
+        """Yield the missing samples (2n,) of a trajectory that a guard of the first program stopped after `done` steps.
 
         `state` (2n,) is the state after these steps. If the trajectory cannot be continued to its end, the last sample that is
         yielded is NaN.

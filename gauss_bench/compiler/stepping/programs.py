@@ -219,7 +219,7 @@ class Programs:
     """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
-        """Take the first of the programs; `programs` generates each further program only when it is asked for the next one."""
+        """Generate the first of the programs; the generator `programs` makes each further one when it is needed."""
         self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
         self._more = (Code(x, stabilization) for x in programs)  # generator of the programs that are not needed yet
         self.codes: list[Code] = []

@@ -296,8 +296,8 @@ class Builder:
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Return the accelerations (n,) that satisfy the constraint rows, as `a` does, and whose independent components are z."""
-        for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
-            a = self.along(a, self.g.sub(wanted, a[k]), motion)
+        for k, target, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
+            a = self.along(a, self.g.sub(target, a[k]), motion)
         return a
 
     def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:

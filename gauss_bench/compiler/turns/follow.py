@@ -145,7 +145,7 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     # the lane goes on to the next sample if the guess there is not far away
     goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
 
-    # what an iteration of the loop over samples passes on to the next one: leaf -> first value, next value
+    # variables of the loop over samples: leaf -> first value, next value
     counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample["following"], strict=True), strict=True))
     carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}

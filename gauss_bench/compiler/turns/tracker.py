@@ -211,7 +211,7 @@ class Tracker:
         except MotionError as error:
             kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
             reason = str(error).rpartition(": ")[2]  # the message gives the place, then ": " and the reason
-            return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller knows the sample
+            return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller enters the sample
         return np.concatenate([motion.q[0], motion.v[0], motion.a[0]])
 
 
