@@ -255,7 +255,8 @@ class Kernel:
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
         if q.ndim == 1 and every is None and p.ndim == 1 and len(legs) <= 1:
             # a single trajectory of which only the last state is returned is stepped with the least overhead
-            if self._kinks or p.shape != self._values.shape:  # forces between kinks have parameters of their own, for this leg
+            # with kinks, the number arguments also have coefficients of forces for this leg; `_numbers` refuses a wrong shape
+            if self._kinks or p.shape != self._values.shape:
                 p = self._numbers(parameters, 1, _middle(t0, legs))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]

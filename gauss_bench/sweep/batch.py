@@ -187,15 +187,15 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
             rows[name][samples] = x
         for k, sample, evidence in zip(group, samples, evidences, strict=True):
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
-            load = partial(linkages.mechanism_of, values[sample])
-            rows["status"][sample], rows["message"][sample] = _judge(evidence, load, motion)
+            load_mechanism = partial(linkages.mechanism_of, values[sample])
+            rows["status"][sample], rows["message"][sample] = _judge(evidence, load_mechanism, motion)
     return rows
 
 
-def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
+def _judge(evidence: Evidence, load_mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
     """Return status and message of a motion.
 
-    `mechanism` loads the linkage, which takes long; it is called only if the verdict depends on energy that is lost to damping.
+    `load_mechanism` takes long, and is called only if the verdict depends on energy that is lost to damping.
     """
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
@@ -203,7 +203,7 @@ def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Traje
         # every loss of energy. Only if the judge then has fewer objections, the losses that the sample times resolve are computed
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
-            evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
+            evidence = replace(evidence, seen=measurable_gain(load_mechanism(), motion, evidence))
             verdict = judge(evidence)
     message = "; ".join(filter(None, (verdict.sentence, remark(evidence))))
     return str(Status.OK if verdict.valid else Status.INVALID), message

@@ -311,10 +311,10 @@ class _Markowitz:
         With `normal_equations`, normal equations replace the rows that are left when no usable pivot keeps its sign at all samples.
         """
         rest = None
-        while self.rows and rest is None:
+        while self.rows:
             if normal_equations and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
-                continue
+                break
             # if no pivot is usable at all samples, one is taken that is usable at as many as possible; a threshold excludes others
             while (chosen := self._find_pivot()) is None:
                 self._trust_fewer()
@@ -385,7 +385,7 @@ class _Markowitz:
         for r, c in places:
             count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's count
             if count > best[0] + self.search.noise:
-                continue  # the cost is at least `count`, and so cannot be the lowest
+                continue  # the cost is at least `count`, and therefore not the lowest
             sizes = self._row_sizes(r)
             allowed = sizes.steady if steady else sizes.usable
             if allowed[c]:

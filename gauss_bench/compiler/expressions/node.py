@@ -81,7 +81,8 @@ class Node:
     @property
     def values(self) -> Array:
         """Values (samples + GENERIC,) of the expression at the sample states, followed by its values at the random points."""
-        waiting = [] if self._values is not None else [self]  # no recursion: a chain of operands may be very long
+        # no recursion, because a chain of operands may be very long; inputs have their values from the beginning
+        waiting = [] if self._values is not None else [self]
         while waiting:
             node = waiting[-1]
             missing = [x for x in node.args if x._values is None]

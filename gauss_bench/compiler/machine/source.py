@@ -88,10 +88,11 @@ class Source(Emitter):
         self.lines: list[str] = []
         self.variables: dict[str, str] = {}
         self.depth = 1
-        # arguments keep their names; the payload of their leaves is "%name"
+        # arguments keep their names
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
-            if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
-                self.names[x] = str(payload)[1:]
+            name = str(payload)[1:]  # the payload of a leaf is "%name"
+            if operation in ("leaf", "count") and name in (*routine.numbers, *routine.counts):
+                self.names[x] = name
 
     def write_line(self, text: str) -> None:
         """Write one line, indented."""

@@ -89,7 +89,7 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
     sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
     if not Q:
         return g.fma(c, sine, s), g.fma(g.neg(s), sine, c)
-    versine = g.mul(z, polynomial(g, Q, z))
+    versine = g.mul(z, polynomial(g, Q, z))  # 1 - cos d
     return (
         g.add(s, g.fma(c, sine, g.neg(g.mul(s, versine)))),
         g.sub(c, g.fma(s, sine, g.mul(c, versine))),

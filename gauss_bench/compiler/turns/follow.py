@@ -105,7 +105,7 @@ def _settle(g: Graph, program: ClosingProgram, sample: Sample, values: Sequence[
     """
     always, one = g.all(True), g.whole(1)
     near, j = g.make("mask", payload="%near"), g.count("%j")
-    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, counted from 1
+    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, done_later from 1
     correction_square, _ = sample["norms"]
     still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
     unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
@@ -140,15 +140,16 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
     correction_square, advance_square = sample["norms"]
     # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
-    guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
-    good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
+    guards_hold = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
+    is_settled = g.make("le", correction_square, g.const(SETTLED**2))
+    is_closed = g.both([alive, still_near, is_settled, *guards_hold])
     # the lane goes on to the next sample if the guess there is not far away
-    goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
+    goes_on = g.both([is_closed, g.make("le", advance_square, g.const(TURN**2))])
 
     # variables of the loop over samples: leaf -> first value, next value
-    counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
+    done_later, i_later = g.add(done, g.flag(is_closed)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample["following"], strict=True), strict=True))
-    carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
+    carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), done_later), i: (g.whole(0), i_later)}
 
     # the loop over samples; the values n of the next sample follow in `inputs` after the levels u, w, b of this one
     rows = {g.leaf(f"%{letter}{k}"): level * K + k for level, letter in enumerate("uwbn") for k in range(K)}
@@ -159,11 +160,11 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
         Compute([x for x in values if x not in repeated]),
         Scatter("out", sample["stored"], g.make("times", i, payload=program.width), g.count("%block"), g.count("%last")),
     ]
-    loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", later, g.count("%samples"))))
+    loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", i_later, g.count("%samples"))))
     loads = [Load(name, {x: k for k, x in enumerate(leaves)}) for name, leaves in (("q", first), ("least", least))]
 
-    statements: list[Statement] = [*loads, loop, Store("report", [counted, *sample["guards"]])]
+    statements: list[Statement] = [*loads, loop, Store("report", [done_later, *sample["guards"]])]
     arrays = {"q": Array(n), "least": Array(program.guards), "inputs": Array(1, "shift"), "out": Array(0)}
     arrays["report"] = Array(1 + program.guards)
     counts = ("samples", "shift", "block", "last")
-    return Routine("follow", g, arrays, (), counts, statements, good, count_operations(g, values))
+    return Routine("follow", g, arrays, (), counts, statements, is_closed, count_operations(g, values))
