@@ -71,7 +71,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
 
 
 def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
-    """Return the largest residual (k, batch) [m or rad] of all joints and drivers, at k times of each motion."""
+    """Return the largest residual (k, batch) [m or rad] of all joints and drivers, for motions x at the times t (k,)."""
     rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in held_by_joints(mechanism)]
     for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))
@@ -83,6 +83,10 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
 
     The gain is the energy gained beyond the work of drivers and forces at k times, and the error bar is that of this work. Gain and
     scale are defined as in `metrics.energy_error` and `metrics.energy_scale`.
+
+    Args:
+        x: positions and velocities of the motions at the times t (k,).
+        multipliers: (k, batch, rows) lambda of M a + J^T lambda = Q.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)

@@ -120,7 +120,7 @@ class _Equations:
     """
 
     def __init__(self, driven: Mechanism, analysis: Study):
-        """Write the constraint rows of a linkage as expressions, with values at sampled positions."""
+        """Write the constraint rows of a driven linkage as expressions; `analysis` has the sampled positions and redundant rows."""
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
@@ -139,8 +139,7 @@ class _Equations:
             tuple(graph.input(letter, k, 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
             for place, letter in enumerate("wbg", start=1)
         )
-        zero = graph.constant(0.0)
-        self.zeros = (zero,) * len(u)
+        self.zeros = (graph.constant(0.0),) * len(u)
         self.rows = self._rows(self.zeros, self.zeros)
 
     def _in_same_assembly(self, q: Array) -> Array:
