@@ -48,7 +48,7 @@ def bar(axis: Axis, x: Reach) -> dict[str, Any]:
     beyond = GRID if x.last in (Verdict.CANNOT, Verdict.OPEN) else FAILED
     spans = ((0.0, 1.0, beyond), (0.0, max(passes, ends), DEGRADED), (0.0, passes, PASS))
     if x.passes_to is None:
-        text = {Verdict.OPEN: "?", Verdict.CANNOT: "cannot"}.get(x.last, "nothing")
+        text = {Verdict.OPEN: "?", Verdict.CANNOT: "no model"}.get(x.last, "none")
     elif x.passes_to == axis.values[-1]:
         text = "all"
     else:
