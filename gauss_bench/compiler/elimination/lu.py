@@ -184,7 +184,7 @@ class Search:
 
     @property
     def is_random(self) -> bool:
-        """True if the seed makes a difference."""
+        """True if the seed makes a difference: with random costs, or a crossing that is neither impossible nor certain."""
         return self.noise > 0.0 or 0.0 < self.crossing < 1.0
 
 

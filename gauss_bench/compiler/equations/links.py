@@ -63,7 +63,7 @@ def split_vectors(numbers: Mapping[str, Any]) -> dict[str, float]:
 
 
 def force_numbers(force: Force) -> dict[str, float | Array]:
-    """Return the fields of a force that are numbers or vectors (2,), except angles of axes, which are geometry."""
+    """Return name -> value of a force's fields that are numbers or vectors (2,), except angles of axes, which are geometry."""
     return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
 
 

@@ -71,9 +71,9 @@ def sincos(g: Graph, x: int) -> Pair:
 
 
 def _select_by_quarter(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Return `if_odd` where the mask `odd` is true, else `if_even`, with the sign that belongs to quarter turn number k.
+    """Return `if_odd` where the mask `odd` is true, else `if_even`, negated where bit 1 of the number k of quarter turns is 1.
 
-    Bit 1 of k, shifted left by 62, is the sign bit of a double.
+    This bit, shifted left by 62, is at the place of the sign of a double, whose bits it changes by an exclusive or.
     """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
