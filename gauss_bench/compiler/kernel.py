@@ -364,7 +364,10 @@ class Kernel:
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; 0 for redundant rows that are left out."""
+        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q.
+
+        Redundant rows that are left out have multipliers 0 or combinations of others (`Program.multipliers`).
+        """
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:

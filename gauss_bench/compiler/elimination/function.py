@@ -73,11 +73,6 @@ class Function:
         """Number of instructions that compute something, all but inputs and constants."""
         return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
 
-    @property
-    def divisions(self) -> int:
-        """Number of divisions and reciprocals."""
-        return sum(x.operation in ("DIV", "INV") for x in self.instructions)
-
     def angles(self, argument: int) -> set[int]:
         """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in it."""
         # operands of SIN and COS: index of an instruction; of INPUT: index of the argument, index of the component
@@ -111,7 +106,8 @@ class Function:
         ready: list[float] = []  # time [cycles] at which each result is ready, if nothing but its operands delays it
         for x in self.instructions:
             ready.append(0.0 if x.operation == "INPUT" else self._ready(x, ready, used))
-        return Costs(self.operations, self.divisions, max((ready[k] for output in self.outputs for k in output), default=0.0))
+        divisions = sum(x.operation in ("DIV", "INV") for x in self.instructions)  # also reciprocals
+        return Costs(self.operations, divisions, max((ready[k] for output in self.outputs for k in output), default=0.0))
 
     def _ready(self, x: Instruction, ready: list[float], used: Counter[int]) -> float:
         """Return the time [cycles] at which the result of x is ready, from the times and numbers of uses of earlier results."""
@@ -191,7 +187,10 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
 
     def is_used_once(x: Node) -> bool:
         """Tell whether the node that uses x may absorb x: this is its only use, and `shared` is given."""
-        return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
+        if shared is None:
+            return False
+        counts = shared if x.index in shared else own_uses()
+        return counts[x.index] == 1
 
     chosen: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}  # index of a node -> node, operation, operands
     waiting = list(results)
