@@ -18,8 +18,6 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-__all__ = ["Closure", "Loss", "Sweep", "compile_closure"]
-
 PARTS = 32  # number of samples that the backend numpy computes at once, so that they share the overhead of its calls
 
 
