@@ -199,7 +199,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
         left: (k, m, redundant) bases of the left null space of J at k samples.
     """
     m, redundant = left.shape[1:]
-    # of equally good pairs the first is picked: this order, from the last row on, gives the parallelogram shorter programs
+    # of equally good pairs the first is picked: the order from the last row on gives shorter programs for the parallelogram
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(sorted(allowed, reverse=True), 2), RATIOS)]
     W = np.zeros((len(pairs), m))  # unit vectors: row i and `ratio` times row j
     for row, (i, j, ratio) in zip(W, pairs, strict=True):

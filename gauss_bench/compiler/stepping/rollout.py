@@ -41,8 +41,7 @@ from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Bui
 Carried = dict[int, tuple[int, int]]  # variable of a loop (a leaf) -> its value in the first and in the next iteration
 
 # Number of steps after which the state is projected onto the constraints if rows are redundant and there is no stabilisation.
-# Otherwise redundant rows would drift apart and count as independent, and a solver that relies on the rank would find the linkage
-# locked.
+# Otherwise redundant rows would drift apart and count as independent: dense linear algebra would find a linkage that cannot move.
 SETTLED = 32
 
 
@@ -163,7 +162,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     again = g.make("also", g.make("any", going), more)
     if many and not is_last:  # all lanes change to the next body as soon as one of them needs it
         again = g.make("also", again, g.make("nowhere", beyond))
-    # the last state is valid if the pivots on which its sample depends are large enough, whatever the step after it would be
+    # the last state is valid if the pivots on which its sample depends are large enough, also if the step after it would fail
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])

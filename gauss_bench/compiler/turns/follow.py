@@ -105,7 +105,7 @@ def _settle(g: Graph, program: ClosingProgram, sample: Sample, values: Sequence[
     """
     always, one = g.all(True), g.whole(1)
     near, j = g.make("mask", payload="%near"), g.count("%j")
-    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, done_later from 1
+    # near: no earlier correction of the sample was longer than REACH; j: number of corrections, counted from 1
     correction_square, _ = sample["norms"]
     still_near = g.both([near, g.make("le", correction_square, g.const(REACH**2))])
     unsettled = g.both([still_near, alive, g.make("lt", g.const(SETTLED**2), correction_square)])
