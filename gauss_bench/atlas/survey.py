@@ -2,7 +2,7 @@
 
 Bisection assumes that the verdict never gets better from a value to a harder one; if this is wrong, it finds one of the values at
 which the verdict changes. The first and the last value are always run. Every run takes place in a worker process with a time limit,
-so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a limit of time is reach.
+so that a crash or a hang counts as a failure. Verdicts depend on the speed of the computer only if a limit of time is reached.
 """
 
 import tempfile
