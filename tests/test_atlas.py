@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from gauss_bench.atlas import survey as surveying
-from gauss_bench.atlas.chart import BAR, FAILED, chart, number, page, part
+from gauss_bench.atlas.chart import BAR, FAILED, chart, fraction, number, page
 from gauss_bench.atlas.families import FAMILIES, SCENARIO, pendulum
-from gauss_bench.atlas.survey import BUDGET, Course, Reach, Way, axes, comparison_times, reach, sentence, survey, ways
+from gauss_bench.atlas.survey import EngineSetting, Linkages, Reach, describe, find_reach
 from gauss_bench.atlas.table import row, rows_of
 from gauss_bench.atlas.verdict import PASSES, RunVerdict, Verdict, decide
 from gauss_bench.cli import main
@@ -30,7 +30,7 @@ from gauss_bench.trajectory import Reference, Status, Trajectory
 from tests.engine_runs import by_gauss
 
 SVG = "{http://www.w3.org/2000/svg}"
-WAY = Way("gauss", "default", "rk4", "none")
+WAY = EngineSetting("gauss", "default", "rk4", "none")
 
 
 def of(family, value):
@@ -131,8 +131,8 @@ def test_halving_finds_where_a_way_breaks(monkeypatch, tmp_path):
     for passing, degraded in itertools.product(range(8), (0, 1, 3)):
         verdicts = [Verdict.PASS] * passing + [Verdict.DEGRADED] * degraded + [Verdict.FAILED] * 7
         answer = {value: RunVerdict(verdicts[i], 1e-6, f"at {value:g}") for i, value in enumerate(family.values)}
-        monkeypatch.setattr(surveying, "run_and_judge", lambda way, family, value, *_, answer=answer: answer[value])
-        found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
+        monkeypatch.setattr(surveying, "judge_run", lambda way, family, value, *_, answer=answer: answer[value])
+        found = find_reach(WAY, family, Linkages(tmp_path), Worker(), lambda: 0.0)
         ends = min(passing + degraded, 7)
         assert found.passes_to == (family.values[passing - 1] if passing else None)
         assert found.ends_at == (family.values[ends - 1] if ends else None)
@@ -144,9 +144,9 @@ def test_halving_finds_where_a_way_breaks(monkeypatch, tmp_path):
 def test_a_search_that_is_cut_tells_no_more_than_it_ran(monkeypatch, tmp_path):
     family, said = FAMILIES["size"], {1.0: Verdict.PASS, 64.0: Verdict.FAILED}
     monkeypatch.setattr(
-        surveying, "run_and_judge", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
+        surveying, "judge_run", lambda way, family, value, *_: RunVerdict(said.get(value, Verdict.OPEN), 0.0, "no time")
     )
-    found = reach(WAY, family, Course(tmp_path), Worker(), lambda: 0.0)
+    found = find_reach(WAY, family, Linkages(tmp_path), Worker(), lambda: 0.0)
     assert (found.passes_to, found.ends_at, found.last, found.reason) == (1.0, 1.0, Verdict.OPEN, "no time")
     assert row(found)["breaks_at"] is None
     assert FAILED not in chart([found], alone=True)
@@ -160,57 +160,57 @@ def test_a_reference_is_made_once_and_its_bar_is_what_a_looser_tolerance_changes
         return Run(Status.OK, "", Trajectory(t, *states, 10), None, request.wanted)
 
     monkeypatch.setattr(surveying, "run_apart", run_apart)
-    course, worker, family = Course(tmp_path), Worker(), replace(FAMILIES["size"], truth=None)
-    mechanism, reference = course.at(family, 1.0, worker)
-    assert course.at(family, 1.0, worker)[0] is mechanism
+    linkages, worker, family = Linkages(tmp_path), Worker(), replace(FAMILIES["size"], truth=None)
+    mechanism, reference = linkages.prepare(family, 1.0, worker)
+    assert linkages.prepare(family, 1.0, worker)[0] is mechanism
     assert isinstance(reference, Reference)
     assert (reference.q.max(), reference.error_q.max()) == (pytest.approx(1e-6), pytest.approx(99e-6))
     lost = Run(Status.CRASHED, "why", None, None, sampling(1e-2, 0.1))
     monkeypatch.setattr(surveying, "run_apart", lambda *_: lost)
-    assert Course(tmp_path).at(family, 1.0, worker)[1] == "no reference: why"
+    assert Linkages(tmp_path).prepare(family, 1.0, worker)[1] == "no reference: why"
 
 
 def test_the_end_of_a_way_is_described_by_its_verdict():
     for last, said in {Verdict.FAILED: "then why", Verdict.OPEN: "then open: why", Verdict.CANNOT: "then cannot: why"}.items():
-        assert sentence(Reach(WAY, "size", 1.0, 1.0, last, "why", 0.0, 3)) == f"passes to 1; {said}"
+        assert describe(Reach(WAY, "size", 1.0, 1.0, last, "why", 0.0, 3)) == f"passes to 1; {said}"
 
 
 def test_a_survey_that_is_interrupted_begins_no_further_run(monkeypatch):
     begun, told = list[float](), list[str]()
 
-    def looked_at(way, family, value, course, worker, left):
+    def looked_at(way, family, value, linkages, worker, left):
         if left > 0:
             begun.append(value)
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.2)
         return RunVerdict(Verdict.PASS if value < family.values[-1] and left > 0 else Verdict.OPEN)
 
-    monkeypatch.setattr(surveying, "run_and_judge", looked_at)
+    monkeypatch.setattr(surveying, "judge_run", looked_at)
     with pytest.raises(KeyboardInterrupt):
-        survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], BUDGET, 1, told.append)
+        surveying.survey([WAY], [FAMILIES["size"], FAMILIES["mass"]], surveying.BUDGET, 1, told.append)
     assert len(begun) == 1
     assert told == ["settings of engines: 1; axes: 2"]
 
 
 def test_times_that_are_compared_lie_on_whole_steps():
-    assert len(comparison_times(1e-3, 0.5)) == 101
-    np.testing.assert_allclose(comparison_times(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
-    np.testing.assert_allclose(comparison_times(0.1, 0.5), np.arange(6) * 0.1)
-    assert sampling_at(0.1, comparison_times(0.1, 0.5)).shortened == 0
+    assert len(surveying.comparison_times(1e-3, 0.5)) == 101
+    np.testing.assert_allclose(surveying.comparison_times(5e-4, 0.5), np.arange(101) * 5e-3, atol=1e-15)
+    np.testing.assert_allclose(surveying.comparison_times(0.1, 0.5), np.arange(6) * 0.1)
+    assert sampling_at(0.1, surveying.comparison_times(0.1, 0.5)).shortened == 0
 
 
 def some():
     """Return reaches of two ways along all axes, the first of which the engine cannot model."""
     found = []
     for family in FAMILIES.values():
-        for way in (WAY, Way("mujoco", "tuned", "rk4", "none")):
+        for way in (WAY, EngineSetting("mujoco", "tuned", "rk4", "none")):
             found.append(Reach(way, family.name, *family.values[:2], Verdict.FAILED, 'off & <"out">', 1e-5, 5))
     return [replace(found[0], passes_to=None, ends_at=None, last=Verdict.CANNOT, reason="cannot hold it"), *found[1:]]
 
 
 def test_a_bar_is_as_long_as_its_way_goes():
     family = FAMILIES["size"]
-    assert [part(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
+    assert [fraction(family, x) for x in (None, 1.0, 64.0)] == [0.0, pytest.approx(1 / 7), 1.0]
     one = Reach(WAY, "size", 8.0, 16.0, Verdict.FAILED, "too large", 1e-9, 5)
     bars = [x for x in ET.fromstring(chart([one], alone=True)).iter(f"{SVG}rect") if x.get("width") != "100%"]
     widths = [float(x.attrib["width"]) for x in bars]
@@ -234,8 +234,8 @@ def test_tables_tell_all_and_escape_what_others_said(tmp_path):
 
 def test_what_the_budget_does_not_reach_stays_open(tmp_path, capsys):
     assert main(["atlas", "--engine", "lagrange", "--axis", "size", "--budget", "1e-9", "--json", "--out", str(tmp_path)]) == 0
-    assert [x.name for x in ways(["gauss"])] == ["gauss", "gauss + projection"]
-    assert [x.name for x in axes(["speed", "size"])] == ["speed", "size"]
+    assert [x.name for x in surveying.choose_settings(["gauss"])] == ["gauss", "gauss + projection"]
+    assert [x.name for x in surveying.choose_axes(["speed", "size"])] == ["speed", "size"]
     told = capsys.readouterr()
     assert {x["last"] for x in json.loads(told.out)} == {"open"}
     assert "not reached within the budget" in told.err

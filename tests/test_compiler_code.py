@@ -558,7 +558,7 @@ def test_the_more_accurate_of_two_eliminations_is_taken_and_remembered(errors, t
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     made, left, search = [], iter((*errors, errors[taken])), elimination.cheapest
     found_by_chance = [elimination.Search(noise=3.0)]
-    monkeypatch.setattr(elimination, "cheapest", lambda *asked: elimination.attempt(search(*asked).work, found_by_chance)[0])
+    monkeypatch.setattr(elimination, "cheapest", lambda *asked: elimination.try_settings(search(*asked).work, found_by_chance)[0])
     monkeypatch.setattr(elimination, "error_of", lambda program, _: (made.append(program), next(left))[1])
     first, again = (generate(mechanism("four_bar"), remembered=True) for _ in range(2))
     assert first is made[taken]

@@ -116,5 +116,5 @@ def test_legs_end_at_kinks_and_at_samples():
 def test_the_tangent_of_a_direction_is_exact_to_rounding():
     x = np.concatenate([np.linspace(-3.0, 3.0, 301), [1e-12, -1e-5, 0.0, FLAT, -30.0, 1e3, -1e9]])
     graph = ExpressionGraph(len(x))
-    found = tanh(graph, graph.input("x", 0, x, 1.0)).at[: len(x)]
+    found = tanh(graph, graph.input("x", 0, x, 1.0)).values[: len(x)]
     np.testing.assert_allclose(found, np.tanh(x), rtol=0, atol=6e-16)  # twice that of 1

@@ -201,7 +201,7 @@ def test_a_sweep_goes_on_where_it_was_and_no_other_one_does(tmp_path, monkeypatc
     (folder / PARTS / ".part-00001.parquet.1.part").write_bytes(b"left by a sweep that was killed")
     told = []
     sweep("crank_slider", VARIED, folder, samples=24, how=SHORT, where=Backend(jobs=2), tell=told.append)
-    assert "1 of 3 batches are there already" in told
+    assert "1 of 3 batches are stored already" in told
     assert table(folder) == whole
     with pytest.raises(SweepError, match="seed was 0, is 1"):
         sweep("crank_slider", VARIED, folder, samples=24, seed=1, how=SHORT)

@@ -28,8 +28,8 @@ from gauss_bench.mechanism.spaces import angles, places
 from gauss_bench.terms import Array
 
 SCENARIO = "run"
-STEP = 1e-3  # [s] default of an axis's step
-TURN = 2 * np.pi  # [rad/s] crank speed at the start, except on the axis "speed"
+STEP = 1e-3  # [s] integration step, except on axes with steps of their own
+TURN = 2 * np.pi  # [rad/s] crank speed at the start, one turn per second, except on the axis "speed"
 DENSITY = 0.8  # [kg/m] mass of bars per length
 SQUEEZED = 1.05  # relaxed length of the spring divided by its length at the start: the spring starts compressed
 RELEASE = -60.0  # [deg] angle at which hanging linkages are released
@@ -41,15 +41,15 @@ Truth = Callable[[float, Array, float], Array]
 
 @dataclass(frozen=True)
 class Axis:
-    """A family of linkages that becomes harder to simulate with one number.
+    """A family of linkages that become harder to simulate as one number, the value, changes.
 
     Attributes:
         name: key of the axis; title, meaning, unit: texts for users.
         values: values of the number, from the easiest to the hardest.
         document: function of the value that returns the content of a linkage file, with the scenario SCENARIO.
         step: function of the value that returns the integration step [s].
-        truth: function of (value, times (k,) [s], relative tolerance) that returns the true q, v, a (3, k, n), if a simpler
-            equation has the same motion; otherwise None, and DOP853 computes the reference.
+        truth: function of (value, times (k,) [s], relative tolerance) that returns the true q, v, a (3, k, n) from a simpler
+            equation with the same motion; None if there is none, so that DOP853 computes the reference.
     """
 
     name: str
@@ -63,12 +63,12 @@ class Axis:
 
 
 def scenario(duration: float, crank_deg: float, speed: float) -> Document:
-    """Return the table of one scenario: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
+    """Return the scenario SCENARIO of a linkage file: duration [s], and the crank's angle [deg] and speed [rad/s] at the start."""
     return {SCENARIO: {"duration": duration, "start": {"crank_deg": crank_deg, "speed": speed}}}
 
 
 def four_bar(speed: float = TURN, duration: float = 0.5) -> Document:
-    """Return the four-bar of `mechanisms/` with a crank speed [rad/s] at the start and a duration [s]."""
+    """Return the four-bar of `mechanisms/` without forces, with a crank speed [rad/s] at the start and a duration [s]."""
     document = {key: x for key, x in copy.deepcopy(document_of("four_bar")[0]).items() if key not in ("forces", "measure")}
     return document | {"scenarios": scenario(duration, 60.0, speed)}
 
@@ -113,7 +113,7 @@ def redundancy(count: float) -> Document:
 
 
 def mass(ratio: float) -> Document:
-    """Return the four-bar with crank and rocker `ratio` times lighter."""
+    """Return the four-bar whose crank and rocker have 1 / ratio of the coupler's mass per length."""
     document = four_bar()
     for name in ("crank", "rocker"):
         document["links"][name]["kg_per_m"] = DENSITY / ratio
@@ -151,26 +151,27 @@ def pendulum(count: float, t: Array, tolerance: float) -> Array:
     k = G / LENGTH * ((n + 1) / 2 + n) / ((n + 1) / 3 + n)
     start, tolerances = [np.radians(RELEASE), 0.0], {"rtol": tolerance, "atol": tolerance / 100}
     angle, rate = solve_ivp(lambda _, y: [y[1], -k * np.cos(y[0])], (0.0, t[-1]), start, "DOP853", t, **tolerances).y
-    second, along = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; crank from ground pin to tip as complex numbers
+    second, crank = -k * np.cos(angle), LENGTH * np.exp(1j * angle)  # second rate; crank from ground pin to tip as complex numbers
     is_crank = np.arange(2 * n + 1) <= n
     share = np.where(is_crank, 0.5, 1.0)  # displacement of a bar's middle divided by that of the crank tips
     rest = LENGTH * np.where(is_crank, np.arange(2 * n + 1), np.arange(2 * n + 1) - n - 0.5)  # x of pins, and between them
     states = np.zeros((3, len(t), load_document(size(count), SCENARIO).n))
-    tips = (along, 1j * rate * along, (1j * second - rate**2) * along)  # displacement of the tips, and its two time derivatives
+    tips = (crank, 1j * rate * crank, (1j * second - rate**2) * crank)  # displacement of the tips, and its two time derivatives
     for x, tip, turn, offset in zip(states, tips, (angle, rate, second), (rest, 0.0, 0.0), strict=True):
-        moved = offset + share * tip[:, None]
-        places(x)[..., 0], places(x)[..., 1] = moved.real, moved.imag
+        middles = offset + share * tip[:, None]  # (k, bars) of the bars
+        places(x)[..., 0], places(x)[..., 1] = middles.real, middles.imag
         angles(x)[...] = is_crank * turn[:, None]
     return states
 
 
 def read_axis(name: str, title: str, meaning: str, values: Sequence[float], step: float = STEP, unit: str = "") -> Axis:
-    """Return the axis that one table of `axes.toml` describes; arguments are the keys of the table.
+    """Return the axis that a table of `axes.toml` describes; the arguments are its name and keys.
 
-    The function of this module with the name of the axis makes its linkages; on the axes "speed" and "step" `four_bar` does. On the
-    axis "step" the value itself is the step [s]. The motion of the axis "size" is known exactly.
+    The linkages are made by the function of this module that has the name of the axis, and on the axes "speed" and "step" by
+    `four_bar`. On the axis "step" the value itself is the step [s]. On the axis "size" the motion follows from a simpler equation.
     """
-    document: Callable[[float], Document] = {"speed": four_bar, "step": lambda _: four_bar()}.get(name) or globals()[name]
+    four_bars: dict[str, Callable[[float], Document]] = {"speed": four_bar, "step": lambda _: four_bar()}
+    document = four_bars.get(name) or globals()[name]
     steps = (lambda value: value) if name == "step" else lambda _: step
     return Axis(name, title, meaning, unit, tuple(values), document, steps, pendulum if name == "size" else None)
 

@@ -34,16 +34,16 @@ from gauss_bench.trajectory import Reference
 BUDGET = 600.0  # [s] default of the time for a survey
 LIMIT = 60.0  # [s] longest time of one run, including building the model
 SAMPLES = 100  # largest number of samples that are compared with the reference
-EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of the motion that gives its error bar
+EXACT, NEARLY = 1e-12, 1e-10  # relative tolerances of the reference, and of a second motion, whose difference is its error bar
 STABILIZED = ("none", "projection")  # stabilisations that are surveyed, if an engine offers them
 LABELS = ("default", "tuned")  # names of settings that are surveyed, if an engine offers them
 
-Told = Callable[[str], object]
+Tell = Callable[[str], object]
 
 
 @dataclass(frozen=True)
-class Way:
-    """An engine with the settings, integrator and stabilization with which it runs linkages."""
+class EngineSetting:
+    """An engine with the settings, integrator and stabilisation with which it runs linkages."""
 
     engine: str
     settings: str
@@ -53,8 +53,9 @@ class Way:
     @property
     def name(self) -> str:
         """The name in tables and sentences, such as "mujoco tuned + projection"."""
-        words = [self.engine, self.settings if self.settings != "default" else ""]
-        return " ".join(filter(None, [*words, "+ projection" if self.stabilization == "projection" else ""]))
+        settings = f" {self.settings}" if self.settings != "default" else ""
+        projection = " + projection" if self.stabilization == "projection" else ""
+        return f"{self.engine}{settings}{projection}"
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Reach:
     """The result of one engine with one setting along one axis: up to which value the engine passes.
 
     Attributes:
-        way, axis: engine and setting of the runs, and the name of the axis.
+        setting, axis: engine and setting of the runs, and the name of the axis.
         passes_to: the hardest value on the axis with the verdict "pass"; None if even the easiest value does not pass.
         ends_at: the hardest value with the verdict "pass" or "degraded"; None if even the easiest value is neither.
         last: verdict on the hardest value that was run; OPEN if bisection met a value whose verdict is unknown.
@@ -71,7 +72,7 @@ class Reach:
         runs: number of values at which the engine was run.
     """
 
-    way: Way
+    setting: EngineSetting
     axis: str
     passes_to: float | None
     ends_at: float | None
@@ -81,8 +82,8 @@ class Reach:
     runs: int
 
 
-def ways(wanted: Sequence[str] | None) -> list[Way]:
-    """Return the combinations of settings and stabilisation with which the engines `wanted`, or all usable ones, are run.
+def choose_settings(wanted: Sequence[str] | None) -> list[EngineSetting]:
+    """Return the combinations of settings and stabilisation with which the engines `wanted` are run; None: all usable engines.
 
     An engine runs with its settings named in LABELS or, if it has none of these, with its first, and likewise with its
     stabilisations named in STABILIZED. The integrator is the engine's first one.
@@ -98,15 +99,15 @@ def ways(wanted: Sequence[str] | None) -> list[Way]:
         if offer.usable:
             labels = [x for x in LABELS if x in offer.settings] or list(offer.settings)[:1]
             stabilizations = [x for x in STABILIZED if x in offer.stabilizations] or list(offer.stabilizations)[:1]
-            usable += [Way(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
+            usable += [EngineSetting(offer.name, x, offer.integrators[0], y) for x in labels for y in stabilizations]
     return usable
 
 
-def axes(wanted: Sequence[str] | None) -> list[Axis]:
-    """Return the axes with these names, by default all axes.
+def choose_axes(wanted: Sequence[str] | None) -> list[Axis]:
+    """Return the axes with the names `wanted`; None: all axes.
 
     Raises:
-        ChoiceError: there is no such axis.
+        ChoiceError: an axis is unknown.
     """
     for name in wanted or ():
         if name not in FAMILIES:
@@ -114,26 +115,26 @@ def axes(wanted: Sequence[str] | None) -> list[Axis]:
     return [FAMILIES[name] for name in wanted or FAMILIES]
 
 
-class Course:
+class Linkages:
     """The linkages of all axes as files in a folder, with their references; each is made when it is first used."""
 
     def __init__(self, folder: Path):
         """Choose the engine that computes references: compiled if that is possible."""
         self.folder, self.engine = folder, "gauss-native" if find_spec("llvmlite") else "gauss"
         # (name of the axis, value) -> linkage, and reference or the reason why there is none
-        self.made: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
+        self.prepared: dict[tuple[str, float], tuple[Mechanism, Reference | str]] = {}
         self.locks: defaultdict[tuple[str, float], threading.Lock] = defaultdict(threading.Lock)
 
-    def at(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
+    def prepare(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
         """Return the linkage for a value of an axis, and its reference or the reason why there is none.
 
-        Each linkage is made only once, even if several threads ask for it. `worker` is the process that computes the reference.
+        Each linkage is made only once, even if several threads call this. `worker` is the process that computes the reference.
         """
         key = (axis.name, value)
         with self.locks[key]:
-            if key not in self.made:
-                self.made[key] = self._make_linkage(axis, value, worker)
-            return self.made[key]
+            if key not in self.prepared:
+                self.prepared[key] = self._make_linkage(axis, value, worker)
+            return self.prepared[key]
 
     def _make_linkage(self, axis: Axis, value: float, worker: Worker) -> tuple[Mechanism, Reference | str]:
         """Write the linkage for a value of an axis as a file; return it, and its reference or the reason why there is none.
@@ -168,46 +169,47 @@ def comparison_times(step: float, until: float) -> Array:
 
     They are multiples of the step [s], at least about a millisecond apart.
     """
-    count = int(np.floor(until / step * (1 + 1e-9)))
+    count = int(np.floor(until / step * (1 + 1e-9)))  # number of steps; rounding of the quotient removes none
     each = max(1, round(1e-3 / step), -(-count // SAMPLES))  # steps from one time to the next; -(-a // b) rounds a / b up
     return np.arange(count // each + 1) * (each * step)
 
 
-def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Callable[[], float]) -> Reach:
+def find_reach(setting: EngineSetting, axis: Axis, linkages: Linkages, worker: Worker, remaining: Callable[[], float]) -> Reach:
     """Find the hardest value of an axis at which an engine with a setting passes, by runs in the worker.
 
-    `remaining` returns the seconds that are left for the whole survey.
+    `remaining` returns the time [s] that is left for the whole survey.
     """
     runs: dict[int, RunVerdict] = {}  # index of a value -> its verdict
 
-    def at(i: int) -> RunVerdict:
+    def judge_value(i: int) -> RunVerdict:
         """Return the verdict on the run at value number i of the axis; only the first call for an i runs the engine."""
         if i not in runs:
-            runs[i] = run_and_judge(way, axis, axis.values[i], course, worker, remaining())
+            runs[i] = judge_run(setting, axis, axis.values[i], linkages, worker, remaining())
         return runs[i]
 
     def count_by_bisection(*accepted: Verdict) -> int:
         """Return the number of values, counted from the easiest, whose verdict is one of `accepted`."""
         last = len(axis.values) - 1
-        if at(0).verdict not in accepted:
+        if judge_value(0).verdict not in accepted:
             return 0
-        if at(last).verdict in accepted:
+        if judge_value(last).verdict in accepted:
             return last + 1
         good, bad = 0, last
         while bad - good > 1:
             middle = (good + bad) // 2
-            good, bad = (middle, bad) if at(middle).verdict in accepted else (good, middle)
+            good, bad = (middle, bad) if judge_value(middle).verdict in accepted else (good, middle)
         return bad
 
     passing = count_by_bisection(Verdict.PASS)  # number of values with the verdict PASS
     ending = max(passing, count_by_bisection(Verdict.PASS, Verdict.DEGRADED))  # and of those with PASS or DEGRADED
+    # verdict on the easiest value whose outcome is unknown, None if every outcome is known
     unknown = next((x for _, x in sorted(runs.items()) if x.verdict is Verdict.OPEN), None)
     if unknown is not None:  # bisection may be wrong, so that only values that were run count
         passing = max((i + 1 for i, x in runs.items() if x.verdict is Verdict.PASS), default=0)
         ending = max((i + 1 for i, x in runs.items() if x.verdict in (Verdict.PASS, Verdict.DEGRADED)), default=0)
-    beyond = unknown or runs.get(passing)
+    beyond = unknown or runs.get(passing)  # why the setting does not pass at harder values
     return Reach(
-        way,
+        setting,
         axis.name,
         passes_to=axis.values[passing - 1] if passing else None,
         ends_at=axis.values[ending - 1] if ending else None,
@@ -218,81 +220,81 @@ def reach(way: Way, axis: Axis, course: Course, worker: Worker, remaining: Calla
     )
 
 
-def run_and_judge(way: Way, axis: Axis, value: float, course: Course, worker: Worker, left: float) -> RunVerdict:
-    """Run an engine with a setting on the linkage for one value of an axis, and give the verdict on the run.
+def judge_run(setting: EngineSetting, axis: Axis, value: float, linkages: Linkages, worker: Worker, time_left: float) -> RunVerdict:
+    """Run an engine with a setting on the linkage for one value of an axis, and return the verdict on the run.
 
-    The verdict is OPEN if no time is `left` [s] for the survey, or if there is no reference.
+    The verdict is OPEN if the survey has no time left (`time_left` [s]), or if there is no reference.
     """
-    if left <= 0:
+    if time_left <= 0:
         return RunVerdict(Verdict.OPEN, reason="not reached within the budget")
-    mechanism, reference = course.at(axis, value, worker)
+    mechanism, reference = linkages.prepare(axis, value, worker)
     if isinstance(reference, str):
         return RunVerdict(Verdict.OPEN, reason=reference)
-    choice = Choice(way.settings, way.integrator, way.stabilization, axis.step(value))
-    request = Request(mechanism.source, SCENARIO, way.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
+    choice = Choice(setting.settings, setting.integrator, setting.stabilization, axis.step(value))
+    request = Request(mechanism.source, SCENARIO, setting.engine, choice, sampling(choice.step, mechanism.duration, reference.t))
     return decide(mechanism, run_apart(request, mechanism, LIMIT, worker), reference)
 
 
-def survey(chosen: Sequence[Way], along: Sequence[Axis], budget: float, jobs: int, told: Told) -> list[Reach]:
+def survey(settings: Sequence[EngineSetting], axes: Sequence[Axis], budget: float, jobs: int, tell: Tell) -> list[Reach]:
     """For each axis and each engine with its setting, find the hardest value at which the engine passes.
 
     Args:
         budget: time for all runs together [s].
         jobs: number of threads, each with a worker process of its own.
-        told: function that is called with each sentence of progress.
+        tell: function that is called with each sentence of progress.
     """
-    until, done, broken_off = time.monotonic() + budget, 0, threading.Event()
-    workers = threading.local()  # holds the worker process of each thread
-    opened: list[Worker] = []
-    saying = threading.Lock()  # one thread at a time reports its progress
+    end, done, interrupted = time.monotonic() + budget, 0, threading.Event()
+    of_thread = threading.local()  # its attribute `worker` is the worker process of the thread
+    workers: list[Worker] = []
+    reporting = threading.Lock()  # one thread at a time reports its progress
     with tempfile.TemporaryDirectory() as folder:
-        course = Course(Path(folder))
+        linkages = Linkages(Path(folder))
 
         def remaining() -> float:
             """Return the seconds that are left, or 0 after an interrupt."""
-            return 0.0 if broken_off.is_set() else until - time.monotonic()
+            return 0.0 if interrupted.is_set() else end - time.monotonic()
 
         def stop() -> None:
             """End the worker processes of all threads."""
-            for worker in opened:
+            for worker in workers:
                 worker.stop()
 
-        def find_reach(pair: tuple[Axis, Way]) -> Reach:
+        def survey_pair(pair: tuple[Axis, EngineSetting]) -> Reach:
             """Run one engine with its setting along one axis, in this thread's worker process; report and return the result."""
             nonlocal done
-            axis, way = pair
-            if not hasattr(workers, "own"):
-                workers.own = Worker()
-                opened.append(workers.own)
-            reached = reach(way, axis, course, workers.own, remaining)
-            with saying:
+            axis, setting = pair
+            if not hasattr(of_thread, "worker"):
+                of_thread.worker = Worker()
+                workers.append(of_thread.worker)
+            reach = find_reach(setting, axis, linkages, of_thread.worker, remaining)
+            with reporting:
                 done += 1
-                if not broken_off.is_set():
-                    told(f"{done}/{len(pairs)} {way.name}, {axis.title}: {sentence(reached)}")
-            return reached
+                if not interrupted.is_set():
+                    tell(f"{done}/{len(pairs)} {setting.name}, {axis.title}: {describe(reach)}")
+            return reach
 
-        pairs = [(axis, way) for axis in along for way in chosen]
-        told(f"settings of engines: {len(chosen)}; axes: {len(along)}")
+        pairs = [(axis, setting) for axis in axes for setting in settings]
+        tell(f"settings of engines: {len(settings)}; axes: {len(axes)}")
         try:
             with ThreadPoolExecutor(jobs) as pool:
                 try:
-                    return list(pool.map(find_reach, pairs))
+                    return list(pool.map(survey_pair, pairs))
                 except BaseException:  # an interrupt: begin no other run, and stop the workers
-                    broken_off.set()
+                    interrupted.set()
                     stop()
                     raise
         finally:
             stop()
 
 
-def sentence(reached: Reach) -> str:
-    """Return a sentence on the hardest value of an axis at which an engine passes, and on what happens at harder values."""
-    axis = FAMILIES[reached.axis]
+def describe(reach: Reach) -> str:
+    """Return a sentence with the hardest value of an axis at which an engine passes, and the reason why it goes no further."""
+    axis = FAMILIES[reach.axis]
     unit = f" {axis.unit}" if axis.unit else ""
-    if reached.passes_to is None:  # not even the easiest value passes
-        return f"{reached.last}: {reached.reason}"
-    if reached.passes_to == axis.values[-1]:
-        return f"passes all, to {reached.passes_to:g}{unit}"
-    ends = f", degraded to {reached.ends_at:g}{unit}" if reached.ends_at != reached.passes_to else ""
-    then = f"{reached.last}: " if reached.last in (Verdict.CANNOT, Verdict.OPEN) else ""
-    return f"passes to {reached.passes_to:g}{unit}{ends}; then {then}{reached.reason}"
+    if reach.passes_to is None:  # not even the easiest value passes
+        return f"{reach.last}: {reach.reason}"
+    if reach.passes_to == axis.values[-1]:
+        return f"passes all, to {reach.passes_to:g}{unit}"
+    ends = f", degraded to {reach.ends_at:g}{unit}" if reach.ends_at != reach.passes_to else ""
+    then = f"{reach.last}: " if reach.last in (Verdict.CANNOT, Verdict.OPEN) else ""
+    return f"passes to {reach.passes_to:g}{unit}{ends}; then {then}{reach.reason}"

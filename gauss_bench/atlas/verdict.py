@@ -1,4 +1,4 @@
-"""Give the verdict on a run of the atlas (a survey of linkages from easy to hard).
+"""The verdict on a run of the atlas, the survey of linkages from easy to hard.
 
 The verdicts are:
 
@@ -61,13 +61,14 @@ class RunVerdict:
 
 
 def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
-    """Return the verdict on a run, from the comparison of the run with a reference."""
+    """Return the verdict on a run, from its differences to a reference and from the objections of the judge."""
     if run.status is Status.SKIP:
         return RunVerdict(Verdict.CANNOT, reason=run.message)
     if run.trajectory is None:
         return RunVerdict(Verdict.FAILED, reason=f"{run.status}: {run.message}")
     size = mechanism.size
-    error_bar = float(np.max(reference.error_q, initial=0.0))  # of positions [m] and angles [rad]; min: the stricter limit
+    error_bar = float(np.max(reference.error_q, initial=0.0))
+    # positions have the limit KNOWN PASSES size [m], angles KNOWN PASSES [rad]; the smaller of the two counts for both
     if not error_bar <= KNOWN * PASSES * min(1.0, size):
         return RunVerdict(Verdict.OPEN, reason=f"the error bar of the reference is {error_bar:.1e}")
     with np.errstate(all="ignore"):
@@ -79,5 +80,5 @@ def decide(mechanism: Mechanism, run: Run, reference: Reference) -> RunVerdict:
     if not verdict.valid:
         return RunVerdict(Verdict.FAILED, error, verdict.sentence)
     if error > PASSES:
-        return RunVerdict(Verdict.DEGRADED, error, f"off by {error:.1e} of the size or rad")
+        return RunVerdict(Verdict.DEGRADED, error, f"off by {error:.1e} (of the linkage's size, or rad)")
     return RunVerdict(Verdict.PASS, error)

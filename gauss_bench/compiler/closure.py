@@ -18,9 +18,7 @@ from gauss_bench.mechanism.model import AngleDriver, Mechanism
 from gauss_bench.mechanism.motion_laws import constant
 from gauss_bench.terms import Array
 
-__all__ = ["Closure", "Loss", "Sweep", "compile_closure"]
-
-PARTS = 32  # samples that the numpy backend computes at once, so that they share the overhead of its calls
+PARTS = 32  # number of samples that the backend numpy computes at once, so that they share the overhead of its calls
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,24 +102,27 @@ class Closure:
             ValueError: the shape does not fit, or a number is not finite.
         """
         if levels.shape[1:] != (3, len(self.inputs)) or not len(levels):
-            raise ValueError(f"levels of shape {levels.shape} are not samples of {', '.join(self.inputs)}")
+            raise ValueError(f"levels of shape {levels.shape} must have the shape (samples, 3, {len(self.inputs)})")
         if not np.isfinite(levels).all():
             raise ValueError("inputs or their derivatives are not finite")
-        # if samples are too far apart for one step, others are put in between, and removed from the result below
-        stride = self._tracker.strides(levels[:, 0])
+        # if samples are too far apart for one step, further samples are put between them, and removed from the result below
+        stride = self._tracker.longest_stride(levels[:, 0])
         divided = max(1, ceil(stride))
         if divided > 1:
             levels = _divide(levels, divided)
         rows = np.empty((len(levels), self._tracker.program.width))
         loss = self._tracker.track(levels, stride / divided, rows)
         if loss is not None:
-            loss = replace(loss, sample=ceil(loss.sample / divided))  # the next of the caller's samples
+            loss = replace(loss, sample=ceil(loss.sample / divided))  # the next one among the caller's samples
         q, v, a = rows[::divided].reshape(-1, 3, self.mechanism.n).swapaxes(0, 1)
         return Sweep(q, v, a, loss)
 
 
 def _divide(levels: Array, parts: int) -> Array:
-    """Interpolate levels (k, 3, K) with `parts` steps between samples; rates are meaningful at the original samples only."""
-    before, after = levels[:-1, None], levels[1:, None]
+    """Return levels (k, 3, K) with `parts` equal steps from each sample to the next, ((k - 1) parts + 1, 3, K).
+
+    The values are interpolated linearly; derivatives are meaningful at the original samples only.
+    """
+    before, after = levels[:-1, None], levels[1:, None]  # (k - 1, 1, 3, K)
     steps = before + (np.arange(parts) / parts)[:, None, None] * (after - before)
     return np.concatenate([steps.reshape(-1, *levels.shape[1:]), levels[-1:]])

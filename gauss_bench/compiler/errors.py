@@ -1,5 +1,5 @@
-"""The error of this room."""
+"""The error that the compiler raises."""
 
 
 class KernelError(ValueError):
-    """A linkage that cannot be turned into a kernel, or a kernel that fails its own check; the message gives the reason."""
+    """Raised if no kernel can be generated for a linkage, or if a kernel fails its own check; the message gives the reason."""

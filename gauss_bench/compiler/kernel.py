@@ -21,7 +21,7 @@ from gauss_bench.compiler.elimination.program import KernelError, Program, known
 from gauss_bench.compiler.elimination.rank import RankDecision
 from gauss_bench.compiler.machine.code import Code
 from gauss_bench.compiler.machine.native_code import Flags, Target, choose_target
-from gauss_bench.compiler.machine.source import C_HEADER, in_c
+from gauss_bench.compiler.machine.source import C_HEADER, write_c
 from gauss_bench.compiler.stepping.driver import INTEGRATORS, Driver, Tally
 from gauss_bench.compiler.stepping.programs import Batch, Outcome, Programs, Stop
 from gauss_bench.compiler.stepping.rollout import acceleration, plain_body, rollout
@@ -94,7 +94,7 @@ def _generate_programs(mechanism: Mechanism, o: Options) -> Iterator[Program]:
     """Yield the requested program, then alternative programs for states at which a pivot of the requested program is too small."""
 
     def generate(formulation: str, independent: tuple[int, ...] | None, drop: int) -> Program:
-        """Return a program; `drop` is the index in `Study.drops` of the set of redundant constraint rows that it leaves out."""
+        """Return a program that leaves out the redundant constraint rows with the index `drop` in `Study.drops`."""
         return known_program(mechanism, formulation, o.open_parameters, independent, o.damping, drop, o.target.cache)
 
     first = generate(o.formulation, o.independent, 0)
@@ -118,6 +118,8 @@ class Integrated:
 
     Attributes:
         q, v: (k, n_q) states at the requested times, NaN where the trajectory is lost.
+        steps: number of accepted steps.
+        evaluations: number of evaluations of the acceleration, also in steps that were not accepted.
     """
 
     q: Array
@@ -197,7 +199,7 @@ class Kernel:
 
     @property
     def directions(self) -> int:
-        """Number of independent coordinates of the first program; an implicit step needs derivatives in so many directions."""
+        """Number of independent coordinates of the first program; an implicit step needs derivatives along as many motions."""
         return len(self.partitions[0])
 
     @property
@@ -245,27 +247,28 @@ class Kernel:
         if n < 0 or (every is not None and every < 1) or integrator not in INTEGRATORS:
             raise ValueError(f"cannot take {n} steps of {integrator} with a sample every {every}")
         if self._kinks and n and not dt > 0:
-            raise ValueError("a force has kinks in time, and steps over them go forward")
+            raise ValueError(f"a force has kinks in time: the step must be positive, not {dt:g} s")
         q = q0 if isinstance(q0, np.ndarray) else np.asarray(q0)  # a conversion takes as long as several steps
         v = v0 if isinstance(v0, np.ndarray) else np.asarray(v0)
         self._driver.tally = Tally()
-        parts = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps between kinks; one or none: nothing is split
+        legs = self.legs(t0, dt, n) if self._kinks else ()  # runs of equal steps between kinks; one or none: nothing is split
         p = self._values if parameters is None else np.asarray(parameters, dtype=float)
-        if q.ndim == 1 and every is None and p.ndim == 1 and len(parts) <= 1:
-            # a single trajectory of which only the last state is wanted is stepped with the least overhead
-            if self._kinks or p.shape != self._values.shape:  # forces between kinks have parameters of their own, for this leg
-                p = self._numbers(parameters, 1, _middle(t0, parts))[0]
+        if q.ndim == 1 and every is None and p.ndim == 1 and len(legs) <= 1:
+            # a single trajectory of which only the last state is returned is stepped with the least overhead
+            # with kinks, the number arguments also have coefficients of forces for this leg; `_numbers` refuses a wrong shape
+            if self._kinks or p.shape != self._values.shape:
+                p = self._numbers(parameters, 1, _middle(t0, legs))[0]
             state = self._roll_one(q, v, p, t0, dt, n, integrator)
             return state[: self._n], state[self._n :]
         states = np.atleast_2d(np.concatenate([q, v], axis=-1, dtype=float))
         # arguments that depend on time are evaluated in the middle of a run of equal steps
-        given = self._numbers(parameters, len(states), _middle(t0, parts))
-        batch = Batch(states, given, float(t0), float(dt), int(n), max(1, every or n))
-        if len(parts) <= 1:
+        numbers = self._numbers(parameters, len(states), _middle(t0, legs))
+        batch = Batch(states, numbers, float(t0), float(dt), int(n), max(1, every or n))
+        if len(legs) <= 1:
             outcome = self._driver.advance(batch, integrator, threads)
         else:
-            by_time = partial(self._numbers, parameters, len(states))
-            outcome = self._driver.advance_over(batch, by_time, self._kinks, integrator, threads)
+            numbers_at = partial(self._numbers, parameters, len(states))  # function of the time
+            outcome = self._driver.advance_over(batch, numbers_at, self._kinks, integrator, threads)
         samples = outcome.samples[:, -1] if every is None else outcome.samples
         samples = samples[0] if q.ndim == 1 else samples
         return samples[..., : self._n], samples[..., self._n :]
@@ -293,25 +296,25 @@ class Kernel:
             ValueError: there are fewer than two times, or they do not ascend.
         """
         if len(times) < 2 or not (np.diff(times) > 0).all():
-            raise ValueError("times must be at least two, in order")
-        numbers, at = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
+            raise ValueError("`times` must be at least two ascending times")
+        numbers_at, ends = partial(self._numbers, parameters, 1), np.asarray(times, dtype=float)
         state = np.concatenate([np.asarray(q0, dtype=float), np.asarray(v0, dtype=float)])
         self._driver.tally = Tally()
-        samples, taken, tried = self._driver.integrate_over(state, numbers, at, (rtol, atol), self._kinks)
+        samples, taken, tried = self._driver.integrate_over(state, numbers_at, ends, (rtol, atol), self._kinks)
         # each step that was tried, accepted or not, has as many evaluations as a step of fixed size
         return Integrated(samples[:, : self._n], samples[:, self._n :], taken, EVALUATIONS["dop853_fixed"] * tried)
 
     def alone(self, q0: Array, v0: Array, dt: float, n: int, t0: float = 0.0, integrator: str = "rk4") -> bool:
-        """Tell whether the first program is usable for all of n steps of dt from the state q0, v0 at the time t0.
+        """Tell whether the first program alone can take n steps of dt from the state q0, v0 at the time t0.
 
-        If so, exported C source, which has the first program alone, is valid for these steps.
+        Exported C source, which has no other program, can then take these steps too.
         """
         q, v, runner = q0, v0, self._programs.runner(0, integrator)
-        for leg in self.legs(t0, dt, n):  # runs of equal steps, in which arguments of the code have their values from the middle
-            done = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
-            if isinstance(done, Stop):
+        for leg in self.legs(t0, dt, n):  # the number arguments at the middle of a leg are valid for all of its steps
+            end = runner.run_one(q, v, self._numbers(None, 1, leg.middle)[0], leg.t, leg.h, leg.n)
+            if isinstance(end, Stop):
                 return False
-            q, v = done[: self._n], done[self._n :]
+            q, v = end[: self._n], end[self._n :]
         return True
 
     def pivots(self, t: Array, q: Array, v: Array) -> Array:
@@ -339,11 +342,11 @@ class Kernel:
         is None. The other columns are coefficients of time-dependent forces at the time t, one for all states or (count,).
         """
         size = len(self.parameters)
-        given = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
-        if given.shape[-1] != size:
-            raise ValueError(f"{given.shape[-1]} parameters given, {size} are open: {', '.join(self.parameters)}")
+        open_values = self._values[:size] if parameters is None else np.asarray(parameters, dtype=float)
+        if open_values.shape[-1] != size:
+            raise ValueError(f"{open_values.shape[-1]} parameters given, {size} are open: {', '.join(self.parameters)}")
         numbers = np.array(np.broadcast_to(with_lines(self.mechanism, self._values, t), (count, len(self._values))))
-        numbers[:, :size] = given
+        numbers[:, :size] = open_values
         return numbers
 
     def acceleration(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
@@ -352,24 +355,26 @@ class Kernel:
         At a state where every generated program has a pivot that is too small, the acceleration is computed by dense linear
         algebra, which decides the rank of the constraint rows.
         """
-        # a single state takes a path without the overhead of a batch; with kinks the number arguments depend on t
+        # a single state is evaluated without the overhead of a batch; with kinks the number arguments depend on t
         if np.ndim(q) == 1 and parameters is None:
             p = self._numbers(None, 1, t)[0] if self._kinks else self._values
-            quick = self._programs.acceleration(float(t), q, v, p)
-            if quick is not None:
-                return quick
+            a = self._programs.acceleration(float(t), q, v, p)
+            if a is not None:  # all pivots of the first program are large enough
+                return a
         return self._at_states(self._programs.accelerations, self._rank.acceleration, q, v, t, parameters)
 
     def forces(self, q: Array, v: Array, t: float | Array = 0.0, parameters: Array | None = None) -> Array:
-        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q; 0 for redundant rows that are left out."""
+        """Return the multipliers (rows,) or (batch, rows) of M a + J^T lambda = Q.
+
+        Redundant rows that are left out have multipliers 0 or combinations of others (`Program.multipliers`).
+        """
         return self._at_states(self._programs.multipliers, self._rank.multipliers, q, v, t, parameters)
 
     def energy(self, q: Array, v: Array, parameters: Array | None = None) -> Array:
         """Return kinetic plus potential energy [J], () or (batch,)."""
-        rows, single = self._rows(q, v, 0.0, parameters)
-        # without rows[0], the time, on which the energy does not depend; [0][:, 0]: the only column (k,) of the results
-        energies = self._programs.codes[0].program.energy(*rows[1:])[0][:, 0]
-        return np.asarray(energies[0] if single else energies)
+        (_, *arrays), is_single = self._as_batch(q, v, 0.0, parameters)  # the energy does not depend on the time
+        (energies,) = self._programs.codes[0].program.energy(*arrays)  # (k, 1)
+        return np.asarray(energies[0, 0] if is_single else energies[:, 0])
 
     def c_source(self, integrator: str = "rk4") -> str:
         """Return the first program as C source, with the functions `accelerate` and `rollout`.
@@ -379,14 +384,14 @@ class Kernel:
         first = self._programs.codes[0]
         steps = rollout([plain_body(first, integrator)], many=False)
         # "none": only `rollout` has Baumgarte's terms, `accelerate` is the exact acceleration
-        return C_HEADER + in_c(acceleration(Code(first.program, "none"), plain=True)) + "\n" + in_c(steps)
+        return C_HEADER + write_c(acceleration(Code(first.program, "none"), plain=True)) + "\n" + write_c(steps)
 
-    def _rows(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
-        """Return the arrays t (k,), q, v (k, n_q) and number arguments (k, n_p), and whether a single state was given."""
-        single = np.ndim(q) == 1
+    def _as_batch(self, q: Array, v: Array, t: float | Array, parameters: Array | None) -> tuple[tuple[Array, ...], bool]:
+        """Return the arrays t (k,), q, v (k, n_q) and number arguments (k, n_p), and whether the arguments are a single state."""
+        is_single = np.ndim(q) == 1
         q, v = np.atleast_2d(np.asarray(q, dtype=float)), np.atleast_2d(np.asarray(v, dtype=float))
-        at = np.broadcast_to(np.asarray(t, dtype=float), len(q))
-        return (at, q, v, self._numbers(parameters, len(q), at)), single
+        times = np.broadcast_to(np.asarray(t, dtype=float), len(q))
+        return (times, q, v, self._numbers(parameters, len(q), times)), is_single
 
     def _at_states(
         self,
@@ -404,28 +409,28 @@ class Kernel:
         values the result is NaN.
 
         Args:
-            evaluate: function of the index of a program and the four arrays of `_rows`; returns values (k, ...) and flags (k,),
+            evaluate: function of the index of a program and the four arrays of `_as_batch`; returns values (k, ...) and flags (k,),
                 True at states where all pivots were large enough.
             by_rank: function of t, q, v of one state, which decides on the rank of the constraint rows by dense linear algebra.
         """
-        at, single = self._rows(q, v, t, parameters)
-        values, sound = evaluate(0, *at)
+        arrays, is_single = self._as_batch(q, v, t, parameters)
+        values, sound = evaluate(0, *arrays)
         for row in np.flatnonzero(~sound):
-            time, q_row, v_row, p = (x[row] for x in at)
+            time, q_row, v_row, p = (x[row] for x in arrays)
             # index of the best program for this state except program 0, None if there is none
             k = self._driver.best(float(time), np.concatenate([q_row, v_row]), p, {0})
             if k is not None:
-                other, good = evaluate(k, *(x[row : row + 1] for x in at))
-                if good[0]:
-                    values[row] = other[0]
+                by_program_k, is_sound = evaluate(k, *(x[row : row + 1] for x in arrays))
+                if is_sound[0]:
+                    values[row] = by_program_k[0]
                     continue
-            values[row] = by_rank(float(time), q_row, v_row) if self._driver.nominal(p) else np.nan
-        return np.asarray(values[0] if single else values)
+            values[row] = by_rank(float(time), q_row, v_row) if self._driver.has_nominal_values(p) else np.nan
+        return np.asarray(values[0] if is_single else values)
 
 
-def _middle(t: float, parts: Sequence[Leg]) -> float:
-    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `parts` is empty.
+def _middle(t: float, legs: Sequence[Leg]) -> float:
+    """Return the time [s] in the middle of the first leg (run of equal steps) of a rollout, or t if `legs` is empty.
 
     No force has a kink inside a leg, so that number arguments at its middle are valid for all of its steps.
     """
-    return parts[0].middle if parts else float(t)
+    return legs[0].middle if legs else float(t)

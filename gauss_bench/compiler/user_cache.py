@@ -20,7 +20,7 @@ MAGIC = b"gauss-bench cache 2\n"
 
 
 def folder() -> Path:
-    """Return the folder in which compiled kernels are cached."""
+    """Return the path of the cache folder: gauss-bench/kernels in $XDG_CACHE_HOME if that is an absolute path, else in ~/.cache."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     home = Path(base) if os.path.isabs(base) else Path.home() / ".cache"
     return home / "gauss-bench" / "kernels"
@@ -36,9 +36,9 @@ def trusted_folder() -> Path | None:
         status = path.lstat()
     except OSError:
         return None
-    own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
-    closed = os.name == "nt" or stat.S_IMODE(status.st_mode) == 0o700
-    return path if stat.S_ISDIR(status.st_mode) and own and closed else None
+    is_own = not hasattr(os, "getuid") or status.st_uid == os.getuid()
+    is_private = os.name == "nt" or stat.S_IMODE(status.st_mode) == 0o700
+    return path if stat.S_ISDIR(status.st_mode) and is_own and is_private else None
 
 
 def load(name: str) -> bytes | None:
@@ -56,10 +56,7 @@ def load(name: str) -> bytes | None:
 
 
 def store(name: str, content: bytes) -> bool:
-    """Store bytes under a file name; return False if the folder of the cache cannot be written or is not trusted.
-
-    It is trusted if it belongs to the user and nobody else may enter it.
-    """
+    """Store bytes under a file name; return False if the cache folder cannot be written or is not trusted (`trusted_folder`)."""
     path = trusted_folder()
     if path is None:
         return False
@@ -75,5 +72,5 @@ def store(name: str, content: bytes) -> bool:
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Return the hash of the name and the content of a file of the cache."""
+    """Return the SHA-256 of the name and the content of a file of the cache."""
     return hashlib.sha256(name.encode() + content).digest()

@@ -1,6 +1,6 @@
-"""Read suites by name or path, join them with the suites that they build on, and restrict them to what a user asks for.
+"""Read suites by name or path, join them with the suites that they build on, and restrict them to given linkages and engines.
 
-A suite is a TOML file that lists measurements. Each table of the file, for example `accuracy`, is called a part of the suite.
+A suite is a TOML file that lists measurements. Each of its sections, such as `[[accuracy]]`, describes one measurement.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +14,7 @@ from gauss_bench.untrusted import BadInput, parse_toml, read_bytes
 
 FOLDER = Path(__file__).parent
 MAX_BYTES = 1_048_576  # largest size of a suite's file; the longest built-in suite has 4,000 bytes
-SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))
+SECTIONS = tuple(name for name in Suite.model_fields if name not in ("format", "title", "hours", "parts"))  # kinds of sections
 
 
 class SuiteError(BadInput, ValueError):
@@ -27,7 +27,7 @@ def names() -> list[str]:
 
 
 def read_suite(name: str) -> Suite:
-    """Return a suite (a built-in name, or the path of a .toml file), joined with those that it builds on.
+    """Return the suite with a built-in name, or at the path of a .toml file, joined with the suites that it builds on.
 
     Raises:
         SuiteError: the suite does not exist, is not valid TOML, does not fit the schema, or builds on itself.
@@ -58,61 +58,65 @@ def _read(name: str, above: tuple[str, ...]) -> Suite:
 
 
 def _change(suite: Suite, change: Callable[[str, Any], Any]) -> Suite:
-    """Return the suite with every part x of a section `name` replaced by change(name, x), or left out if that is None."""
-    changed = {name: [change(name, part) for part in getattr(suite, name)] for name in SECTIONS}
-    return suite.model_copy(update={name: tuple(x for x in parts if x is not None) for name, parts in changed.items()})
+    """Return the suite with each section x of the kind `name` replaced by change(name, x), or left out if that is None."""
+    changed = {name: [change(name, section) for section in getattr(suite, name)] for name in SECTIONS}
+    return suite.model_copy(update={name: tuple(x for x in sections if x is not None) for name, sections in changed.items()})
 
 
 def _with_own_linkages(suite: Suite, folder: Path) -> Suite:
     """Return the suite with absolute paths of the linkage files that lie in its folder."""
 
-    def locate(_: str, part: Any) -> Any:
-        if not isinstance(part, OnLinkages):
-            return part
-        paths = {x: folder / x for x in part.linkages if x.endswith(".toml") and (folder / x).is_file()}
-        return part.model_copy(update={"linkages": {str(paths.get(x, x)): scenario for x, scenario in part.linkages.items()}})
+    def locate(_: str, section: Any) -> Any:
+        """Return a section in which files of linkages in the suite's folder have absolute paths."""
+        if not isinstance(section, OnLinkages):
+            return section
+        paths = {x: folder / x for x in section.linkages if x.endswith(".toml") and (folder / x).is_file()}
+        return section.model_copy(update={"linkages": {str(paths.get(x, x)): scenario for x, scenario in section.linkages.items()}})
 
     return _change(suite, locate)
 
 
 def join_entries(suites: Sequence[Suite]) -> Suite:
-    """Return one suite with the distinct entries of all suites, and the title of the last."""
+    """Return one suite with the sections of all suites, equal ones once, and the title of the last."""
     content: dict[str, Any] = {}
     for name in SECTIONS:
         distinct: list[Any] = []
         for suite in suites:
             distinct += [x for x in getattr(suite, name) if x not in distinct]
         content[name] = tuple(distinct)
-    return suites[-1].model_copy(update=content | {"parts": ()})  # no further suites to read: `content` has their entries
+    return suites[-1].model_copy(update=content | {"parts": ()})  # `content` has the sections of all parts
 
 
-def parts_on_linkages(suite: Suite) -> list[OnLinkages]:
-    """Return all parts of a suite that list linkages."""
+def sections_on_linkages(suite: Suite) -> list[OnLinkages]:
+    """Return all sections of a suite that list linkages."""
     return [x for name in SECTIONS for x in getattr(suite, name) if isinstance(x, OnLinkages)]
 
 
 def scenario_of(suite: Suite, linkage: str) -> str | None:
-    """Return the scenario in which a suite runs a linkage, or None if the suite does not list the linkage."""
-    parts = (x for x in parts_on_linkages(suite) if x.any_linkage)
-    return next((x.linkages[linkage] for x in parts if linkage in x.linkages), None)
+    """Return the scenario of a linkage in the first section with `any_linkage` that lists it, or None if no such section does."""
+    for section in sections_on_linkages(suite):
+        if section.any_linkage and linkage in section.linkages:
+            return section.linkages[linkage]
+    return None
 
 
 def linkages_of(suite: Suite) -> tuple[str, ...]:
     """Return names and paths of all linkages of a suite, each once."""
-    return tuple(dict.fromkeys(linkage for part in parts_on_linkages(suite) for linkage in part.linkages))
+    return tuple(dict.fromkeys(linkage for section in sections_on_linkages(suite) for linkage in section.linkages))
 
 
 def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
-    """Return the suite with only these engines in its parts `accuracy`, `cost`, `search` and `field`.
+    """Return the suite with only these engines in its sections `accuracy`, `cost`, `search` and `field`.
 
-    Parts of these four kinds that have none of the engines are left out. Parts of other kinds are unchanged.
+    Sections of these four kinds that have none of the engines are left out. Sections of other kinds are unchanged.
     """
 
-    def select(name: str, part: Any) -> Any:
+    def select(name: str, section: Any) -> Any:
+        """Return a section with those of the given engines that it has; None if it has none of them."""
         if name not in ("accuracy", "cost", "search", "field"):
-            return part
-        chosen = tuple(e for e in engines if not part.engines or e in part.engines)  # all, if the part names none
-        return part.model_copy(update={"engines": chosen}) if chosen else None
+            return section
+        chosen = tuple(e for e in engines if not section.engines or e in section.engines)  # all, if the section names none
+        return section.model_copy(update={"engines": chosen}) if chosen else None
 
     return _change(suite, select)
 
@@ -120,15 +124,16 @@ def of_engines(suite: Suite, engines: Sequence[str]) -> Suite:
 def restrict(suite: Suite, linkages: Mapping[str, str]) -> Suite:
     """Return the suite restricted to the given linkages (name or path -> scenario).
 
-    A part of the suite with `any_linkage` is run for all given linkages, in the given scenarios. A part without `any_linkage` keeps
-    those of its linkages that are given, each in the scenario that the part names. Parts of a suite without linkages are left out,
-    except `left_out` and the parts whose results are computed from times of other parts.
+    A section with `any_linkage` is run for all given linkages, in the given scenarios. A section without it keeps those of its
+    linkages that are given, each in the scenario that the section names. Sections without linkages are left out, except `left_out`
+    and the sections whose results are computed from times of other sections.
     """
 
-    def keep(name: str, part: Any) -> Any:
-        if not isinstance(part, OnLinkages):
-            return part if name in ("left_out", "steps", "right_hand_side", "bounds") else None
-        chosen = linkages if part.any_linkage else {x: s for x, s in part.linkages.items() if x in linkages}
-        return part.model_copy(update={"linkages": dict(chosen)}) if chosen else None
+    def keep(name: str, section: Any) -> Any:
+        """Return a section with those of the given linkages that it is run for; None if there are none."""
+        if not isinstance(section, OnLinkages):
+            return section if name in ("left_out", "steps", "right_hand_side", "bounds") else None
+        chosen = linkages if section.any_linkage else {x: s for x, s in section.linkages.items() if x in linkages}
+        return section.model_copy(update={"linkages": dict(chosen)}) if chosen else None
 
     return _change(suite, keep)

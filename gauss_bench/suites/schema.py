@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 FORMAT = "gauss-bench-suite/1"
-# engines that differ from others in algebra alone, so that one integrator is enough
+# engines that differ from others in their linear algebra alone: they are run with their default settings only
 PLAIN = ("gauss_pinv", "lagrange", "schur", "udwadia_kalaba", "yuan_ge_eq16", "lagrange-native")
 
 Linkages = Mapping[str, str]  # name or path -> scenario
@@ -75,7 +75,7 @@ class LeftOut(Section):
 
 
 class Cost(OnLinkages):
-    """The timed comparison of engines on a linkage, in which engines take turns, so that disturbances affect all of them alike.
+    """The race of engines on a linkage: they are timed in turns, so that disturbances affect all of them alike.
 
     Attributes:
         engines: names of engines; empty for all engines.
@@ -101,7 +101,7 @@ class Cost(OnLinkages):
 
 
 class ColdBuilds(OnLinkages):
-    """Times to build the first model of an engine in a new process, and to compute its first step (cold builds).
+    """Times in which an engine builds its first model in a new process, and computes its first step (cold builds).
 
     Attributes:
         engines: names of engines.
@@ -164,7 +164,7 @@ class RightHandSide(Section):
 
 
 class Bounds(Section):
-    """The time of an engine's steps compared with the processor's limits; it is computed from the times in the sections `cost`.
+    """Comparison of the time of an engine's steps, measured in the sections `cost`, with the limits of the processor.
 
     Attributes:
         own: name of the engine.
@@ -199,7 +199,7 @@ class Method(Section):
 
 
 class Search(OnLinkages):
-    """The search, among all variants of each engine, for the cheapest setting that meets a required accuracy in the whole run.
+    """The search among all variants of each engine for the cheapest setting that meets the requirements in the whole run.
 
     Attributes:
         engines: names of engines; empty for all engines except the formulations in numpy.
@@ -213,8 +213,8 @@ class Search(OnLinkages):
         processes: number of processes that time the settings, one process after the other.
         rounds: number of rounds in each process.
         lead: duration of the part of a run with equal steps that is timed [s]; the time of a longer run is extrapolated.
-        aims: name of an engine -> smallest wanted ratio of the time of its cheapest setting to that of the cheapest setting of
-            `own`.
+        aims: name of an engine -> the aim, a smallest ratio of the time of its cheapest setting to that of the cheapest setting
+            of `own`.
         aimed: required errors of positions [m] for which the ratios in `aims` count.
         authors: paths of files with settings that engines' authors contributed, besides those in the engines' folders.
         brief: whether only the variants that an engine tries first are searched, but those of the formulations in numpy too.
@@ -240,7 +240,7 @@ class Search(OnLinkages):
 
 
 class SameQuestions(OnLinkages):
-    """Measurements that are alike for every engine: whether a run repeats bit for bit, joint forces, start-up time, installed size.
+    """The same measurements of every engine: whether a run repeats bit for bit, joint forces, start-up time, installed size.
 
     Attributes:
         engines: names of engines; empty for all engines, including those that can be installed and are not.
@@ -352,7 +352,7 @@ class Driving(OnLinkages):
 
     Attributes:
         step: integration step of the runs [s].
-        ways: engines with their settings that are run.
+        ways: engines that are run, each with its setting.
     """
 
     step: Positive

@@ -1,4 +1,4 @@
-"""Run samples of a sweep in an engine: a batch in one call of the native kernel, or one sample after the other.
+"""Simulate samples of a sweep by an engine: a batch in one call of the native kernel, or one sample after the other.
 
 Every sample gives a row. If its numbers make no valid linkage, or its start cannot be assembled, or the engine fails, the row's
 message has the reason.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gauss_bench import metrics
 from gauss_bench.compiler.errors import KernelError
-from gauss_bench.compiler.kernel import BAUMGARTE, Kernel, compile_kernel
+from gauss_bench.compiler.kernel import Kernel, compile_kernel
 from gauss_bench.engines import require
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.compiled import FORMULATIONS
@@ -47,8 +47,10 @@ class SweepCase:
     """The data that all samples of a sweep share, as plain values that can be sent to processes and compared.
 
     Attributes:
-        text: the linkage document with one scenario, as JSON; scenario: name of the scenario.
-        until: end of each motion [s]; choices: name and setting of every engine.
+        text: the linkage document with one scenario, as JSON.
+        scenario, source: name of the scenario, and path of the linkage file.
+        until: end of each motion [s].
+        choices: name and setting of every engine.
         paths: paths in the linkage file of the d numbers that vary, such as `links.rod.mass`.
         limit: longest time of one sample in a worker [s].
         jobs: number of threads of a call of the kernel, on which no row depends.
@@ -70,7 +72,13 @@ class SweepCase:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The steps of a motion: length [s], number, number between two samples, and times t (k,) of the samples [s]."""
+    """The steps of a motion.
+
+    Attributes:
+        h, count: length [s] and number of the steps.
+        every: number of steps from one sample to the next.
+        t: (k,) times of the samples [s].
+    """
 
     h: float
     count: int
@@ -85,7 +93,7 @@ class Grid:
 def grid(step: float, until: float) -> Grid:
     """Return equal steps up to the time `until` [s], of at most the length `step` [s], with at most about SAMPLES samples."""
     count = max(1, int(np.ceil(until / step * (1 - 1e-12))))  # rounding of the quotient adds no step
-    every = max(1, -(-count // SAMPLES))  # rounded up
+    every = max(1, -(-count // SAMPLES))  # -(-a // b) rounds a / b up
     steps = np.unique([*range(0, count + 1, every), count])
     return Grid(until / count, count, every, steps * (until / count))
 
@@ -95,7 +103,7 @@ def in_batches(engine: str) -> bool:
     return engine in FORMULATIONS
 
 
-_stepping = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
+_kernel_lock = threading.Lock()  # one thread uses a kernel at a time, because it has counters and may generate more code
 
 
 @lru_cache(maxsize=4)
@@ -106,7 +114,7 @@ def family(case: SweepCase) -> Family:
 
 @lru_cache(maxsize=4)
 def kernel(case: SweepCase, engine: str) -> Kernel:
-    """Return the kernel (the compiled program) that simulates all samples of the sweep in this engine.
+    """Return the kernel (the compiled program) by which this engine simulates all samples of the sweep.
 
     Raises:
         MissingExtra: there is no compiler.
@@ -117,9 +125,7 @@ def kernel(case: SweepCase, engine: str) -> Kernel:
     if reason := linkages.not_open:
         raise SweepError(f"--vary {reason}; take an engine that builds every sample anew, such as gauss")
     try:
-        code = compile_kernel(
-            linkages.nominal, FORMULATIONS[engine], choice.stabilization, linkages.open_numbers, baumgarte=BAUMGARTE
-        )
+        code = compile_kernel(linkages.nominal, FORMULATIONS[engine], choice.stabilization, linkages.open_numbers)
     except KernelError as error:
         raise SweepError(f"--engine {engine}: {error}") from error
     code.prepare(choice.integrator, many=True)
@@ -146,7 +152,7 @@ def _empty_rows(case: SweepCase, count: int) -> Rows:
 
 
 def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of k samples, which are simulated in one call of the compiled kernel."""
+    """Return the columns status, message and figures of k samples, which are simulated in one call of the compiled kernel."""
     code, linkages, choice = kernel(case, engine), family(case), case.choice(engine)
     steps = grid(choice.step, case.until).refine(parts)
     starts, rows = linkages.starts(values), _empty_rows(case, len(values))
@@ -159,7 +165,7 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     columns = {name: x[closed] for name, x in starts.columns.items()}  # inputs of the kernel, which are stacked in p
     p = np.stack(list(columns.values()), axis=-1) if columns else np.zeros((len(closed), 0))
     q0, v0 = starts.q[closed], starts.v[closed]
-    with _stepping, np.errstate(all="ignore"):
+    with _kernel_lock, np.errstate(all="ignore"):
         q, v = code.rollout(
             q0, v0, steps.h, steps.count, parameters=p, every=steps.every, threads=case.jobs, integrator=choice.integrator
         )
@@ -168,34 +174,36 @@ def _run_batch(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
     for k in np.flatnonzero(~is_finite).tolist():  # a motion ends with the last sample before the first that is not finite
         until = steps.t[max(0, int(np.isfinite(q[k]).all(axis=1).argmin()) - 1)]
         rows["status"][closed[k]] = str(Status.NAN)
-        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: the kernel finds no regular coordinates there"
+        rows["message"][closed[k]] = f"the motion is not finite after {until:g} s: no choice of pivots is usable there"
     if not is_finite.any():
         return rows
-    # groups of about TOGETHER motions: indices in q and v, which have the closed samples alone
-    for group in np.array_split(np.flatnonzero(is_finite), -(-int(is_finite.sum()) // TOGETHER)):
+    finite = np.flatnonzero(is_finite)  # indices in q and v, which have the closed samples alone
+    for group in np.array_split(finite, -(-len(finite) // TOGETHER)):  # about TOGETHER motions; -(-a // b) rounds a / b up
         forces = _multipliers(code, steps.t, q[group], v[group], p[group])
         numbers, samples = {name: x[group] for name, x in columns.items()}, closed[group]
         q_group, v_group = (np.ascontiguousarray(x[group].swapaxes(0, 1)) for x in (q, v))  # (times, motions, n)
         by_name, evidences = figures(linkages.nominal, numbers, steps.t, q_group, v_group, forces)
         for name, x in by_name.items():
             rows[name][samples] = x
-        for k, sample, evidence in zip(group, samples, evidences, strict=True):  # evidence: what `_judge` needs of a motion
+        for k, sample, evidence in zip(group, samples, evidences, strict=True):
             motion = Trajectory(steps.t, q[k], v[k], np.zeros_like(q[k]), steps.count)
-            load = partial(linkages.mechanism_of, values[sample])
-            rows["status"][sample], rows["message"][sample] = _judge(evidence, load, motion)
+            load_mechanism = partial(linkages.mechanism_of, values[sample])
+            rows["status"][sample], rows["message"][sample] = _judge(evidence, load_mechanism, motion)
     return rows
 
 
-def _judge(evidence: Evidence, mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
-    """Return status and message of a motion; the mechanism is loaded, which takes long, only if energy lost to damping decides."""
+def _judge(evidence: Evidence, load_mechanism: Callable[[], Mechanism], motion: Trajectory) -> tuple[str, str]:
+    """Return status and message of a motion.
+
+    `load_mechanism` takes long, and is called only if the verdict depends on energy that is lost to damping.
+    """
     verdict = judge(evidence)
     if any(x.subject is Subject.ENERGY for x in verdict.objections):
-        # the sample times may be too far apart to resolve the energy that damping takes between them. First ask cheaply whether
-        # losses matter: `without_loss` here removes every loss of energy. Only if the judge then has fewer objections, find out
-        # which losses the sample times resolve
+        # the sample times may be too far apart to resolve the energy that damping takes between them: `without_loss` here removes
+        # every loss of energy. Only if the judge then has fewer objections, the losses that the sample times resolve are computed
         lenient = replace(evidence, seen=metrics.without_loss(motion.t, evidence.energy, 0.0))
         if len(judge(lenient).objections) < len(verdict.objections):
-            evidence = replace(evidence, seen=measurable_gain(mechanism(), motion, evidence))
+            evidence = replace(evidence, seen=measurable_gain(load_mechanism(), motion, evidence))
             verdict = judge(evidence)
     message = "; ".join(filter(None, (verdict.sentence, remark(evidence))))
     return str(Status.OK if verdict.valid else Status.INVALID), message
@@ -205,17 +213,17 @@ def _multipliers(code: Kernel, t: Array, q: Array, v: Array, p: Array) -> Array:
     """Return multipliers (samples, batch, rows) of motions q, v (batch, samples, n) at times t, for kernel inputs p (batch, d)."""
     batch, k, n = q.shape
     # one row for each sample of each motion
-    times, places, rates, numbers = np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)
+    times, positions, velocities, inputs = np.tile(t, batch), q.reshape(-1, n), v.reshape(-1, n), np.repeat(p, k, axis=0)
     chunks = []
     with np.errstate(all="ignore"):
         for i in range(0, batch * k, CHUNK):
             rows = slice(i, i + CHUNK)
-            chunks.append(code.forces(places[rows], rates[rows], times[rows], numbers[rows]))
+            chunks.append(code.forces(positions[rows], velocities[rows], times[rows], inputs[rows]))
     return np.concatenate(chunks).reshape(batch, k, -1).swapaxes(0, 1)
 
 
 def _run_one_by_one(case: SweepCase, engine: str, values: Array, parts: int) -> Rows:
-    """Return status, message and figures of k samples, which are simulated one after the other."""
+    """Return the columns status, message and figures of k samples, which are simulated one after the other."""
     rows = _empty_rows(case, len(values))
     for k, sample in enumerate(values):
         rows["status"][k], rows["message"][k], by_name = _run_single(case, engine, sample, parts)

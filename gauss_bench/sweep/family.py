@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from gauss_bench.compiler.equations.links import force_numbers, parameter_values, with_parameters
+from gauss_bench.compiler.equations.links import force_numbers, parameter_values, split_vectors, with_parameters
 from gauss_bench.linkage.build import Resolver, build_link, resolve_points
 from gauss_bench.linkage.closure import CLOSED, LONGEST, STEP, list_held
 from gauss_bench.linkage.errors import BuildError, LinkageError
@@ -36,7 +36,7 @@ from gauss_bench.terms import Array
 
 STRIDE = 0.02  # largest change of a dimension between two closures, relative to the linkage's size
 NEWTON = 12  # largest number of iterations of a closure, which usually needs three or four
-WHOLE = ("gravity", "ground")  # keys of the file that hold no tables by name
+WHOLE = ("gravity", "ground")  # keys of the file that are read as a whole, and not entry by entry
 OPEN = ("links", "ground", "gravity", "forces", "joints", "scenarios")  # keys with numbers that can be inputs of a kernel
 BAD = (BuildError, ValidationError)  # errors of a table whose numbers are not valid
 Columns = Mapping[str, Array]  # name of an input of the kernel -> its values (k,)
@@ -62,8 +62,10 @@ class Family:
     """One linkage in one scenario, some of whose numbers vary.
 
     Attributes:
-        document: document with this scenario alone, its overrides merged; nominal: the mechanism with the numbers of the file.
-        paths: paths of the d varied numbers in the document, as in `paths.py`; source: path of the file.
+        document: linkage document with this scenario alone, whose overrides are merged into it.
+        nominal: the mechanism with the numbers of the file.
+        paths: paths of the d varied numbers in the document, as in `paths.py`.
+        source: path of the file.
         heads: keys of a table that contains varied numbers, such as ("links", "rod") or ("gravity",) -> indices in `paths` of the
             varied numbers in this table. Such a table is read anew for each sample.
     """
@@ -79,8 +81,8 @@ class Family:
         self.heads = dict[tuple[str, ...], list[int]]()
         for k, path in enumerate(paths):
             head, *rest = path.split(".")
-            # `gravity` and `ground` are read as a whole; of other tables, such as `links`, each entry is read by itself
-            self.heads.setdefault((head,) if head in WHOLE else (head, *rest[:1]), []).append(k)
+            table = (head,) if head in WHOLE else (head, *rest[:1])
+            self.heads.setdefault(table, []).append(k)
 
     @cached_property
     def not_open(self) -> str:
@@ -104,7 +106,7 @@ class Family:
         return ""
 
     def mechanism_of(self, values: Sequence[float]) -> Mechanism:
-        """Read and assemble the linkage with the values (d,) of the varied numbers in one sample.
+        """Return the assembled linkage with the values (d,) of the varied numbers in one sample.
 
         Raises:
             LinkageError: the linkage with these numbers is not valid, or it cannot be assembled.
@@ -135,12 +137,13 @@ class Family:
         A single changed value could be invalid, or leave a dependent number equal by chance.
         """
         changed = set[str]()
-        for head, places in self.heads.items():
-            for path, factor in product([self.paths[k] for k in places], (1.01, 1.3)):
+        for head, indices in self.heads.items():
+            for path, factor in product([self.paths[k] for k in indices], (1.01, 1.3)):
                 old = number_at(self.document, path)
+                new = old * factor if old else factor - 1.0
                 try:
-                    numbers = self._numbers(head, change(self.document, {path: old * factor if old else factor - 1.0}))
-                except BAD:  # the linkage would not be valid with this value
+                    numbers = self._numbers(head, change(self.document, {path: new}))
+                except BAD:  # the linkage is not valid with this value
                     continue
                 changed |= {name for name, x in numbers.items() if x != self._parameters[name]}
         return tuple(name for name in self._parameters if name in changed)
@@ -156,23 +159,22 @@ class Family:
         kind, *names = head
         table, name = document[kind], "".join(names)
         self._forms[kind].validate_python({name: table[name]} if names else table)
-        found: dict[str, Any] = {}
+        numbers: dict[str, Any] = {}
         match kind:
             case "gravity":
-                found = {"gravity": table}
+                numbers = {"gravity": table}
             case "ground":
-                found = {f"points.ground.{key}": xy for key, xy in resolve_points(table["points"]).items()}
+                numbers = {f"points.ground.{key}": xy for key, xy in resolve_points(table["points"]).items()}
             case "links":
                 link = build_link(name, table[name])
-                found = {f"links.{name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
-                found |= {f"points.{name}.{key}": xy for key, xy in link.points.items()}
+                numbers = {f"links.{name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
+                numbers |= {f"points.{name}.{key}": xy for key, xy in link.points.items()}
             case "joints":
-                found = {f"joints.{name}.offset": table[name]["offset"]}
+                numbers = {f"joints.{name}.offset": table[name]["offset"]}
             case "forces" if any(f.name == name for f in self.nominal.forces):  # not for a force that this scenario lacks
                 force: Any = self._resolver.build_force(name, table[name])
-                found = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
-        vectors = {f"{key}.{axis}": float(x) for key, xy in found.items() if np.ndim(xy) for axis, x in zip("xy", xy, strict=True)}
-        return vectors | {key: float(x) for key, x in found.items() if not np.ndim(x)}
+                numbers = {f"forces.{name}.{key}": x for key, x in force_numbers(force).items()}
+        return split_vectors(numbers)
 
     def starts(self, values: Array) -> Starts:
         """Return the values of the kernel's inputs and the initial states of k samples.
@@ -203,21 +205,21 @@ class Family:
         goals = np.array([self._goals(self.document)] * len(values))
         columns = {name: np.full(len(values), self._parameters[name]) for name in self.open_numbers}
         is_faulty = np.zeros(len(values), dtype=bool)
-        for head, places in self.heads.items():
+        for head, indices in self.heads.items():
             # each content of a table is read only once, however many samples have it; a grid has few different contents
-            contents, which = np.unique(values[:, places], axis=0, return_inverse=True)
+            contents, index_of_content = np.unique(values[:, indices], axis=0, return_inverse=True)
             for j, row in enumerate(contents.tolist()):
-                document = change(self.document, dict(zip([self.paths[k] for k in places], row, strict=True)))
-                these = which.ravel() == j  # (k,) samples with this content
+                document = change(self.document, dict(zip([self.paths[k] for k in indices], row, strict=True)))
+                has_content = index_of_content.ravel() == j  # (k,) samples with this content
                 try:
                     numbers = self._numbers(head, document)
                     if head[0] == "scenarios":
-                        goals[these] = self._goals(document)
+                        goals[has_content] = self._goals(document)
                 except BAD:
-                    is_faulty |= these
+                    is_faulty |= has_content
                     continue
                 for name in columns.keys() & numbers.keys():
-                    columns[name][these] = numbers[name]
+                    columns[name][has_content] = numbers[name]
         for name, column in columns.items():
             column[is_faulty] = self._parameters[name]
         return columns, goals, is_faulty
@@ -240,37 +242,39 @@ class Family:
         q, v = np.full((2, k, mechanism.n), np.nan)
         if mechanism.knife_edges or mechanism.parts:  # the caller assembles these samples one by one
             return q, v
-        # first, old: kernel inputs and goals of the file, at which the continuation begins; columns, goals: those of the samples,
-        # at which it ends
-        first, old = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
-        # the number of strides is such that dimensions and held coordinates change little between two closures
-        lengths = [np.abs(columns[x] - first[x]).max(initial=0.0) for x in columns if x.startswith(("points.", "joints."))]
-        turn = float(np.abs(goals[:, 0] - old[0]).max(initial=0.0))
+        # the continuation begins at the kernel inputs and goals of the file, and ends at those of the samples
+        file_columns, file_goals = {name: np.full(k, self._parameters[name]) for name in columns}, self._goals(self.document)
+        # enough strides that dimensions and held coordinates change little from one closure to the next
+        dimensions = [x for x in columns if x.startswith(("points.", "joints."))]
+        lengths = [np.abs(columns[x] - file_columns[x]).max(initial=0.0) for x in dimensions]
+        turn = float(np.abs(goals[:, 0] - file_goals[0]).max(initial=0.0))
         strides = min(100, 1 + int(max(max(lengths, default=0.0) / (STRIDE * mechanism.size), turn / STEP)))
 
-        def constraints_at(part: float) -> Callable[[Array], tuple[Array, Array]]:
+        def constraints_at(fraction: float) -> Callable[[Array], tuple[Array, Array]]:
             """Return the function q (k, n) -> residual (k, m) and Jacobian (k, m, n) of joints and prescribed coordinates.
 
-            The kernel's inputs and the prescribed values are interpolated between those of the file (`part` = 0) and those of the
-            samples (`part` = 1), which are used directly, because interpolation would round them.
+            The kernel's inputs and the prescribed values are interpolated between those of the file (fraction 0) and those of the
+            samples (fraction 1), which are used directly, because interpolation would round them.
             """
-            now = {x: columns[x] if part == 1 else first[x] + part * (columns[x] - first[x]) for x in columns}
-            changed = with_parameters(mechanism, now)
-            target = goals[:, 0] if part == 1 else old[0] + part * (goals[:, 0] - old[0])
+            between = {x: file_columns[x] + fraction * (columns[x] - file_columns[x]) for x in columns}
+            changed = with_parameters(mechanism, columns if fraction == 1 else between)
+            target = goals[:, 0] if fraction == 1 else file_goals[0] + fraction * (goals[:, 0] - file_goals[0])
             held = list_held(changed, self.document["scenarios"][self.scenario]).coordinates
             return partial(_residual, [*held_by_joints(changed), *zip(held, target.T, strict=True)])
 
         q = np.repeat(np.array(mechanism.q0)[None], k, axis=0)
         with np.errstate(all="ignore"):
-            for part in np.arange(1, strides + 1) / strides:
-                q = project(q, constraints_at(part), _solve, NEWTON, stop_after=_is_still, longest=LONGEST)
+            for fraction in np.arange(1, strides + 1) / strides:
+                q = project(q, constraints_at(fraction), _solve, NEWTON, stop_after=_is_still, longest=LONGEST)
             phi, J = constraints_at(1.0)(q)
-            # J v: joints do not move, and held coordinates have their rates
-            right = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
-            v = _solve(J, right)
-            left = np.abs((J @ v[..., None])[..., 0] - right).max(axis=1, initial=0.0)
-            good = (np.abs(phi).max(axis=1, initial=0.0) <= CLOSED) & (left <= CLOSED * np.maximum(1.0, np.abs(right).max(axis=1)))
-        q[~good], v[~good] = np.nan, np.nan
+            # J v (k, m): the coordinates of joints do not change, and held coordinates have their rates
+            rates = np.concatenate([np.zeros((k, phi.shape[1] - goals.shape[2])), goals[:, 1]], axis=1)
+            v = _solve(J, rates)
+            rate_error = np.abs((J @ v[..., None])[..., 0] - rates).max(axis=1, initial=0.0)
+            is_closed = np.abs(phi).max(axis=1, initial=0.0) <= CLOSED
+            has_rates = rate_error <= CLOSED * np.maximum(1.0, np.abs(rates).max(axis=1))
+        failed = ~(is_closed & has_rates)
+        q[failed], v[failed] = np.nan, np.nan
         return q, v
 
 
@@ -296,24 +300,25 @@ def _residual(held: Sequence[tuple[Coordinate, Any]], q: Array) -> tuple[Array, 
 
 
 def _is_still(_: Array, size: Array) -> bool:
-    """Tell whether the last corrections, of sizes (k,), are rounding in all samples that have not failed, whose size is finite."""
+    """Tell whether the last corrections, of sizes (k,), are rounding in all samples that have not failed: whose size is finite."""
     return not (size[np.isfinite(size)] > 1e-14).any()
 
 
 def _solve(J: Array, right: Array) -> Array:
-    """Return the shortest x (k, n) with J x = right, for J (k, m, n) and right (k, m); NaN if J is not finite."""
+    """Return the x (k, n) of least norm with J x = right, for J (k, m, n) and right (k, m); NaN for a J that is not finite."""
     if J.shape[1] == J.shape[2]:
         try:
             return np.asarray(np.linalg.solve(J, right[..., None])[..., 0])
         except np.linalg.LinAlgError:  # one of the matrices is singular: take pseudo-inverses of all
             pass
-    whole = np.isfinite(J).all(axis=(1, 2))
+    is_finite = np.isfinite(J).all(axis=(1, 2))
     x = np.full((len(J), J.shape[2]), np.nan)
-    if whole.any():
-        x[whole] = (np.linalg.pinv(J[whole], rcond=1e-9) @ right[whole][..., None])[..., 0]
+    if is_finite.any():
+        # smaller singular values, relative to the largest, belong to redundant rows
+        x[is_finite] = (np.linalg.pinv(J[is_finite], rcond=1e-9) @ right[is_finite][..., None])[..., 0]
     return x
 
 
 def describe(error: LinkageError) -> str:
-    """Return the faults of a sample's linkage in one sentence."""
+    """Return the faults of a sample's linkage, separated by semicolons."""
     return "; ".join(map(str, error.faults))

@@ -14,7 +14,7 @@ from gauss_bench.mechanism.spaces import Vec, dot
 from gauss_bench.sweep.family import Columns, held_by_joints
 from gauss_bench.terms import Array
 
-OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy_scale": "J"}
+OF_A_RUN = {"loops": "m or rad", "energy_error": "J", "energy_bar": "J", "energy_scale": "J"}  # figures of every linkage
 
 
 def units(mechanism: Mechanism) -> dict[str, str]:
@@ -71,7 +71,7 @@ def _forces(mechanism: Mechanism, multipliers: Array) -> dict[str, Array]:
 
 
 def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
-    """Return an array (k, batch): the largest residual [m or rad] of all joints and drivers, at k times of each motion."""
+    """Return the largest residual (k, batch) [m or rad] of all joints and drivers, for motions x at the times t (k,)."""
     rows = [np.abs(state(coordinate, x).value - value) for coordinate, value in held_by_joints(mechanism)]
     for driver in mechanism.drivers:
         rows.append(np.abs(state(driver.coordinate, x).value - np.asarray(driver.law(t)[0])[:, None]))
@@ -79,17 +79,20 @@ def _gaps(mechanism: Mechanism, x: Placed, t: Array) -> Array:
 
 
 def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tuple[Array, Array, Array]:
-    """Return three arrays on the energy [J] of each motion: the gain (k, batch), its error bar (batch,), and a scale (batch,).
+    """Return the gain of energy (k, batch), its error bar (batch,) and the scale of the energy (batch,) of motions [J].
 
     The gain is the energy gained beyond the work of drivers and forces at k times, and the error bar is that of this work. Gain and
     scale are defined as in `metrics.energy_error` and `metrics.energy_scale`.
+
+    Args:
+        x: positions and velocities of the motions at the times t (k,).
+        multipliers: (k, batch, rows) lambda of M a + J^T lambda = Q.
     """
     kinetic, potential, power = (np.zeros(x.q.shape[:-1]) for _ in range(3))
     gravity = Vec(*mechanism.gravity)
     for i, link in enumerate(mechanism.links):
         frame = x.frame(i)
-        turning = frame.omega * frame.omega
-        kinetic = kinetic + 0.5 * (link.mass * dot(frame.u, frame.u) + link.inertia * turning)
+        kinetic = kinetic + 0.5 * (link.mass * dot(frame.u, frame.u) + link.inertia * (frame.omega * frame.omega))
         potential = potential - link.mass * dot(gravity, frame.z)
     for load in loads(mechanism.forces):
         stored, supplied = equations.energies(x, load)
@@ -98,13 +101,13 @@ def _energy(mechanism: Mechanism, x: Placed, t: Array, multipliers: Array) -> tu
     # the force of a driver is minus its multiplier; + 0 * t: a rate that is a constant becomes an array
     for k, driver in enumerate(mechanism.drivers, joint_rows):
         power = power - multipliers[..., k] * np.asarray(driver.law(t)[1] + 0 * t)[:, None]
-    whole = kinetic + potential
-    gain = whole - whole[0]
-    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(whole).max(axis=0))  # of rounding
+    energy = kinetic + potential
+    gain = energy - energy[0]
+    bar = 8 * np.finfo(float).eps * (1.0 + np.abs(energy).max(axis=0))  # of rounding
     scale = np.maximum(kinetic.max(axis=0), np.ptp(potential, axis=0))
-    active = np.isfinite(power).all(axis=0) & power.any(axis=0)  # linkages with a power to integrate
+    active = np.isfinite(power).all(axis=0) & power.any(axis=0)  # (batch,) motions with a power to integrate
     if active.any() and len(t) > 1:
-        done, error = metrics.work(t, power[:, active])
-        gain[:, active] -= done
+        work, error = metrics.work(t, power[:, active])
+        gain[:, active] -= work
         bar[active] += error
     return gain, bar, scale

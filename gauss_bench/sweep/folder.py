@@ -30,15 +30,15 @@ TEXTS = ("engine", "status", "message")  # columns of texts; all other columns a
 
 
 class Folder:
-    """A sweep's folder, which is locked within its context.
+    """A sweep's folder, which is locked inside a `with` statement.
 
     Attributes:
-        stamp: plain data that determines all rows of the sweep's table.
+        stamp: plain data that determine all rows of the sweep's table.
         schema: columns of a part file: index of the sample, columns of texts, and columns of numbers with their units.
     """
 
     def __init__(self, path: Path, stamp: Mapping[str, Any], columns: Mapping[str, str]):
-        """Set up the folder of a sweep, which `with` makes and locks; `columns` maps columns of numbers to their units."""
+        """Set up the folder of a sweep, which `with` makes and locks; `columns`: name of a column of numbers -> its unit."""
         # through JSON and back, so that the stamp compares equal to one that is read from a file: tuples become lists
         self.path, self.stamp = path, json.loads(json.dumps(stamp))
         fields = [pa.field("sample", pa.int64(), nullable=False)]
@@ -58,8 +58,8 @@ class Folder:
             raise Busy(f"{self.path}: another sweep is writing there") from error
         if not (self.path / PLAN).exists():
             write_text(self.path / PLAN, json.dumps(self.stamp, indent=1) + "\n")
-        for left in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
-            left.unlink()  # a killed sweep left it; a running one would hold the lock
+        for unfinished in [*self.path.glob(".*.part"), *(self.path / PARTS).glob(".*.part")]:
+            unfinished.unlink()  # left by a killed sweep: a running one would hold the lock
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -73,7 +73,7 @@ class Folder:
     def has(self, number: int, rows: int) -> bool:
         """Tell whether a batch of this many rows is stored completely and without damage."""
         try:
-            table = _table(self.part(number))
+            table = _read_part(self.part(number))
         except (OSError, pa.ArrowException):
             return False
         return bool(table.num_rows == rows and table.schema.equals(self.schema))
@@ -87,18 +87,18 @@ class Folder:
     def read(self) -> Any:
         """Return the rows of all stored batches as a pandas DataFrame, in the order of the samples in the sweep's plan."""
         files = sorted((self.path / PARTS).glob("part-*.parquet"))
-        return pa.concat_tables([_table(x) for x in files]).to_pandas()
+        return pa.concat_tables([_read_part(x) for x in files]).to_pandas()
 
 
-def _table(path: Path) -> Any:
-    """Read a part file as a pyarrow table, and verify its checksums."""
+def _read_part(path: Path) -> Any:
+    """Return a part file as a pyarrow table, with verified checksums."""
     # file by file, because pyarrow.dataset, which reads several files at once, takes long to import
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         return file.read()
 
 
 def check(path: Path, stamp: Mapping[str, Any]) -> None:
-    """Check that a folder is new, empty, or the folder of a sweep with an equal `stamp` (the data that determines all rows).
+    """Raise an error unless a folder is new, empty, or that of a sweep with an equal `stamp` (the data that determine all rows).
 
     Raises:
         SweepError: the parent folder is missing, or the folder holds another sweep or something else.
@@ -123,12 +123,12 @@ def check(path: Path, stamp: Mapping[str, Any]) -> None:
         raise SweepError(f"--out {path}: its {PLAN} cannot be read; take another folder")
     different = [key for key in dict.fromkeys([*stamp, *stored]) if stamp.get(key) != stored.get(key)]
     if different:
-        was = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
-        raise SweepError(f"--out {path}: holds another sweep ({was}); take another folder, or the same arguments")
+        changes = "; ".join(f"{key} was {_shorten(stored.get(key))}, is {_shorten(stamp.get(key))}" for key in different)
+        raise SweepError(f"--out {path}: holds another sweep ({changes}); take another folder, or the same arguments")
     refuse_foreign({path / PICTURE: SIGN})  # a picture that does not end in SIGN was drawn by another program
 
 
 def _shorten(x: object) -> str:
-    """Return a value as JSON of at most 80 characters."""
+    """Return a value as JSON, cut to 80 characters."""
     text = json.dumps(x)
     return text if len(text) < 80 else f"{text[:76]} ..."

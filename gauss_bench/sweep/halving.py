@@ -19,7 +19,6 @@ from gauss_bench.terms import Array
 from gauss_bench.trajectory import spread_evenly
 
 MOST, SHARE = 16, 10  # one sample in SHARE of an engine is repeated, and at most MOST
-UNITS = ("m", "rad")
 HALF = "half the step"
 
 
@@ -27,7 +26,10 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     """Repeat some samples of the status ok, and return how much their figures change; None if no sample is ok.
 
     The limits for a change are those of the judge (`judge.py`) for a run that is repeated with a finer step.
-    `values` (N, d) are the varied numbers of all N samples; `rows` are those of this engine, as a pandas DataFrame.
+
+    Args:
+        rows: this engine's rows of the sweep's table, as a pandas DataFrame.
+        values: (N, d) varied numbers of all N samples.
     """
     choice, mechanism = case.choice(engine), family(case).nominal
     good = rows[rows["status"].isin(USED)].sort_values("sample")
@@ -38,19 +40,19 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
     if choice.integrator in offered.adaptive:
         tighter = replace(choice, tolerance=finer_tolerance(offered, choice))
         case, parts, how = replace(case, choices=((engine, tighter),)), 1, "a tighter tolerance"
-    chosen = spread_evenly(len(good), min(MOST, -(-len(good) // SHARE)))
+    chosen = spread_evenly(len(good), min(MOST, -(-len(good) // SHARE)))  # -(-a // b) rounds a / b up
     limits = {"m": OFF_MOTION / 2 * mechanism.size, "rad": OFF_MOTION / 2}
     numbers = good["sample"].to_numpy()[chosen]
     finer = rows_of(case, engine, numbers, values[numbers], parts)
     usable = np.isin(finer["status"], USED)
     lost, changes = int((~usable).sum()), {}  # changes: unit -> largest change
     ratios = np.zeros(len(chosen))  # largest ratio of a figure's change to its limit, for each sample
-    for unit in UNITS:
+    for unit, limit in limits.items():
         names = [name for name, x in units(mechanism).items() if x == unit]
         # (chosen,) largest change of a figure with this unit
         gaps = np.abs([finer[name] - good[name].to_numpy()[chosen] for name in names] or [np.zeros(len(chosen))]).max(axis=0)
         changes[unit] = float(gaps[usable].max(initial=0.0))
-        ratios = np.maximum(ratios, gaps / limits[unit])
+        ratios = np.maximum(ratios, gaps / limit)
     largest = float(ratios[usable].max(initial=0.0))
     return {
         "how": how,
@@ -64,13 +66,13 @@ def halve(case: SweepCase, engine: str, rows: Any, values: Array) -> Halved | No
 
 
 def text(check: Halved | None) -> str:
-    """Return a sentence for the user that describes the result of `halve`."""
+    """Return the result of `halve` in a sentence for the user."""
     if check is None:
         return "nothing was repeated: no sample is ok"
-    changes = f"{check['how']} of {check['samples']} samples changes {check['m']:.2g} m and {check['rad']:.2g} rad at most"
+    changes = f"{check['samples']} samples with {check['how']} change by at most {check['m']:.2g} m and {check['rad']:.2g} rad"
     if check["ok"]:
         return changes
     lost = f", and {check['lost']} of them are lost" if check["lost"] else ""
     where = "" if check["worst"] is None else f" (sample {check['worst']})"
     remedy = "take a smaller --step" if check["how"] == HALF else "take settings of a tighter tolerance"
-    return f"NOT TO BE TRUSTED: {changes}{where}{lost}: {remedy}"
+    return f"NOT TO BE TRUSTED: {changes}{where}{lost}; {remedy}"

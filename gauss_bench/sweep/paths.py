@@ -36,7 +36,7 @@ def is_length(path: str) -> bool:
 
 
 def number_at(document: Document, path: str) -> float:
-    """Return the number at a path.
+    """Return the number of a document at a path; at the path of a length, the length of the bar [m].
 
     Raises:
         SweepError: the document has no number at this path.
@@ -46,7 +46,7 @@ def number_at(document: Document, path: str) -> float:
     owner, key = _find(document, path)
     value = owner[key]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SweepError(f"--vary {path}: is no number of the file, but {type(value).__name__}")
+        raise SweepError(f"--vary {path}: is not a number, but {type(value).__name__}")
     return float(value)
 
 
@@ -57,31 +57,28 @@ def numbers_of(document: Document) -> list[str]:
 
 
 def _numbers(item: Any, path: str) -> Iterator[str]:
-    """Yield the paths of all numbers in `item`, the table or list at `path`; nothing if `item` is neither."""
-    pairs: Any = ()
-    if isinstance(item, dict):
-        pairs = item.items()
-    elif isinstance(item, list):
-        pairs = enumerate(item)
-    for key, value in pairs:
-        where = f"{path}.{key}" if path else str(key)
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            yield where
-        yield from _numbers(value, where)
+    """Yield the paths of all numbers in the table or list `item`, whose own path is `path`."""
+    entries: Any = item.items() if isinstance(item, dict) else enumerate(item)
+    for key, value in entries:
+        inner_path = f"{path}.{key}" if path else str(key)
+        if isinstance(value, (dict, list)):
+            yield from _numbers(value, inner_path)
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            yield inner_path
 
 
 def change(document: Document, values: Mapping[str, float]) -> Document:
-    """Return a document with other numbers at some paths; tables that do not change are shared with `document`.
+    """Return a copy of a document with the numbers `values` (path -> number); tables that do not change are not copied.
 
     Changes of lengths are made last, because they move points whose coordinates other paths may have changed.
     """
     changed = dict(document)
     for head, *rest in {tuple(path.split(".")[:2]) for path in values}:
-        whole = changed[head]
-        if rest and isinstance(whole, dict):  # copy the one table in it that changes
-            changed[head] = {key: deepcopy(x) if key in rest else x for key, x in whole.items()}
+        top = changed[head]  # such as the table `links`
+        if rest and isinstance(top, dict):  # copy only the entry that changes, such as one link
+            changed[head] = {key: deepcopy(x) if key in rest else x for key, x in top.items()}
         else:
-            changed[head] = deepcopy(whole)
+            changed[head] = deepcopy(top)
     for path in sorted(values, key=is_length):
         if is_length(path):
             _stretch(changed, path, values[path])
@@ -92,7 +89,7 @@ def change(document: Document, values: Mapping[str, float]) -> Document:
 
 
 def _find(document: Document, path: str) -> tuple[Any, Any]:
-    """Return the table or list that holds the number of a path, and the key or index of the number in it.
+    """Return the table or list that contains the number at a path, and the number's key or index in it.
 
     Raises:
         SweepError: the document has no entry at this path; the message lists paths that hold numbers.
@@ -104,13 +101,14 @@ def _find(document: Document, path: str) -> tuple[Any, Any]:
             item = item[_key(item, key)]
         item[_key(item, last)]
     except (KeyError, IndexError, TypeError, ValueError):
-        near = [x for x in numbers_of(document) if x.split(".")[:2] == path.split(".")[:2]] or numbers_of(document)
-        raise SweepError(f"--vary {path}: the file has no such number; there are {', '.join(near[:12])}") from None
+        in_same_table = [x for x in numbers_of(document) if x.split(".")[:2] == path.split(".")[:2]]
+        offered = (in_same_table or numbers_of(document))[:12]
+        raise SweepError(f"--vary {path}: the file has no such number; there are {', '.join(offered)}") from None
     return item, _key(item, last)
 
 
 def _key(item: Any, key: str) -> Any:
-    """Return the index in a list, or the key in a table, that one part of a path stands for; x and y stand for 0 and 1."""
+    """Return the index in the list `item`, or the key in the table `item`, for one word of a path; x and y stand for 0 and 1."""
     if not isinstance(item, list):
         return key
     return AXES[key] if key in AXES else int(key)
@@ -118,7 +116,14 @@ def _key(item: Any, key: str) -> Any:
 
 @dataclass(frozen=True)
 class Bar:
-    """The first bar of a link: the link's table, its points (2,) by name, the names of the bar's ends, and its length [m]."""
+    """The first bar of a link.
+
+    Attributes:
+        link: the link's table in the document.
+        points: name of a point of the link -> its coordinates (2,) [m].
+        ends: names of the points at the bar's ends.
+        length: length of the bar [m].
+    """
 
     link: dict[str, Any]
     points: dict[str, Any]
@@ -151,7 +156,8 @@ def _stretch(document: Document, path: str, length: float) -> None:
 
     def move(p: Any) -> list[float]:
         """Return the new position of a point (2,) [m] of the link."""
-        return (p + ((length / bar.length - 1.0) * float((p - origin) @ along)) * along).tolist()  # type: ignore[no-any-return]
+        shift = (length / bar.length - 1.0) * float((p - origin) @ along)  # along the bar [m]
+        return (p + shift * along).tolist()  # type: ignore[no-any-return]
 
     bar.link["points"] = {name: move(p) for name, p in bar.points.items()}
     if "com" in bar.link:

@@ -26,7 +26,7 @@ import numpy as np
 from gauss_bench.sweep.errors import SweepError
 from gauss_bench.terms import Array
 
-MOST = 10_000_000  # samples
+MOST = 10_000_000  # largest number of samples
 PLANS = ("random", "sobol")
 FORM = re.compile(r"(?P<kind>normal|uniform)\((?P<a>[^,()]+),(?P<b>[^,()]+)\)")
 
@@ -103,10 +103,10 @@ def dimension(text: str) -> Dimension:
 
 
 def _number(text: str, value: str) -> float:
-    """Return the number that `value`, a part of the --vary option `text`, contains.
+    """Return the number that the text `value` contains, which is a part of the --vary option `text`.
 
     Raises:
-        SweepError: the value is no finite number.
+        SweepError: the text is no finite number.
     """
     try:
         number = float(value)
@@ -118,9 +118,13 @@ def _number(text: str, value: str) -> float:
 
 
 def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "random", seed: int = 0) -> Plan:
-    """Plan the samples of a sweep from the --vary options; `sampling` is "random" or "sobol".
+    """Plan the samples of a sweep.
 
-    `samples` may be None if there are only grids.
+    Args:
+        texts: values of the --vary options.
+        samples: number of samples; None for a plan of grids alone, whose points are the samples.
+        sampling: "random" or "sobol".
+        seed: of the random values or of the scrambling.
 
     Raises:
         SweepError: the options do not make a plan.
@@ -129,8 +133,8 @@ def plan(texts: Sequence[str], samples: int | None = None, sampling: str = "rand
     paths = [x.path for x in dimensions]
     if not dimensions:
         raise SweepError("--vary: nothing varies; give at least one PATH=VALUES")
-    if twice := next((x for x in paths if paths.count(x) > 1), None):
-        raise SweepError(f"--vary {twice}: is given twice")
+    if repeated := [x for x in paths if paths.count(x) > 1]:
+        raise SweepError(f"--vary {repeated[0]}: is given twice")
     if samples is not None and not 1 <= samples <= MOST:
         raise SweepError(f"--samples {samples}: must be from 1 to {MOST}")
     if seed < 0:
@@ -164,14 +168,15 @@ def _sobol(dimensions: tuple[Dimension, ...], samples: int | None, seed: int) ->
     """Return the Sobol plan: Saltelli's design, as described at the top of this file."""
     from scipy.stats import qmc
 
-    if grid := next((x for x in dimensions if x.kind == "grid"), None):
-        raise SweepError(f"--vary {grid.path}: a Sobol plan takes no grid; give uniform({grid.a:g},{grid.b:g})")
+    for x in dimensions:
+        if x.kind == "grid":
+            raise SweepError(f"--vary {x.path}: a Sobol plan takes no grid; give uniform({x.a:g},{x.b:g})")
     d = len(dimensions)
     if samples is None or samples < 2 * (d + 2):
         raise SweepError(f"--samples: Sobol's plan of {d} numbers needs at least {2 * (d + 2)}, a power of two times {d + 2}")
-    base = 1 << int(math.log2(samples / (d + 2)))
+    base = 1 << int(math.log2(samples / (d + 2)))  # the largest power of two with (d + 2) base <= samples
     points = qmc.Sobol(2 * d, scramble=True, rng=seed).random(base)
     a, b = points[:, :d], points[:, d:]
-    mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
+    mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]  # a with column k of b
     shares = np.concatenate([a, b, *mixed])
     return Plan(dimensions, np.stack([x.values(shares[:, k]) for k, x in enumerate(dimensions)], axis=-1), base)

@@ -9,42 +9,42 @@ from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
 from gauss_bench.trajectory import spread_evenly
 
-SHOWN = 500  # largest number of points in a panel, since more points overlap
-TICKS = 4  # largest number of intervals of an axis, since a small panel has no space for more
+SHOWN = 500  # largest number of points in a panel: more points would overlap
+TICKS = 4  # largest number of intervals of an axis: a small panel has no space for more
 MOST = 8  # largest number of figures that are drawn
 ROUNDING, SMALLEST = 1e-12, 1e-300  # a range below ROUNDING times the largest value, plus SMALLEST, is rounding
 
 
 def plots(rows: Any, plan: Plan, figures: Sequence[str]) -> str:
-    """Return an SVG with a row of panels for each figure (number of a row): its histogram, and its values over each varied number.
+    """Return an SVG with a row of panels for each figure: a histogram, and the values of the figure over each varied number.
 
-    Each engine has a colour. The figures `loops` and `energy_bar` (open loops, error bar of the energy) are not drawn.
+    A figure is a number in a row of the table. Each engine has a colour. The figures `loops` and `energy_bar` (open loops, error
+    bar of the energy) are not drawn.
     """
     from gauss_bench.report.palette import engine_colours
     from gauss_bench.report.plotting import give_title, panels, svg
 
-    drawn = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()][:MOST]
-    if not drawn:
-        drawn = list(figures[:1])
+    with_values = [name for name in figures if name not in ("loops", "energy_bar") and rows[name].notna().any()]
+    drawn = with_values[:MOST] or list(figures[:1])
     engines = list(dict.fromkeys(rows["engine"]))
     colours = engine_colours(engines)
     figure, axes = panels(1 + len(plan.paths), len(drawn), height=2.2)
-    for name, line in zip(drawn, axes, strict=True):
+    for name, panel_row in zip(drawn, axes, strict=True):
         for engine in engines:
-            part = rows[(rows["engine"] == engine) & (rows["status"] == "ok")].dropna(subset=[name])
-            y = part[name].to_numpy(dtype=float)
+            samples = rows[(rows["engine"] == engine) & (rows["status"] == "ok")].dropna(subset=[name])
+            y = samples[name].to_numpy(dtype=float)
             if not len(y):
                 continue
-            line[0].hist(y, bins=_bins(y), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled")
+            panel_row[0].hist(y, bins=_bins(y), color=colours[engine], alpha=0.6, label=engine, histtype="stepfilled")
             few = spread_evenly(len(y), SHOWN)
-            for axis, path in zip(line[1:], plan.paths, strict=True):
-                axis.plot(part[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
-        for axis in line:
+            for axis, path in zip(panel_row[1:], plan.paths, strict=True):
+                axis.plot(samples[path].to_numpy()[few], y[few], ".", markersize=2, color=colours[engine], rasterized=True)
+        for axis in panel_row:
             axis.locator_params(nbins=TICKS)
-        give_title(line[0], name)
-        line[0].set_ylabel("samples")
+        give_title(panel_row[0], name)
+        panel_row[0].set_ylabel("samples")
         if len(engines) > 1:
-            line[0].legend(frameon=False, fontsize=7)
+            panel_row[0].legend(frameon=False, fontsize=7)
     for axis, path in zip(axes[-1][1:], plan.paths, strict=True):
         axis.set_xlabel(path)
     return svg(figure)

@@ -31,7 +31,7 @@ from gauss_bench.sweep.summary import EngineSummary, summary
 from gauss_bench.terms import Array
 
 FORM = "sweep/1"  # format of the folder
-BATCH, SINGLES = 512, 8  # largest number of samples in a task: of engines that run a batch in one call, and of all others
+BATCH, SINGLES = 512, 8  # largest numbers of samples in a task: for engines that run a batch in one call, and for all others
 BACKENDS = ("local", "dask")
 PAUSE = 5.0  # [s] between lines of progress
 LIMIT = 60.0  # [s] default of the time of one sample in a worker
@@ -49,6 +49,7 @@ class Backend:
     Attributes:
         backend: "local" for threads or processes of this machine, or "dask".
         scheduler: address of Dask's scheduler; if it is None, a scheduler is started on this machine.
+        jobs: number of threads, processes, or workers of a scheduler that is started.
     """
 
     backend: str = "local"
@@ -62,6 +63,12 @@ class Options:
 
     Engines that simulate a batch of samples in one call have the default integrator EIGHTH_ORDER with steps of EIGHTH_ORDER_STEP.
     For all other engines the default is the first integrator that the engine offers, with steps of STEP.
+
+    Attributes:
+        scenario: name of the scenario; settings, integrator, stabilization: names that the engines offer.
+        step: integration step [s].
+        until: end of each motion [s].
+        limit: longest time of one sample in a worker [s].
     """
 
     scenario: str | None = None
@@ -111,9 +118,10 @@ def sweep(
     Args:
         linkage: name of a built-in linkage, or a path.
         vary: varied numbers, each as PATH=VALUES (`plan.py`).
-        out: path of the folder. If it holds a part of the same sweep, only the missing batches are run.
+        out: path of the folder. If it contains batches of the same sweep, only the missing batches are run.
         samples, sampling, seed: arguments of `plan`.
-        how: setting of each sample; where: processes that run batches.
+        how: setting of each sample.
+        where: processes that run batches.
         tell: called with each sentence of progress.
 
     Raises:
@@ -137,9 +145,8 @@ def sweep(
     stamp = _stamp(case, vary, samples_plan, sampling, seed)
     check(out, stamp)  # before the kernels are compiled, which takes long
     for engine in filter(in_batches, engines):
-        # names of the numbers that stay inputs of the kernel; `kernel` compiles it, and all batches share it
-        left_open = ", ".join(kernel(case, engine).parameters)
-        tell(f"{engine}: generated and compiled, with {left_open or 'nothing'} left open")
+        inputs = ", ".join(kernel(case, engine).parameters)  # `kernel` compiles the kernel, which all batches share
+        tell(f"{engine}: compiled a kernel with the inputs {inputs or '(none)'}")
     with Folder(out, stamp, dict.fromkeys(samples_plan.paths, "") | units_by_figure) as folder:
         _run(folder, case, samples_plan, engines, where, tell)
         rows = folder.read()
@@ -180,7 +187,7 @@ def _case(linkage: str, samples: Plan, engines: Sequence[str], how: Options, job
     if count > MOST_STEPS:
         option = f"--until {until:g}" if how.step is None else f"--step {how.step:g}"
         raise SweepError(f"{option}: {count:.1e} steps a sample; {MOST_STEPS:.0e} are the most")
-    for name, choice in choices:  # an engine that runs in a process of its own is not asked here, but refuses there
+    for name, choice in choices:  # an engine that runs in a process of its own is not loaded here: it refuses in its process
         reason = "" if is_isolated(name) else get(name).skip(mechanism, choice)
         if reason:
             raise SweepError(f"--engine {name}: {reason}")
@@ -196,18 +203,18 @@ def _choice(engine: str, how: Options, until: float) -> Choice:
     """
     offered = offer(engine)
     integrator = EIGHTH_ORDER if in_batches(engine) and not (how.integrator or how.settings) else how.integrator
-    # the default of the step depends on the integrator that `choose` selects: STEP only holds its place until then
+    # the default of the step depends on the integrator that `choose` selects: STEP stands for it here
     choice = offered.choose(how.settings, integrator, how.stabilization, STEP if how.step is None else how.step)
     if not offered.usable:
         raise SweepError(f"--engine {engine}: {offered.reason}")
     if in_batches(engine) and choice.integrator == "dop853":
         raise SweepError(f"--integrator dop853: {engine} steps a batch by rk4, semi_implicit_euler or dop853_fixed")
-    usual = min(until, EIGHTH_ORDER_STEP if in_batches(engine) and choice.integrator == EIGHTH_ORDER else STEP)
-    return replace(choice, step=usual if how.step is None else how.step)
+    default = EIGHTH_ORDER_STEP if in_batches(engine) and choice.integrator == EIGHTH_ORDER else STEP
+    return replace(choice, step=min(until, default) if how.step is None else how.step)
 
 
 def _stamp(case: SweepCase, vary: Sequence[str], samples: Plan, sampling: str, seed: int) -> dict[str, Any]:
-    """Return all data on which the rows of a sweep's table depend, as dictionaries, lists, texts and numbers that fit into JSON."""
+    """Return all data on which the rows of a sweep's table depend, as values that JSON can store."""
     return {
         "form": FORM,
         "linkage": family(case).nominal.digest,
@@ -255,12 +262,12 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
     batches = list(_batches(len(samples.values), engines))
     waiting = [x for x in batches if not folder.has(x.number, x.size)]
     if stored := len(batches) - len(waiting):
-        tell(f"{stored} of {len(batches)} batches are there already")
+        tell(f"{stored} of {len(batches)} batches are stored already")
     if not waiting:
         return
     total, missing = sum(x.size for x in batches), sum(x.size for x in waiting)
     tell(f"{missing} samples to run")
-    told, started, done = time.monotonic(), time.monotonic(), total - missing
+    last_report, started, done = time.monotonic(), time.monotonic(), total - missing
     jobs = -1 if where.backend == "dask" else where.jobs  # a cluster uses all of its workers
     with _use_backend(where, engines):
         # dispatch no more tasks than fit into the queue of loky's processes: with more, its thread fails on an interrupt
@@ -268,14 +275,14 @@ def _run(folder: Folder, case: SweepCase, samples: Plan, engines: Sequence[str],
         # the rows of a batch are sent back to this process, which writes them
         tasks = (delayed(_run_batch)(case, x, samples.values[x.first : x.end]) for x in waiting)
         with warnings.catch_warnings(), closing(work(tasks)) as finished:
-            # on an interrupt joblib warns that tasks are left, which the user knows
+            # after an interrupt, joblib's warning of unfinished tasks tells the user nothing new
             warnings.filterwarnings("ignore", ".*adjusting the input task iterator", UserWarning)
             for batch, rows in finished:
                 folder.write(batch.number, rows)
                 done += batch.size
-                if time.monotonic() - told > PAUSE:
-                    told = time.monotonic()
-                    tell(f"{done} of {total} samples, {told - started:.0f} s")
+                if time.monotonic() - last_report > PAUSE:
+                    last_report = time.monotonic()
+                    tell(f"{done} of {total} samples, {last_report - started:.0f} s")
 
 
 def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, Rows]:
@@ -283,14 +290,14 @@ def _run_batch(case: SweepCase, batch: _Batch, values: Array) -> tuple[_Batch, R
     return batch, rows_of(case, batch.engine, np.arange(batch.first, batch.end), values)
 
 
-def _end_with(parent: int) -> None:
-    """Let this process end when the process that started it, with the id `parent`, ends.
+def _end_with_parent(parent: int) -> None:
+    """End this process when the process that started it, with the id `parent`, ends.
 
-    Without this watch, joblib's processes would survive a killed parent for minutes.
+    Otherwise joblib's processes would run for minutes after their parent was killed.
     """
 
     def watch() -> None:
-        """Wait until the parent has ended, so that this process has another parent, and then end this process."""
+        """Wait until this process has another parent, because its parent has ended, and then end this process."""
         while os.getppid() == parent:
             time.sleep(1.0)
         os._exit(1)
@@ -300,7 +307,7 @@ def _end_with(parent: int) -> None:
 
 @contextmanager
 def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
-    """Let joblib use Dask if `where` says so; otherwise threads if all engines compute outside of Python, and processes if not."""
+    """Let joblib use Dask if `where` names it, else threads if all engines compute outside of Python, else processes."""
     from joblib import parallel_config
 
     if where.backend == "dask":
@@ -310,7 +317,7 @@ def _use_backend(where: Backend, engines: Sequence[str]) -> Iterator[None]:
         with parallel_config(backend="threading"):
             yield
     else:
-        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with, initargs=(os.getpid(),)):
+        with parallel_config(backend="loky", inner_max_num_threads=1, initializer=_end_with_parent, initargs=(os.getpid(),)):
             yield
 
 
@@ -329,7 +336,7 @@ def _client(where: Backend) -> Any:
     try:
         return Client(where.scheduler, timeout=FIRST, **({} if where.scheduler else options))  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
-        missing = (
+        failure = (
             f"--scheduler {where.scheduler}: no scheduler answers there" if where.scheduler else "--backend dask: no worker started"
         )
-        raise SweepError(f"{missing} within {FIRST:g} s") from error
+        raise SweepError(f"{failure} within {FIRST:g} s") from error

@@ -14,8 +14,8 @@ from gauss_bench.sweep.plan import Plan
 from gauss_bench.terms import Array
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-FEWEST = 8  # smallest number of samples of a correlation
-USED = ("ok",)  # statuses of the samples that figures are taken from
+FEWEST = 8  # smallest number of samples from which a correlation is computed
+USED = ("ok",)  # statuses of the samples whose figures are used
 
 
 class SobolIndices(TypedDict):
@@ -90,7 +90,7 @@ class EngineSummary(TypedDict):
 
 
 def summary(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
-    """Return name of an engine -> summary of its samples: an `EngineSummary`, in which `half_the_step` is still missing."""
+    """Return name of an engine -> `EngineSummary` of its rows, without the key `half_the_step`."""
     return {engine: _summarise(part.sort_values("sample"), plan, figures) for engine, part in rows.groupby("engine", sort=False)}
 
 
@@ -115,9 +115,10 @@ def _summarise(rows: Any, plan: Plan, figures: Sequence[str]) -> dict[str, Any]:
 
 
 def sensitivities(plan: Plan, y: Array) -> dict[str, Any]:
-    """Return {"sobol": ...} or {"rank_correlation": ...} of a figure y (N,), or {} if it has too few values.
+    """Return {"sobol": ...} or {"rank_correlation": ...} of a figure y (N,), or {} if it has too few values or does not vary.
 
-    y is NaN for a sample without the figure. One such sample spoils a Sobol plan, which then has rank correlations.
+    y is NaN for a sample without the figure. With one such sample, Sobol's indices cannot be computed, and rank correlations take
+    their place.
     """
     known = np.isfinite(y)
     if plan.base and known.all():
@@ -145,21 +146,21 @@ def _sobol(plan: Plan, y: Array) -> dict[str, dict[str, float]]:
 
 
 def text(summary: dict[str, Any]) -> str:
-    """Return the summaries of all engines (name -> summary) in words."""
+    """Return the summaries of all engines (name -> `EngineSummary`) as text with a line for each figure."""
     lines = []
-    for engine, found in summary.items():
-        counts = ", ".join(f"{count} {status}" for status, count in found["status"].items())
-        lines += [f"{engine}: {found['samples']} samples: {counts}"]
-        lines += [f"  {count} x {reason}" for reason, count in found["reasons"].items() if reason]
+    for engine, of_engine in summary.items():
+        counts = ", ".join(f"{count} {status}" for status, count in of_engine["status"].items())
+        lines += [f"{engine}: {of_engine['samples']} samples: {counts}"]
+        lines += [f"  {count} x {reason}" for reason, count in of_engine["reasons"].items() if reason]
         lines += [f"  {'figure':<28}{'5 %':>12}{'median':>12}{'95 %':>12}  depends on"]
-        for name, x in found["figures"].items():
+        for name, x in of_engine["figures"].items():
             low, middle, high = (x["quantiles"][key] for key in ("0.05", "0.5", "0.95"))
             lines += [f"  {name:<28}{low:>12.5g}{middle:>12.5g}{high:>12.5g}  {_dependence(x)}"]
     return "\n".join(lines)
 
 
 def _dependence(x: dict[str, Any]) -> str:
-    """Return a text with the sensitivities of a figure to each varied number, the largest first; Sobol's indices as first/total."""
+    """Return the sensitivities in a figure's summary as text, the largest first; Sobol's indices as first/total."""
     if "sobol" in x:
         ordered = sorted(x["sobol"].items(), key=lambda item: -item[1]["total"])
         return ", ".join(f"{path} {value['first']:.2f}/{value['total']:.2f}" for path, value in ordered)

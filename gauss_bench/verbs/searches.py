@@ -73,7 +73,7 @@ def atlas(options: Namespace, told: Told) -> Answer[Annotated[list[dict[str, Any
         refuse_foreign({folder / "atlas.csv": table.HEAD})
     if options.out is not None:
         refuse_foreign({options.out / name: chart.TITLE for name in ("atlas.svg", "index.html")})
-    chosen, along = survey.ways(options.engines), survey.axes(options.axes)
+    chosen, along = survey.choose_settings(options.engines), survey.choose_axes(options.axes)
     reaches = survey.survey(chosen, along, check_budget(options.budget, survey.BUDGET), options.jobs, told)
     rows = table.rows_of(reaches, environment()["commit"]) if options.out or options.into else []
     for folder in filter(None, (options.out, options.into)):

@@ -26,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gauss_bench.compiler.elimination.formulations import guarded, keep_rows, vector
+from gauss_bench.compiler.elimination.formulations import keep_rows, list_guards, vector
 from gauss_bench.compiler.elimination.function import Function, function
 from gauss_bench.compiler.elimination.lu import Search, lu
 from gauss_bench.compiler.elimination.partition import SINGULAR, Study, study
@@ -61,8 +61,8 @@ class ClosingProgram:
         """
         # `study` samples positions. Without its driver a linkage of one degree of freedom is sampled over its whole motion, and not
         # only where the driver moves it in this scenario.
-        known = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
-        correction, motion = _Equations(driven, known).solve()
+        analysis = study(replace(driven, drivers=()) if driven.dof == 1 else driven)
+        correction, motion = _Equations(driven, analysis).solve()
         n, K = driven.n, len(driven.drivers)  # u, w, b, g: value, both time derivatives, and change of each input
         # None: the code of the two functions is not merged, so that they share no instructions
         self.correction: Function = function((("q", n), ("u", K)), correction, None)
@@ -119,30 +119,30 @@ class _Equations:
         rows: the kept rows for inputs with the values u and zero time derivatives.
     """
 
-    def __init__(self, driven: Mechanism, known: Study):
-        """Write the constraint rows of a linkage as expressions, with values at sampled positions."""
+    def __init__(self, driven: Mechanism, analysis: Study):
+        """Write the constraint rows of a driven linkage as expressions; `analysis` has the sampled positions and redundant rows."""
         # a law is named by the index of its driver, so that `Driven.law` finds the given values of the driver
         numbered = (replace(d, law=MotionLaw(str(k), d.law.motion)) for k, d in enumerate(driven.drivers))
         # index 0 in `drops` and `kept`: the best choice of redundant rows to leave out
-        self.driven, self.drop = replace(driven, drivers=tuple(numbered)), known.drops[0]
+        self.driven, self.drop = replace(driven, drivers=tuple(numbered)), analysis.drops[0]
         self.parameters = Parameters(driven, ())
         joints = Constraints(driven).joint_rows
-        self.kept = (*(k for k in known.kept(0) if k < joints), *range(joints, joints + len(driven.drivers)))
-        q = self._same_assembly(known.states.q)
-        u = np.array([value(d.coordinate, q) for d in driven.drivers])
+        self.kept = (*(k for k in analysis.kept_rows(0) if k < joints), *range(joints, joints + len(driven.drivers)))
+        q = self._in_same_assembly(analysis.states.q)
+        u = np.array([value(d.coordinate, q) for d in driven.drivers])  # (inputs, samples)
         self.graph = graph = ExpressionGraph(len(q))
         self.states = States(np.zeros(len(q)), q, np.random.default_rng(0).normal(size=q.shape))
-        # u: values of the drivers' coordinates at the samples; w, b and g (first and second time derivatives, and changes, of the
-        # inputs) have arbitrary values near 1, which differ so that no terms cancel by accident
-        self.u, self.w, self.b, self.g = (
-            tuple(graph.input(letter, k, x if letter == "u" else 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
-            for place, letter in enumerate("uwbg")
+        self.u = tuple(graph.input("u", k, x, 1.0) for k, x in enumerate(u))
+        # w, b and g (first and second time derivatives, and changes, of the inputs) get arbitrary values near 1 at the samples
+        # that differ, so that no terms cancel by accident
+        self.w, self.b, self.g = (
+            tuple(graph.input(letter, k, 1.0 + 0.1 * np.sin(x + place), 1.0) for k, x in enumerate(u))
+            for place, letter in enumerate("wbg", start=1)
         )
-        zero = graph.constant(0.0)
-        self.zeros = (zero,) * len(u)
+        self.zeros = (graph.constant(0.0),) * len(u)
         self.rows = self._rows(self.zeros, self.zeros)
 
-    def _same_assembly(self, q: Array) -> Array:
+    def _in_same_assembly(self, q: Array) -> Array:
         """Return the positions among q (k, n) that are not nearly singular and at which det J has the same sign as at the start.
 
         J is made square: each redundant row is left out, after multiples of it by the factors in `drop.shares` are added to kept
@@ -161,8 +161,7 @@ class _Equations:
         regular = sizes[:, -1] / sizes[:, 0]  # 0 at a singular position
         if regular[0] < REGULAR:
             raise KernelError(f"{self.driven.name}: the start is at a singular position")
-        same: Array = q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))]
-        return same
+        return np.asarray(q[(signs[1:] == signs[0]) & (regular[1:] > SINGULAR * np.median(regular))])
 
     def _rows(self, rates: Sequence[Node], seconds: Sequence[Node], v: Sequence[Node] | None = None) -> list[Row]:
         """Return the rows that are eliminated, for inputs with the values u and given first and second time derivatives.
@@ -177,11 +176,11 @@ class _Equations:
         """Return the results of `ClosingProgram.correction` and `ClosingProgram.motion`: [z], and [guards, step, (q, v, a)]."""
         graph, n = self.graph, self.driven.n
         jacobian = {(r, c): e for r, row in enumerate(self.rows) for c, e in row.entries.items()}
-        factors = lu(graph, jacobian, range(n), range(n), Search(), squares=True)
+        factors = lu(graph, jacobian, range(n), range(n), Search(), normal_equations=True)
 
         def solve_rows(right: Sequence[Node]) -> list[Node]:
             """Return the solution (n) of J x = right."""
-            return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.zero}), n)
+            return vector(graph, factors.solve({r: x for r, x in enumerate(right) if not x.is_zero}), n)
 
         def follow(rates: Sequence[Node], seconds: Sequence[Node]) -> tuple[list[Node], list[Node]]:
             """Return the first and second derivatives (n) of all coordinates for those (`rates`, `seconds`) of the inputs."""
@@ -200,5 +199,5 @@ class _Equations:
             v, a = follow(w, b)
         z = solve_rows([-row.phi for row in self.rows if row.phi is not None])
         links = Links(graph, self.driven, self.parameters, self.states)
-        q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in guarded(factors)]
+        q, guards = [links.coordinate(k) for k in range(n)], [x for x, _ in list_guards(factors)]
         return [z], [guards, advance, [*q, *v, *a]]

@@ -78,12 +78,12 @@ class Terms:
     @property
     def gamma(self) -> Sparse:
         """Right-hand side of J a = gamma, as a dict from the row to a node; zeros are left out."""
-        return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.zero}
+        return {r: row.gamma for r, row in enumerate(self.rows) if not row.gamma.is_zero}
 
     @property
     def driven(self) -> Sparse:
         """Right-hand side -phi_t of J v = -phi_t, as a dict from the row to a node; zeros are left out."""
-        return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.zero}
+        return {r: -row.phi_t for r, row in enumerate(self.rows) if not row.phi_t.is_zero}
 
 
 class Motions:
@@ -92,36 +92,38 @@ class Motions:
     Attributes:
         N: the columns of the basis, each as a dict coordinate -> node; column k moves the independent coordinate independent[k],
             and no other independent coordinate.
+        metric: the factorisation of N^T N.
     """
 
     def __init__(self, terms: Terms, independent: tuple[int, ...], N: list[Sparse], search: Search):
-        """Set up the basis with the columns N, and factorise N^T N, by which components along the columns are computed."""
+        """Set up the basis with the columns N, and factorise N^T N."""
         self.graph, self.independent, self.N = terms.graph, independent, N
-        self.lengths = _metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search)
+        self.metric = _factorise_metric(terms.graph, N, [terms.graph.constant(1.0)] * len(terms.mass), search)
 
-    def _amounts(self, x: Sparse) -> Sparse:
+    def _components(self, x: Sparse) -> Sparse:
         """Return (N^T N)^-1 N^T x, the components of x along the columns of N, as a dict from the index of a column to a node."""
         products = [self.graph.total([N[j] * y for j, y in x.items() if j in N]) for N in self.N]
-        return self.lengths.solve(_without_zeros(enumerate(products)))
+        return self.metric.solve(_without_zeros(enumerate(products)))
 
     def remove_free_part(self, x: Sparse) -> Sparse:
         """Return x - N (N^T N)^-1 N^T x: an increment x of the coordinates without its part along the free motions."""
-        amounts = self._amounts({j: -e for j, e in x.items()})  # -(N^T N)^-1 N^T x, so that the result is x + N amounts
-        moved = sorted(set().union(x, *self.N))
-        parts = {j: [*_entry(x, j), *_summands(self.N, amounts, j)] for j in moved}
-        return _without_zeros((j, self.graph.total(terms)) for j, terms in parts.items())
+        amounts = self._components({j: -e for j, e in x.items()})  # -(N^T N)^-1 N^T x, so that the result is x + N amounts
+        changed = sorted(set().union(x, *self.N))  # coordinates whose entry is not zero in x or in a free motion
+        summands = {j: [*_entry(x, j), *_summands(self.N, amounts, j)] for j in changed}
+        return _without_zeros((j, self.graph.total(terms)) for j, terms in summands.items())
 
     def nearest(self, v: Sequence[Node], driven: Sparse) -> Sparse:
         """Return the velocities nearest to v (n,) that satisfy the constraint rows: v' = vp + N (y + (N^T N)^-1 N^T w).
 
         vp, y and w are defined in the module's docstring; `driven` is vp, which satisfies the rows with the drivers' rates.
         """
-        graph, off = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # off = v - vp
+        graph, difference = self.graph, {j: x - driven[j] if j in driven else x for j, x in enumerate(v)}  # v - vp
         # y: motion k alone moves independent coordinate u, so that vp + N y equals v in it
-        speeds = {k: off[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
-        others = [j for j in off if j not in self.independent]
-        # correction = (N^T N)^-1 N^T w, where w = v - vp - N y vanishes in the independent coordinates
-        correction = self._amounts({j: graph.total([off[j], *(-x for x in _summands(self.N, speeds, j))]) for j in others})
+        speeds = {k: difference[u] / N[u] for k, (u, N) in enumerate(zip(self.independent, self.N, strict=True))}
+        others = [j for j in difference if j not in self.independent]
+        # w = v - vp - N y, which vanishes in the independent coordinates
+        w = {j: graph.total([difference[j], *(-x for x in _summands(self.N, speeds, j))]) for j in others}
+        correction = self._components(w)  # (N^T N)^-1 N^T w
         # in an independent coordinate vp + N y equals v[u], so that only the correction is added to v[u]
         nearest = {u: graph.total([v[u], *_summands(self.N, correction, u)]) for u in self.independent}
         speeds = {k: y + correction[k] if k in correction else y for k, y in speeds.items()}
@@ -133,10 +135,11 @@ class Gauss:
     """Elimination of the equations of Gauss's principle, with n - m unknowns.
 
     Attributes:
-        factors, reduced: the factorisations of Jd, the columns of J for the dependent coordinates, and of N^T M N.
+        factors, reduced_mass: the factorisations of Jd, the columns of J for the dependent coordinates, and of N^T M N.
         N: the free motions (velocities v with J v = 0), one for each independent coordinate, each a dict coordinate -> node.
         guards: pivots that must not be small where the acceleration is evaluated, with their thresholds.
-        correcting, directions: what corrections and free motions need besides these guards: no further ones.
+        correcting: further guards, which corrections need: none.
+        directions: the free motions, and the further guards that they need: none.
     """
 
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search):
@@ -145,14 +148,14 @@ class Gauss:
         J, n = terms.jacobian, len(terms.mass)
         dependent = [c for c in range(n) if c not in self.independent]
         # sums of rows may have no pivot of constant sign; normal equations may then be used for the rest (see `lu`)
-        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, squares=terms.mixed)
+        self.factors = lu(terms.graph, J, range(len(terms.rows)), dependent, search, normal_equations=terms.mixed)
         one = terms.graph.constant(1.0)
         # column k of N: independent coordinate k moves with speed 1, and the dependent ones as J N = 0 demands
         self.N = [self.factors.solve({r: -e for (r, c), e in J.items() if c == k}) | {k: one} for k in self.independent]
         self.search = search
-        self.reduced = _metric(terms.graph, self.N, terms.mass, search)
+        self.reduced_mass = _factorise_metric(terms.graph, self.N, terms.mass, search)
         # N^T M N and N^T N are positive definite: only the pivots of Jd need guards
-        self.guards, self.correcting = guarded(self.factors), list[Guard]()
+        self.guards, self.correcting = list_guards(self.factors), list[Guard]()
         self.directions = self.N, list[Guard]()
 
     @cached_property
@@ -165,8 +168,8 @@ class Gauss:
         graph = self.terms.graph
         # a = a0 + N h with (N^T M N) h = N^T (Q - M a0), Yuan and Ge (2016), eqs (8)-(9); b is the right-hand side
         a0 = self.factors.solve(gamma)
-        b = [graph.total(_reduced_force(self.terms, N, a0), pairs=REACH) for N in self.N]
-        h = self.reduced.solve(_without_zeros(enumerate(b)))
+        b = [graph.total(_reduced_force(self.terms, N, a0), distance=REACH) for N in self.N]
+        h = self.reduced_mass.solve(_without_zeros(enumerate(b)))
         a = [graph.total([*_summands(self.N, h, j), *_entry(a0, j)]) for j in range(len(self.terms.mass))]
         return _without_zeros(enumerate(a))
 
@@ -188,32 +191,32 @@ class Gauss:
                 inertial = [-(terms.mass[c] * a[c])] if c in a else []
                 forces[c] = terms.graph.total([*_entry(terms.Q, c), *inertial])
         transposed = {(c, r): e for (r, c), e in terms.jacobian.items() if c in forces}
-        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), squares=terms.mixed).solve(forces)
+        return lu(terms.graph, transposed, forces, range(len(terms.rows)), Search(), normal_equations=terms.mixed).solve(forces)
 
 
 def _without_zeros(entries: Iterable[tuple[int, Node]]) -> Sparse:
     """Return a sparse vector with the entries (index, node) that are not zero."""
-    return {j: x for j, x in entries if not x.zero}
+    return {j: x for j, x in entries if not x.is_zero}
 
 
 def _entry(x: Sparse, j: int) -> list[Node]:
-    """Return entry j of a sparse vector as a list, which is empty if the entry is absent."""
+    """Return a list with entry j of a sparse vector, or an empty list if the entry is zero."""
     return [x[j]] if j in x else []
 
 
 def _summands(motions: Sequence[Sparse], amounts: Sparse, j: int) -> list[Node]:
-    """Return the summands motions_k[j] amounts_k of coordinate j in the sum over all motions k, without those that are zero."""
+    """Return the summands of entry j of N amounts, where column k of N is motions[k]; summands that are zero are left out."""
     return [N[j] * amounts[k] for k, N in enumerate(motions) if j in N and k in amounts]
 
 
-def _metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights: Sequence[Node], search: Search) -> Factors:
+def _factorise_metric(graph: ExpressionGraph, motions: Sequence[Sparse], weights: Sequence[Node], search: Search) -> Factors:
     """Factorise N^T W N, where the columns of N are motions (coordinate -> node), and W is a diagonal of weights (n,)."""
     unknowns = range(len(motions))
     A: Matrix = {}
     for k in unknowns:
         for l in range(k + 1):
             products = {j: x * motions[l][j] for j, x in motions[k].items() if j in motions[l]}
-            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), pairs=REACH)
+            A[k, l] = A[l, k] = graph.total(_weigh(graph, weights, products), distance=REACH)
     return lu(graph, A, unknowns, unknowns, Search(search.seed))  # by the plain rule: other settings are for the larger J
 
 
@@ -228,7 +231,7 @@ def _weigh(graph: ExpressionGraph, weights: Sequence[Node], products: Sparse) ->
     for j, x in sorted(products.items()):
         of_weight.setdefault(weights[j].index, []).append(x)
     by_index = {w.index: w for w in weights}
-    return [by_index[w] * graph.total(x, pairs=REACH) for w, x in of_weight.items()]
+    return [by_index[w] * graph.total(x, distance=REACH) for w, x in of_weight.items()]
 
 
 def _reduced_force(terms: Terms, N: Sparse, a0: Sparse) -> list[Node]:
@@ -262,11 +265,11 @@ class Lagrange:
     def __init__(self, terms: Terms, independent: Sequence[int], search: Search, moving: bool):
         """Factorise the equations; `moving`: whether the independent coordinates determine the velocities at every sample."""
         self.terms, self.n, self.independent, self.search = terms, len(terms.mass), tuple(independent), search
-        self.factors = self._factors(terms.mass)
+        self.factors = self._factorise(terms.mass)
         self.single = moving and len(self.independent) <= 1
-        self.guards = guarded(self.factors)
+        self.guards = list_guards(self.factors)
 
-    def _factors(self, mass: Sequence[Node]) -> Factors:
+    def _factorise(self, mass: Sequence[Node]) -> Factors:
         """Factorise the matrix [M J^T; J 0], where M is the diagonal matrix of `mass` (n,)."""
         A: Matrix = {(i, i): x for i, x in enumerate(mass)}
         for (r, c), e in self.terms.jacobian.items():
@@ -285,7 +288,7 @@ class Lagrange:
     @cached_property
     def _units(self) -> Factors:
         """The factorisation of [1 J^T; J 0], the matrix of the equations with unit masses."""
-        return self._factors([self.terms.graph.constant(1.0)] * self.n)
+        return self._factorise([self.terms.graph.constant(1.0)] * self.n)
 
     @cached_property
     def _free_motions(self) -> list[Sparse]:
@@ -332,7 +335,7 @@ class Lagrange:
     @property
     def correcting(self) -> list[Guard]:
         """The pivots, besides those in `guards`, that must exceed their thresholds where corrections are evaluated."""
-        return guarded(self._mobility if self.single else self._units)
+        return list_guards(self._mobility if self.single else self._units)
 
     def multipliers(self, gamma: Sparse) -> Sparse:
         """Return the multipliers of the constraint rows in `terms`, as a dict row -> node, for a given right-hand side gamma."""
@@ -343,23 +346,23 @@ class Lagrange:
         """Free motions (coordinate -> node) that each move one independent coordinate alone, and the guards that they add."""
         graph, motions, factors = self.terms.graph, self._free_motions, self._mobility
         if len(motions) == 1:
-            return motions, guarded(factors)
-        alone = []
+            return motions, list_guards(factors)
+        separate = []  # motions that each move one independent coordinate
         # a unit force along one independent coordinate moves the others too: column k of the inverse mobility has the amounts of
         # the motions in that combination which moves independent coordinate k alone
         for amounts in [factors.solve({k: graph.constant(1.0)}) for k in range(len(motions))]:
             sums = (graph.total([motions[l][j] * x for l, x in amounts.items() if j in motions[l]]) for j in range(self.n))
-            alone.append(_without_zeros(enumerate(sums)))
-        return alone, guarded(factors)
+            separate.append(_without_zeros(enumerate(sums)))
+        return separate, list_guards(factors)
 
 
-def guarded(factors: Factors) -> list[Guard]:
-    """Return the pivots that must be tested at run time, with their thresholds.
+def list_guards(factors: Factors) -> list[Guard]:
+    """Return the guards of a factorisation: the pivots that must be tested at run time, with their thresholds.
 
     Constant pivots are left out. A constant factor of a pivot is divided out, so that multiples of one node are a single guard.
     """
     guards: dict[int, Guard] = {}  # index of a node -> guard; of two multiples of one node the larger threshold counts
-    for p in factors.guarded:
+    for p in factors.all_pivots:
         if p.node.number is None:
             factor, base = factor_out(p.node)
             threshold = max(p.threshold / abs(factor), guards.get(base.index, (base, 0.0))[1])
@@ -398,11 +401,11 @@ class Workspace:
             KernelError: the plan's independent coordinates are usable at no sample, or a name in `open_names` is unknown.
         """
         mechanism, self.plan = study.mechanism, plan
-        self.kept, self.drop = study.kept(plan.drop), study.drops[plan.drop]
+        self.kept, self.drop = study.kept_rows(plan.drop), study.drops[plan.drop]
         # level and slope of each force that is piecewise linear in time are inputs too, because they change during a run
         at_start = dict(zip(line_names(mechanism), line_values(mechanism, 0.0).tolist(), strict=True))
         parameters = Parameters(mechanism, open_names, at_start)
-        soundness, condition = study.soundness(plan.drop), conditions(study, plan.independent)
+        soundness, condition = self.drop.soundness(study.left), conditions(study, plan.independent)
         usable = soundness > USABLE  # (samples,) whether the kept rows are independent there
         if plan.formulation == "gauss":
             usable &= condition > USABLE
@@ -427,7 +430,7 @@ class Workspace:
         return Lagrange(self.terms, self.plan.independent, search, self.moving)
 
     def residuals(self) -> dict[int, Node]:
-        """Return the residuals phi of a state that is to be corrected, as a dict from the index in `kept` to a node; zeros lack.
+        """Return the residuals phi at a state that is to be corrected: index in `kept` -> node; zeros are left out.
 
         The state to be corrected is given by the inputs t_new and q_new, because the Jacobian of the correction may be evaluated at
         another state t, q.
@@ -436,40 +439,40 @@ class Workspace:
         # exact: two links on a slide keep separate angles, because this state may violate the slide's constraint of equal angles
         at_new = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
         at_new.suffix = "_new"
-        moved = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
-        return {k: row.phi for k, row in enumerate(moved) if row.phi is not None and not row.phi.zero}
+        rows_at_new = keep_rows(links.graph, rows_of(at_new), self.kept, self.drop)
+        return {k: row.phi for k, row in enumerate(rows_at_new) if row.phi is not None and not row.phi.is_zero}
 
-    def spread_out(self, multipliers: Sparse) -> Sparse:
-        """Return the multipliers of all constraint rows, as a dict from the index of a row to a node; zeros are left out.
+    def spread_multipliers(self, multipliers: Sparse) -> Sparse:
+        """Return the multipliers of all constraint rows from those of the kept rows: index of a row -> node; zeros are left out.
 
         A dropped row that was added to kept rows k with factors f_k has the multiplier sum_k f_k lambda_k; other dropped rows have
         0.
         """
         of_rows = {self.kept[k]: x for k, x in multipliers.items()}
         for dropped in self.drop.rows:
-            parts = [of_rows[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in of_rows]
-            if parts:
-                of_rows[dropped] = self.terms.graph.total(parts)
+            summands = [of_rows[k] * factor for k, row, factor in self.drop.shares if row == dropped and k in of_rows]
+            if summands:
+                of_rows[dropped] = self.terms.graph.total(summands)
         return of_rows
 
-    def damped(self, alpha: float, beta: float) -> dict[int, Node]:
+    def damped_gamma(self, alpha: float, beta: float) -> dict[int, Node]:
         """Return Baumgarte's right-hand side gamma - 2 alpha phi' - beta^2 phi of each kept row: index in `kept` -> node."""
         sides: dict[int, Node] = {}
         for k, row in enumerate(self.terms.rows):
             side = row.gamma - rate_of(self.links, row) * (2 * alpha)
             sides[k] = side if row.phi is None else side - row.phi * beta**2
-        return {k: x for k, x in sides.items() if not x.zero}
+        return {k: x for k, x in sides.items() if not x.is_zero}
 
-    def exact(self) -> tuple[list[Node], list[Node], Node]:
+    def checked_outputs(self) -> tuple[list[Node], list[Node], Node]:
         """Return phi of holonomic rows, phi' of all rows, and the energy, also valid for states that violate the constraints.
 
         `self.links` cannot be used here: it gives both links of a slide the same angle up to a constant, which is true only where
         the constraints are satisfied. The links used here have angles of their own.
         """
         links = self.links
-        plain = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
-        rows = rows_of(plain)
-        return [row.phi for row in rows if row.phi is not None], [rate_of(plain, row) for row in rows], energy(plain)
+        untied = Links(links.graph, links.mechanism, links.parameters, links.states, exact=True)
+        rows = rows_of(untied)
+        return [row.phi for row in rows if row.phi is not None], [rate_of(untied, row) for row in rows], energy(untied)
 
 
 def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...], drop: Drop) -> list[Row]:
@@ -482,6 +485,6 @@ def keep_rows(graph: ExpressionGraph, rows: Sequence[Row], kept: tuple[int, ...]
 
 
 def vector(graph: ExpressionGraph, values: dict[int, Node], size: int) -> list[Node]:
-    """Return the components of a sparse vector as a list of length `size`."""
+    """Return a sparse vector, index -> node, as a list of `size` nodes."""
     zero = graph.constant(0.0)
     return [values.get(k, zero) for k in range(size)]

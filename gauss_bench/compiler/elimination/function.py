@@ -4,6 +4,7 @@ The operations stand in the order in which their nodes were made. A reciprocal t
 the negative of a difference that is used once becomes the opposite difference.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,7 +23,12 @@ VALUES = VALUE | {"DIV": np.divide}
 
 @dataclass(frozen=True)
 class Costs:
-    """Numbers of operations and of divisions among them, and cycles from the inputs to the last output; a sine is one operation."""
+    """The costs of one evaluation of a function.
+
+    Attributes:
+        operations, divisions: number of operations, and of divisions among them; a sine is one operation.
+        critical: time [cycles] from the inputs to the last output, if operations wait for nothing but their operands.
+    """
 
     operations: int
     divisions: int
@@ -35,7 +41,7 @@ class Costs:
 
 
 class Instruction(NamedTuple):
-    """One value of a function.
+    """One operation of a function, which computes a value from earlier ones, or an input or constant of the function.
 
     Attributes:
         operation: INPUT; CONST; ADD, SUB, MUL, DIV, INV, NEG, SQRT, SIN, COS, FMIN, FMAX; or LE, which gives 1 where the first
@@ -67,11 +73,6 @@ class Function:
         """Number of instructions that compute something, all but inputs and constants."""
         return sum(x.operation not in ("INPUT", "CONST") for x in self.instructions)
 
-    @property
-    def divisions(self) -> int:
-        """Number of divisions and reciprocals."""
-        return sum(x.operation in ("DIV", "INV") for x in self.instructions)
-
     def angles(self, argument: int) -> set[int]:
         """Return the components of an argument that are the whole operand of a sine or cosine, and not only a term in it."""
         # operands of SIN and COS: index of an instruction; of INPUT: index of the argument, index of the component
@@ -80,35 +81,36 @@ class Function:
 
     def __call__(self, *arguments: Array | Sequence[float]) -> list[Array]:
         """Return the results (..., components) for arguments (..., components), evaluated in numpy."""
-        given = [np.asarray(x, dtype=float) for x in arguments]
+        arrays = [np.asarray(x, dtype=float) for x in arguments]
         values: list[Array] = []
         with np.errstate(all="ignore"):
             for operation, operands, number in self.instructions:
                 if operation == "INPUT":
-                    values.append(given[operands[0]][..., operands[1]])
+                    values.append(arrays[operands[0]][..., operands[1]])
                 elif operation == "CONST":
                     values.append(np.asarray(number))
                 else:
                     values.append(VALUES[operation](*(values[k] for k in operands)))
-        shape = np.broadcast_shapes(*(x.shape[:-1] for x in given))
-        rows = [np.array([np.broadcast_to(values[k], shape) for k in x]).reshape(len(x), *shape) for x in self.outputs]
-        return [np.moveaxis(x, 0, -1) for x in rows]
+        shape = np.broadcast_shapes(*(x.shape[:-1] for x in arrays))
+        results = []
+        for output in self.outputs:
+            components = np.array([np.broadcast_to(values[k], shape) for k in output]).reshape(len(output), *shape)
+            results.append(np.moveaxis(components, 0, -1))
+        return results
 
     @property
     def costs(self) -> Costs:
         """The costs of an evaluation in which a sum and a product used only there are computed by one fused multiply-add."""
-        used = [0] * len(self.instructions)
-        for operation, operands, _ in self.instructions:
-            if operation != "INPUT":
-                for k in operands:
-                    used[k] += 1
+        computed = [x for x in self.instructions if x.operation != "INPUT"]
+        used = Counter(k for x in computed for k in x.operands)  # index of an instruction -> number of uses of its result
         ready: list[float] = []  # time [cycles] at which each result is ready, if nothing but its operands delays it
         for x in self.instructions:
             ready.append(0.0 if x.operation == "INPUT" else self._ready(x, ready, used))
-        return Costs(self.operations, self.divisions, max((ready[k] for ends in self.outputs for k in ends), default=0.0))
+        divisions = sum(x.operation in ("DIV", "INV") for x in self.instructions)  # also reciprocals
+        return Costs(self.operations, divisions, max((ready[k] for output in self.outputs for k in output), default=0.0))
 
-    def _ready(self, x: Instruction, ready: list[float], used: list[int]) -> float:
-        """Return the time [cycles] at which the result of x is ready, from those of earlier results and the uses of each."""
+    def _ready(self, x: Instruction, ready: list[float], used: Counter[int]) -> float:
+        """Return the time [cycles] at which the result of x is ready, from the times and numbers of uses of earlier results."""
         operation, operands, _ = x  # the number of a constant does not matter here
         begins = max([ready[k] for k in operands], default=0.0)  # when the last operand is ready
         if operation in ("ADD", "SUB"):
@@ -129,24 +131,23 @@ def _operands(node: Node) -> tuple[Node, ...]:
 def reachable(outputs: Iterable[Node]) -> list[Node]:
     """Return the outputs and all nodes that they depend on, operands before their users."""
     known: dict[int, Node] = {}
-    left = list(outputs)
-    while left:
-        node = left.pop()
+    waiting = list(outputs)
+    while waiting:
+        node = waiting.pop()
         if node.index not in known:
             known[node.index] = node
-            left += _operands(node)
+            waiting += _operands(node)
     return [known[k] for k in sorted(known)]  # in the order in which nodes were made
 
 
 def uses(outputs: Sequence[Node], needed: Iterable[Node] | None = None) -> dict[int, int]:
-    """Return a dict from the index of a node to the number of times that the node is an operand or an output."""
-    count: dict[int, int] = {}
-    for node in outputs:
-        count[node.index] = count.get(node.index, 0) + 1
-    for user in reachable(outputs) if needed is None else needed:
-        for node in _operands(user):
-            count[node.index] = count.get(node.index, 0) + 1
-    return count
+    """Return index of a node -> number of times that the node is an operand or an output.
+
+    `needed` are all nodes on which the outputs depend, if the caller knows them.
+    """
+    users = reachable(outputs) if needed is None else needed
+    operands = [node for user in users for node in _operands(user)]
+    return Counter(node.index for node in (*outputs, *operands))
 
 
 def costs_of(outputs: Sequence[Node]) -> Costs:
@@ -158,9 +159,9 @@ def costs_of(outputs: Sequence[Node]) -> Costs:
 
 
 def _choose_instruction(node: Node, is_used_once: Callable[[Node], bool]) -> tuple[str, tuple[Node, ...]]:
-    """Return operation and operands of the instruction that computes a node: x (1/y) becomes x/y, and -(x - y) becomes y - x.
+    """Return operation and operands of the instruction that computes a node.
 
-    The operand that is absorbed must have no other use.
+    The product x (1/y) becomes x/y, and -(x - y) becomes y - x, if the node 1/y or x - y has no other use.
     """
     if node.op in ("INPUT", "CONST"):
         return node.op, ()
@@ -181,21 +182,24 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
             part of the operation that uses it, such as a reciprocal that becomes a division. If `shared` is None, every node is
             computed by its own operation.
     """
-    ends = [x for nodes in outputs for x in nodes]
-    own_uses = cache(lambda: uses(ends))  # for nodes that are not in `shared`
+    results = [x for nodes in outputs for x in nodes]
+    own_uses = cache(lambda: uses(results))  # for nodes that are not in `shared`
 
     def is_used_once(x: Node) -> bool:
         """Tell whether the node that uses x may absorb x: this is its only use, and `shared` is given."""
-        return shared is not None and (shared[x.index] if x.index in shared else own_uses()[x.index]) == 1
+        if shared is None:
+            return False
+        counts = shared if x.index in shared else own_uses()
+        return counts[x.index] == 1
 
     chosen: dict[int, tuple[Node, str, tuple[Node, ...]]] = {}  # index of a node -> node, operation, operands
-    left = list(ends)
-    while left:
-        node = left.pop()
+    waiting = list(results)
+    while waiting:
+        node = waiting.pop()
         if node.index not in chosen:
             operation, operands = _choose_instruction(node, is_used_once)
             chosen[node.index] = node, operation, operands
-            left += operands
+            waiting += operands
     place = {name: k for k, (name, _) in enumerate(inputs)}  # name of an argument -> its index
     number: dict[int, int] = {}  # index of a node -> index of its instruction
     instructions: list[Instruction] = []
@@ -208,5 +212,5 @@ def function(inputs: Inputs, outputs: Outputs, shared: dict[int, int] | None) ->
             instructions.append(Instruction("CONST", (), node.number))
         else:
             instructions.append(Instruction(operation, tuple(number[x.index] for x in operands)))
-    results = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
-    return Function(tuple(size for _, size in inputs), tuple(instructions), results)
+    components = tuple(tuple(number[x.index] for x in nodes) for nodes in outputs)
+    return Function(tuple(size for _, size in inputs), tuple(instructions), components)

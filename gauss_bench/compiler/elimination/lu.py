@@ -41,6 +41,8 @@ class Pivot:
     """One pivot p.
 
     Attributes:
+        row, column: its place in the matrix.
+        node, inverse: p and 1/p as expressions.
         row_divided: whether the other entries of the pivot's row were multiplied by 1/p; if not, those of its column were.
         threshold: smallest |p| for which the code is valid.
     """
@@ -55,7 +57,7 @@ class Pivot:
 
 @dataclass(frozen=True, eq=False)
 class RowOperation:
-    """One operation on a row: row <- scale row - factor (row `pivot_row`); None stands for the scale 1."""
+    """One operation on a row of the matrix: row <- scale (row) - factor (row `pivot_row`); None stands for the scale 1."""
 
     pivot_row: int
     factor: Node
@@ -79,9 +81,9 @@ class Factors:
     rest: "NormalEquations | None" = None
 
     @property
-    def guarded(self) -> tuple[Pivot, ...]:
+    def all_pivots(self) -> tuple[Pivot, ...]:
         """All pivots by which the code divides, also those of the normal equations."""
-        return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.guarded)
+        return self.pivots if self.rest is None else (*self.pivots, *self.rest.factors.all_pivots)
 
     def solve(self, b: Sparse) -> Sparse:
         """Solve A x = b; b is a dict row -> node, x a dict column -> node, both without zeros."""
@@ -89,15 +91,15 @@ class Factors:
         # division follows in the back substitution
         y: Sparse = {}
         for p in self.pivots:
-            _put(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
+            _enter(y, p.row, self._reduce(b.get(p.row), self.steps[p.row], y), p.inverse if p.row_divided else None)
         x: Sparse = {}
         if self.rest is not None:  # the rows without a pivot determine the columns without one
             for r in self.rest.rows:
-                _put(y, r, self._reduce(b.get(r), self.steps[r], y), None)
+                _enter(y, r, self._reduce(b.get(r), self.steps[r], y), None)
             x = self.rest.solve(y)
         for p in reversed(self.pivots):  # back substitution, U x = y
-            right = _less(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
-            _put(x, p.column, right, None if p.row_divided else p.inverse)
+            right = _subtract_products(y.get(p.row), ((u, x.get(c)) for c, u in self.upper[p.row]))
+            _enter(x, p.column, right, None if p.row_divided else p.inverse)
         return x
 
     def _reduce(self, b: Node | None, steps: list[RowOperation], y: Sparse) -> Node | None:
@@ -111,10 +113,10 @@ class Factors:
         products: list[tuple[Node, Node | None]] = []  # to be subtracted from b in one sum
         for step in steps:
             if step.scale is not None:
-                b, products = _less(b, products), []
+                b, products = _subtract_products(b, products), []
                 b = None if b is None else b * step.scale
             products.append((step.factor, y.get(step.pivot_row)))
-        return _less(b, products)
+        return _subtract_products(b, products)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,25 +135,25 @@ class NormalEquations:
 
     def solve(self, y: Sparse) -> Sparse:
         """Solve S x = y as S^T S x = S^T y; y is a dict row -> node, x a dict column -> node."""
-        parts: dict[int, list[Node]] = {}
+        summands: dict[int, list[Node]] = {}  # of S^T y, by column
         for (r, c), e in self.S.items():
             if r in y:
-                parts.setdefault(c, []).append(e * y[r])
-        sums = {c: self.factors.graph.total(terms) for c, terms in parts.items()}  # S^T y
-        return self.factors.solve({c: node for c, node in sums.items() if not node.zero})
+                summands.setdefault(c, []).append(e * y[r])
+        sums = {c: self.factors.graph.total(terms) for c, terms in summands.items()}
+        return self.factors.solve({c: node for c, node in sums.items() if not node.is_zero})
 
 
-def _less(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
-    """Return b minus the sum of the products f x of the pairs (f, x) in `products`; None stands for zero in b, x and the result."""
+def _subtract_products(b: Node | None, products: Iterable[tuple[Node, Node | None]]) -> Node | None:
+    """Return b minus the sum of the products f x over the pairs (f, x); None stands for zero in b, x and the result."""
     terms = [-(f * x) for f, x in products if x is not None]
     if b is not None:
         terms.append(b)
     return terms[0].graph.total(terms) if terms else None
 
 
-def _put(target: Sparse, index: int, x: Node | None, factor: Node | None) -> None:
-    """Enter x times a factor (None for 1) into a sparse vector, unless x is zero or None."""
-    if x is not None and not x.zero:
+def _enter(target: Sparse, index: int, x: Node | None, factor: Node | None) -> None:
+    """Set an entry of a sparse vector to x times a factor (None: 1), unless x is zero or None."""
+    if x is not None and not x.is_zero:
         target[index] = x if factor is None else x * factor
 
 
@@ -182,7 +184,7 @@ class Search:
 
     @property
     def is_random(self) -> bool:
-        """True if the seed makes a difference."""
+        """True if the seed makes a difference: with random costs, or a crossing that is neither impossible nor certain."""
         return self.noise > 0.0 or 0.0 < self.crossing < 1.0
 
 
@@ -221,7 +223,7 @@ class _Entry:
     def values(self) -> Array:
         """Values of the sum at the samples, followed by those at the random points; new summands are added first."""
         for node in self._not_yet_added:
-            self._values = node.at if self._values is None else self._values + node.at
+            self._values = node.values if self._values is None else self._values + node.values
         self._not_yet_added = []
         return self._values  # type: ignore[return-value]  # at least one summand has been added
 
@@ -288,7 +290,7 @@ class _Markowitz:
         self.rows: dict[int, dict[int, _Entry]] = {r: {} for r in rows}
         self.columns: dict[int, set[int]] = {c: set() for c in columns}
         for (r, c), node in A.items():
-            if r in self.rows and c in self.columns and not node.zero:
+            if r in self.rows and c in self.columns and not node.is_zero:
                 self.rows[r][c] = _Entry(node)
                 self.columns[c].add(r)
         self.scale = {}
@@ -303,13 +305,16 @@ class _Markowitz:
         """Return the absolute values (samples,) of one entry of the matrix at all samples."""
         return np.abs(e.values[: self.graph.samples])
 
-    def factors(self, squares: bool) -> Factors:
-        """Eliminate all rows; with `squares`, by normal equations from where no usable pivot keeps its sign at all samples."""
+    def factors(self, normal_equations: bool) -> Factors:
+        """Eliminate all rows and return the factors.
+
+        With `normal_equations`, normal equations replace the rows that are left when no usable pivot keeps its sign at all samples.
+        """
         rest = None
-        while self.rows and rest is None:
-            if squares and self._find_pivot(steady_only=True) is None:
+        while self.rows:
+            if normal_equations and self._find_pivot(steady_only=True) is None:
                 rest = self._normal_equations()
-                continue
+                break
             # if no pivot is usable at all samples, one is taken that is usable at as many as possible; a threshold excludes others
             while (chosen := self._find_pivot()) is None:
                 self._trust_fewer()
@@ -324,7 +329,7 @@ class _Markowitz:
         for c, d in combinations_with_replacement(columns, 2):
             products = [S[r, c] * S[r, d] for r in rows if (r, c) in S and (r, d) in S]
             entry = self.graph.total(products)
-            if not entry.zero:
+            if not entry.is_zero:
                 normal[c, d] = normal[d, c] = entry
         return NormalEquations(rows, columns, S, lu(self.graph, normal, columns, columns, Search(self.search.seed)))
 
@@ -336,8 +341,8 @@ class _Markowitz:
         Raises:
             KernelError: the samples that remain are fewer than the fraction SHARE of all samples.
         """
-        best = np.zeros_like(self.trusted)
-        for row in filter(None, self.rows.values()):
+        best = np.zeros_like(self.trusted)  # samples at which the best entry so far is usable
+        for row in filter(None, self.rows.values()):  # rows with entries
             sizes = np.array([self._sizes_of(e) for e in row.values()])  # (entries, samples)
             scaled = sizes / np.array([self.scale[c] for c in row])[:, None]
             usable = (scaled >= RELATIVE * scaled.max(axis=0)) & (sizes >= SMALLEST) & self.trusted
@@ -347,23 +352,26 @@ class _Markowitz:
         self.trusted, self.sizes = best, {}  # the stored sizes belong to the samples that were trusted before
 
     def _find_pivot(self, steady_only: bool = False) -> tuple[int, int, Array] | None:
-        """Return row and column of the cheapest pivot, and the absolute values of its row's largest entry; None if none is usable.
+        """Return row and column of the cheapest pivot, and the absolute value of its row's largest entry at each trusted sample.
+
+        Return None if no entry is usable as a pivot.
 
         First a pivot that has the same sign at all trusted samples is sought in a few rows and columns, then in more rows and
         columns; then, unless `steady_only`, a pivot whose sign changes.
         """
-        everywhere = len(self.rows)
-        rounds = ((LOOKED_AT, True), (min(everywhere, LOOKED_AT**2), True), (LOOKED_AT, False), (everywhere, False))
-        for reach, steady in rounds[: 2 if steady_only else None]:
-            found = self._cheapest(self._near(reach), steady)
-            if found is not None:
-                return *found, self._row_sizes(found[0]).largest
+        rounds = [(LOOKED_AT, True), (LOOKED_AT**2, True)]  # (number of rows and of columns, steady)
+        if not steady_only:
+            rounds += [(LOOKED_AT, False), (len(self.rows), False)]
+        for count, steady in rounds:
+            place = self._cheapest(self._places_in_sparsest(count), steady)
+            if place is not None:
+                return *place, self._row_sizes(place[0]).largest
         return None
 
-    def _near(self, reach: int) -> list[tuple[int, int]]:
-        """Return the places (row, column) of all entries in the `reach` rows and `reach` columns with the fewest entries."""
-        rows = nsmallest(reach, self.rows, lambda r: len(self.rows[r]))
-        columns = nsmallest(reach, self.columns, lambda c: len(self.columns[c]))
+    def _places_in_sparsest(self, count: int) -> list[tuple[int, int]]:
+        """Return the places (row, column) of all entries in the `count` rows and `count` columns with the fewest entries."""
+        rows = nsmallest(count, self.rows, lambda r: len(self.rows[r]))
+        columns = nsmallest(count, self.columns, lambda c: len(self.columns[c]))
         places = [(r, c) for r in rows for c in self.rows[r]]
         places += [(r, c) for c in columns for r in sorted(self.columns[c])]
         return list(dict.fromkeys(places))
@@ -375,15 +383,15 @@ class _Markowitz:
         """
         best, place = (np.inf, 0.0), None  # (cost, minus relative size) of the pivot at `place`
         for r, c in places:
-            count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's
+            count = (len(self.rows[r]) - 1) * (len(self.columns[c]) - 1)  # Markowitz's count
             if count > best[0] + self.search.noise:
-                continue  # the cost is at least `count`, and so cannot be the lowest
+                continue  # the cost is at least `count`, and therefore not the lowest
             sizes = self._row_sizes(r)
             allowed = sizes.steady if steady else sizes.usable
             if allowed[c]:
-                offer = self._cost(r, c, count), -sizes.relative[c]
-                if place is None or offer < best:
-                    best, place = offer, (r, c)
+                price = self._cost(r, c, count), -sizes.relative[c]
+                if place is None or price < best:
+                    best, place = price, (r, c)
         return place
 
     def _row_sizes(self, r: int) -> _Sizes:
@@ -420,9 +428,9 @@ class _Markowitz:
     def _eliminate(self, r: int, c: int, largest: Array) -> None:
         """Eliminate column c from all rows except r, with the pivot in row r and column c.
 
-        With pivot p, another row with the entry e in column c becomes (row) - (e / p) (pivot's row). If `crossed`, the other row is
-        multiplied by p instead, and becomes p (row) - e (pivot's row). If the pivot's row has been divided by p (`row_divided`),
-        the other row becomes (row) - e (divided row).
+        With the pivot p, another row with the entry e in column c becomes (row) - (e / p) (pivot's row). If `crossed`, it becomes
+        p (row) - e (pivot's row). If the pivot's row has first been divided by p (`row_divided`), it becomes (row) - e (divided
+        row).
 
         Args:
             largest: (trusted samples,) absolute value of the largest entry in row r; its median gives the pivot's threshold.
@@ -442,9 +450,9 @@ class _Markowitz:
             self.sizes.pop(other, None)
             if crossed:
                 self.rows[other] = {k: _Entry(e.node() * pivot) for k, e in self.rows[other].items()}
-            f = entry if row_divided or crossed else entry * inverse
-            self.steps[other].append(RowOperation(r, f, pivot if crossed else None))
-            self._subtract(other, f, row)
+            factor = entry if row_divided or crossed else entry * inverse
+            self.steps[other].append(RowOperation(r, factor, pivot if crossed else None))
+            self._subtract(other, factor, row)
             # to the end of the dict, whose order decides between equal pivots: a changed row is examined last, so that in a chain
             # of links the elimination proceeds from both ends
             self.rows[other] = self.rows.pop(other)
@@ -455,20 +463,21 @@ class _Markowitz:
         self.upper[r] = list(row.items())
 
     def _is_crossed(self, pivot: Node, others: list[int]) -> bool:
-        """Decide at random, as one choice of the search, to multiply the rows `others` by the pivot, which avoids a division.
+        """Decide at random whether the rows `others` are multiplied by the pivot, which avoids a division.
 
-        They are, with the probability `search.crossing`, if all are short and none has been multiplied before.
+        They are with the probability `search.crossing` if all are short and none has been multiplied before, else never.
         """
         if not self.search.crossing or pivot.number is not None or not others:
             return False
-        short = all(len(self.rows[x]) - 1 <= CROSSED and not any(s.scale for s in self.steps[x]) for x in others)
-        return short and self.random.random() < self.search.crossing
+        are_short = all(len(self.rows[x]) - 1 <= CROSSED for x in others)
+        were_multiplied = any(step.scale for x in others for step in self.steps[x])
+        return are_short and not were_multiplied and self.random.random() < self.search.crossing
 
-    def _subtract(self, other: int, f: Node, row: dict[int, Node]) -> None:
-        """Subtract f times the pivot's row `row` (a dict column -> node) from row `other`; entries that become zero are removed."""
+    def _subtract(self, other: int, factor: Node, row: dict[int, Node]) -> None:
+        """Subtract `factor` times the pivot's row (column -> node) from row `other`; entries that become zero are removed."""
         target = self.rows[other]
         for k, u in row.items():
-            product = -(f * u)
+            product = -(factor * u)
             if k in target:
                 target[k].add(product)
                 if target[k].vanishes:
@@ -480,17 +489,17 @@ class _Markowitz:
 
 
 def lu(
-    graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, squares: bool = False
+    graph: ExpressionGraph, A: Matrix, rows: Iterable[int], columns: Iterable[int], search: Search, normal_equations: bool = False
 ) -> Factors:
     """Factorise a matrix of expressions.
 
     Args:
         rows, columns: the rows and columns of A that are factorised; other entries are ignored.
-        squares: whether the remaining rows are solved by normal equations, as soon as every usable pivot changes its sign between
+        normal_equations: whether normal equations replace the rows that are left when every usable pivot changes its sign between
             samples.
 
     Raises:
         KernelError: at some step of the elimination there is no entry that is usable as a pivot at a fraction SHARE or more of the
             samples.
     """
-    return _Markowitz(graph, A, rows, columns, search).factors(squares)
+    return _Markowitz(graph, A, rows, columns, search).factors(normal_equations)

@@ -6,10 +6,10 @@ whether coordinates determine the velocities.
 
 Constraint rows to drop are chosen by a basis of the left null space of J, independent coordinates by a basis of the null space of
 J, and both in the same way (`choose_rows`). At each sample, a basis is a matrix with one row for each constraint row or coordinate.
-As many rows of this matrix are chosen as it has columns, such that they are linearly independent at all samples. The first one is
-the row whose smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the
-next one is chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots
-for all samples.
+Of its rows, as many as it has columns are chosen, which must be linearly independent at all samples. The first one is the row whose
+smallest norm over all samples is the largest; then the component along this row is subtracted from all rows, and the next one is
+chosen. In other words, the transposed bases are factorised by a column-pivoted QR factorisation, with the same pivots for all
+samples.
 
 The left null space may turn with the linkage, as in a parallelogram with a third crank: whichever row is dropped, the others are
 dependent at some position. Then a linear combination of two rows is dropped, whose coefficients are a vector w (m,). The kept
@@ -25,7 +25,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest_solution
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.mechanism.close import RANK_TOLERANCE
 from gauss_bench.mechanism.evaluate import Constraints
@@ -76,12 +76,12 @@ def least_singular_values(bases: Array, rows: tuple[int, ...]) -> Array:
     return np.asarray(values / np.linalg.norm(bases, axis=2).max(axis=1))
 
 
-SAMPLES = 48  # number of poses, a tenth of a radian apart: a pivot that touches zero between two of them is small at both
+SAMPLES = 48  # number of poses, about a tenth of a radian apart: a pivot that touches zero between two of them is small at both
 FEW = 8  # number of poses of a large linkage
 SINGULAR = 0.02  # smallest singular value relative to its median: a pose with less is too near to a singular position
 # The condition of a choice of rows or coordinates at a sample is their smallest singular value as above; 0 is singular.
 USABLE = 0.02  # least condition of a choice at a sample where it is used
-ENOUGH = 5 * USABLE  # condition of a choice below which another choice is sought
+ENOUGH = 5 * USABLE  # condition of a choice at a sample, below which a further choice is added
 MOST = 4  # number of choices at most
 NEAR = 0.5  # condition relative to the best choice of coordinates: among the choices above it the costs decide
 RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)  # in a combination of two rows, the second coefficient divided by the first
@@ -111,10 +111,25 @@ class Drop:
             W[self.rows.index(dropped), kept] = -factor
         return np.asarray(W / np.linalg.norm(W, axis=1, keepdims=True))
 
+    def soundness(self, left: Array) -> Array:
+        """Return for each of k samples how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
+
+        The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations
+        of rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null
+        space: the result is the smallest singular value of D L, divided by the norm of the largest row of L.
+
+        Args:
+            left: (k, m, redundant) the bases L.
+        """
+        if not self.rows:
+            return np.ones(len(left))
+        values = np.linalg.svd(self.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
+        return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
+
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Results of the analysis of a linkage before elimination.
+    """Results of the analysis of a linkage before elimination, from k samples of its states.
 
     Attributes:
         states: samples on the constraints at which J has its full rank.
@@ -131,18 +146,14 @@ class Study:
     left: Array
     bases: Array
 
-    def kept(self, choice: int) -> tuple[int, ...]:
+    def kept_rows(self, choice: int) -> tuple[int, ...]:
         """Return the indices of the constraint rows that are kept if the redundant rows in drops[choice] are left out."""
         return tuple(k for k in range(self.left.shape[1]) if k not in self.drops[choice].rows)
 
-    def dropped(self, choice: int) -> tuple[str, ...]:
+    def dropped_names(self, choice: int) -> tuple[str, ...]:
         """Return the names of the constraint rows that are left out by drops[choice]."""
         names = [f"{row.owner}.{row.part}" if row.part else row.owner for row in self.mechanism.row_names]
         return tuple(names[k] for k in self.drops[choice].rows)
-
-    def soundness(self, choice: int) -> Array:
-        """Return for each sample how far the rows kept by drops[choice] are from linear dependence (k,); 0 means dependent."""
-        return _soundness(self.left, self.drops[choice])
 
 
 @lru_cache(maxsize=32)  # a mechanism is compiled under several formulations, and needs its study again for further programs
@@ -170,26 +181,13 @@ def study(mechanism: Mechanism) -> Study:
     allowed = range(constraints.joint_rows)  # rows of drivers and knife edges are never dropped
     first = choose_rows(left, left.shape[2], allowed)
     if first is None:
-        raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not only among the joints")
+        raise KernelError(f"{mechanism.name}: {left.shape[2]} constraint rows are redundant, and not all of them belong to joints")
     # choices of rows, of which at least one is well conditioned at each sample
     drops = [Drop(rows) for rows in _covering(left, [first], allowed)]
     # if no single choice of rows is good at every sample, combinations of rows may be
     mixed = _drop_combinations(left, allowed) if len(drops) > 1 else None
     chosen = tuple([mixed] if mixed else drops)
     return Study(mechanism, states[regular], drops=chosen, free=mechanism.n - rank, left=left, bases=null)
-
-
-def _soundness(left: Array, drop: Drop) -> Array:
-    """Return for each sample how far the kept constraint rows are from linear dependence (k,); 0 means dependent.
-
-    The kept rows are linearly dependent where some vector of the left null space of J is orthogonal to all dropped combinations of
-    rows. Let the rows of D be the coefficients of the dropped combinations, and the columns of L a basis of the left null space:
-    the result is the smallest singular value of D L, divided by the norm of the largest row of L.
-    """
-    if not drop.rows:
-        return np.ones(len(left))
-    values = np.linalg.svd(drop.directions(left.shape[1]) @ left, compute_uv=False)[:, -1]
-    return np.asarray(values / np.linalg.norm(left, axis=2).max(axis=1))
 
 
 def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
@@ -201,7 +199,7 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
         left: (k, m, redundant) bases of the left null space of J at k samples.
     """
     m, redundant = left.shape[1:]
-    # of equally good pairs the first is picked: this order, from the last row on, gives the parallelogram shorter programs
+    # of equally good pairs the first is picked: the order from the last row on gives shorter programs for the parallelogram
     pairs = [(i, j, ratio) for (i, j), ratio in product(combinations(sorted(allowed, reverse=True), 2), RATIOS)]
     W = np.zeros((len(pairs), m))  # unit vectors: row i and `ratio` times row j
     for row, (i, j, ratio) in zip(W, pairs, strict=True):
@@ -215,25 +213,25 @@ def _drop_combinations(left: Array, allowed: Iterable[int]) -> Drop | None:
     rows = choose_rows(dropped.T[None], redundant, allowed)
     if rows is None:
         return None
-    factors = -np.linalg.solve(dropped[:, list(rows)], dropped)  # (redundant, m): of each dropped row in each kept one
+    factors = -np.linalg.solve(dropped[:, list(rows)], dropped)  # (redundant, m): of each dropped row in every row
     shares = []  # (kept row, dropped row, factor)
     for k in (k for k in allowed if k not in rows):
         shares += [(k, r, float(x)) for r, x in zip(rows, factors[:, k], strict=True) if x]
     drop = Drop(rows, tuple(shares))
-    return drop if (_soundness(left, drop) >= ENOUGH).all() else None
+    return drop if (drop.soundness(left) >= ENOUGH).all() else None
 
 
-def _covering(bases: Array, chosen: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
-    """Return the given choices of rows and further choices, such that at every sample at least one choice is well conditioned.
+def _covering(bases: Array, first_choices: list[tuple[int, ...]], allowed: Iterable[int]) -> list[tuple[int, ...]]:
+    """Return `first_choices` of rows and further choices, of which at least one is well conditioned at every sample.
 
     At most MOST choices are returned; some samples may then have no well conditioned choice.
     """
-    # open_samples: at these no choice is well conditioned
-    open_samples, choices = np.ones(len(bases), bool), list(chosen)
+    # open_samples: true where no choice is well conditioned
+    open_samples, choices = np.ones(len(bases), bool), list(first_choices)
     for rows in choices:
         open_samples &= least_singular_values(bases, rows) < ENOUGH
     while open_samples.any() and len(choices) < MOST:
-        k = int(np.flatnonzero(open_samples)[0])
+        k = int(np.flatnonzero(open_samples)[0])  # the first open sample
         best = choose_rows(bases[k : k + 1], bases.shape[2], allowed)  # the best rows for this sample alone
         if best is None or best in choices:
             break
@@ -246,7 +244,7 @@ def _sparse_null_space(J: Array, free: int) -> Array:
     """Return a basis (n, free) of the null space of a large J (m, n) of full row rank."""
     X = np.random.default_rng(0).normal(size=(J.shape[1], free))
     for _ in range(2):  # project random vectors onto the null space; twice, because one pass leaves rounding errors
-        X = np.array([x - shortest(J, J @ x) for x in X.T]).reshape(free, -1).T
+        X = np.array([x - shortest_solution(J, J @ x) for x in X.T]).reshape(free, -1).T
         X = np.linalg.qr(X)[0] if free else X
     return X
 
@@ -261,13 +259,14 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
     """
     if study.free == 0:
         return [()]
-    mechanism, every = study.mechanism, range(study.mechanism.n)
+    mechanism, coordinates = study.mechanism, range(study.mechanism.n)
     # one choice for each coordinate that comes first in it
-    begun_with_each = {choose_rows(study.bases, study.free, every, first) for first in every}
-    angles = choose_rows(study.bases, study.free, every[angle_slot(0) :: SIZE])  # among the indices of all angles
-    worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}  # over the samples
+    begun_with_each = {choose_rows(study.bases, study.free, coordinates, first) for first in coordinates}
+    angles = choose_rows(study.bases, study.free, coordinates[angle_slot(0) :: SIZE])  # among the indices of all angles
+    # choice -> its condition at the worst sample
+    worst = {x: float(conditions(study, x).min()) for x in {*begun_with_each, angles} if x is not None}
     best = max(worst.values(), default=0.0)
-    sound = sorted(chosen for chosen, condition in worst.items() if condition > max(USABLE, NEAR * best))
+    sound = sorted(choice for choice, condition in worst.items() if condition > max(USABLE, NEAR * best))
     # first a choice with the crank's angle, then the choice of angles only
     preferred = [] if mechanism.crank is None else [x for x in sound if angle_slot(mechanism.crank) in x][:1]
     if angles is not None and worst[angles] > USABLE:
@@ -276,8 +275,8 @@ def candidates(study: Study) -> list[tuple[int, ...]]:
         return preferred
     if mechanism.n > DENSE:
         return preferred[:1] or [sound[len(sound) // 2]]
-    even = [sound[k] for k in np.unique(np.linspace(0, len(sound) - 1, CANDIDATES).round().astype(int))]
-    return list(dict.fromkeys(preferred + even))
+    evenly_spaced = [sound[k] for k in np.unique(np.linspace(0, len(sound) - 1, CANDIDATES).round().astype(int))]
+    return list(dict.fromkeys(preferred + evenly_spaced))
 
 
 def conditions(study: Study, independent: tuple[int, ...]) -> Array:
@@ -287,8 +286,7 @@ def conditions(study: Study, independent: tuple[int, ...]) -> Array:
 
 def covering(study: Study) -> list[tuple[int, ...]]:
     """Return choices of independent coordinates, one or more usable at each sample; the first has the crank's angle if possible."""
-    chosen = candidates(study)
     crank = None if study.mechanism.crank is None else angle_slot(study.mechanism.crank)
     # begin with the best candidate: one with the crank's angle if there is any, and of these the one with the best condition
-    chosen = sorted(chosen, key=lambda x: (crank not in x, -float(conditions(study, x).min())))[:1]
-    return _covering(study.bases, chosen, range(study.mechanism.n))
+    best_first = sorted(candidates(study), key=lambda x: (crank not in x, -float(conditions(study, x).min())))
+    return _covering(study.bases, best_first[:1], range(study.mechanism.n))

@@ -38,14 +38,14 @@ from gauss_bench.mechanism.lines import with_lines
 from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array
 
-EFFORT = 2400  # largest product of the numbers of attempts and of unknowns: about a second
-LENGTH = 60_000  # largest product of the number of attempts and the operations of one: for large linkages few attempts are made
+EFFORT = 2400  # largest product of the numbers of attempts and of unknowns, which bounds the time of a search to about a second
+LENGTH = 60_000  # largest product of the numbers of attempts and of operations of one attempt, which bounds it for large linkages
 SHORTER = "GAUSS_BENCH_ATTEMPTS"  # environment variable with the number of attempts, for this process and all that it starts
 THOROUGH = 144  # number of attempts if the environment does not give it
 
 
-_asked = os.environ.get(SHORTER, "")
-ATTEMPTS = int(_asked) if _asked.isdecimal() and int(_asked) > 0 else THOROUGH  # largest number of attempts of a search
+_shorter = os.environ.get(SHORTER, "")
+ATTEMPTS = int(_shorter) if _shorter.isdecimal() and int(_shorter) > 0 else THOROUGH  # largest number of attempts of a search
 # error of a program above which a plain attempt is tried too: usual programs have 1e-12 or less, so that few are eliminated twice
 PRECISE = 1e-11
 # The price of an attempt is the estimate `Costs.single` of its acceleration.
@@ -61,7 +61,7 @@ SOURCES = ("mechanism", "compiler/expressions", "compiler/equations", "compiler/
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
+class Attempt:
     """An elimination of the equations of motion with usable pivots, with the search settings that found it and its costs."""
 
     work: Workspace
@@ -69,13 +69,13 @@ class Best:
     costs: Costs
 
 
-def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
-    """Eliminate the equations once with each of several search settings; return the attempts that found usable pivots.
+def try_settings(work: Workspace, searches: Iterable[Search]) -> list[Attempt]:
+    """Eliminate the equations once with each of several settings of the search; return the attempts that found usable pivots.
 
     Raises:
         KernelError: no attempt finds usable pivots.
     """
-    attempts: list[Best] = []
+    attempts: list[Attempt] = []
     failure = KernelError("no attempt was made")
     for search in searches:
         try:
@@ -84,44 +84,45 @@ def attempt(work: Workspace, searches: Iterable[Search]) -> list[Best]:
             failure = error
             continue
         costs = costs_of([*elimination.acceleration(work.terms.gamma).values(), *(x for x, _ in elimination.guards)])
-        attempts.append(Best(work, search, costs))
+        attempts.append(Attempt(work, search, costs))
     if not attempts:
         raise failure
     return attempts
 
 
-def pick(attempts: Sequence[Best]) -> Best:
+def pick_cheapest(attempts: Sequence[Attempt]) -> Attempt:
     """Return the attempt with the fewest operations among those whose price (estimated cycles) is at most CLOSE times the least.
 
-    Timing single steps cannot distinguish attempts with so similar prices. But every operation costs time when many trajectories
-    are computed together.
+    Timing of single steps cannot distinguish such prices, but every operation costs time when many trajectories are computed
+    together.
     """
     least = min(x.costs.single for x in attempts)
     return min((x for x in attempts if x.costs.single <= CLOSE * least), key=lambda x: x.costs.operations)
 
 
-def best_of(work: Workspace, count: int) -> Best:
-    """Make `count` attempts to eliminate the equations, and return the cheapest one.
+def search_plan(work: Workspace, count: int) -> Attempt:
+    """Make `count` attempts to eliminate the equations of one plan, and return the cheapest one.
 
     Half of the attempts have different search settings, the first of them PLAIN (Markowitz's count alone). The others repeat the
     best of these settings with other seeds.
     """
-    settings = [Search(seed, *x) for seed, (*x, _) in enumerate(product(NOISES, PATIENCES, CROSSINGS, range(SEEDS)))]
+    combinations = product(NOISES, PATIENCES, CROSSINGS, range(SEEDS))
+    settings = [Search(seed, noise, patience, crossing) for seed, (noise, patience, crossing, _) in enumerate(combinations)]
     order = np.random.default_rng(0).permutation(len(settings))
     # without random numbers the seed makes no difference: such settings are tried once
     shuffled = [settings[k] if settings[k].is_random else replace(settings[k], seed=0) for k in order]
     various = list(dict.fromkeys([PLAIN, *shuffled]))[: (count + 1) // 2]
-    attempts = sorted(attempt(work, various), key=lambda x: x.costs.single)
+    attempts = sorted(try_settings(work, various), key=lambda x: x.costs.single)
     leaders = attempts[:REPEATED]
     retries = [(k, leaders[k % len(leaders)].search) for k in range(count - len(various))]
     # settings without random numbers would give the same program again; seeds from 100 on are not used in `various`
-    again = [replace(search, seed=100 + k) for k, search in retries if search.is_random]
-    return pick([*attempts, *(attempt(work, again) if again else [])])
+    repeated = [replace(search, seed=100 + k) for k, search in retries if search.is_random]
+    return pick_cheapest([*attempts, *(try_settings(work, repeated) if repeated else [])])
 
 
 def cheapest(
-    known: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
-) -> Best:
+    analysis: Study, open_parameters: tuple[str, ...], formulation: str, independent: tuple[int, ...] | None, drop: int = 0
+) -> Attempt:
     """Return the cheapest elimination over the formulations and independent coordinates that the caller does not prescribe.
 
     One plain attempt for each combination of formulation and coordinates decides which combinations are searched longer.
@@ -135,32 +136,32 @@ def cheapest(
         KernelError: no independent coordinates or no pivots are usable.
     """
     # in Lagrange's formulation the independent coordinates only select the free motions
-    plans = [Plan("lagrange", covering(known)[0], drop)] if formulation != "gauss" else []
+    plans = [Plan("lagrange", covering(analysis)[0], drop)] if formulation != "gauss" else []
     if formulation != "lagrange":
-        choices = (candidates(known) or covering(known)[:1]) if independent is None else [independent]
+        choices = (candidates(analysis) or covering(analysis)[:1]) if independent is None else [independent]
         plans += [Plan("gauss", x, drop) for x in choices]
-    plain, failure = [], KernelError(f"{known.mechanism.name}: no partition is usable")
+    plain, failure = [], KernelError(f"{analysis.mechanism.name}: no choice of independent coordinates is usable")
     for plan in plans:
         try:
-            plain += attempt(Workspace(known, open_parameters, plan), [PLAIN])
+            plain += try_settings(Workspace(analysis, open_parameters, plan), [PLAIN])
         except KernelError as error:
             failure = error
     if not plain:
         raise failure
     plain = sorted(plain, key=lambda x: x.costs.single)
-    unknowns = known.mechanism.n + len(known.kept(drop))
+    unknowns = analysis.mechanism.n + len(analysis.kept_rows(drop))
     # for a linkage with many unknowns or a long program fewer attempts are made, so that the search ends soon
     count = min(ATTEMPTS, EFFORT // unknowns, LENGTH // max(1, plain[0].costs.operations))
     if count <= 1:
         return plain[0]
     tried = [x for x in plain[:SEARCHED] if x.costs.single <= HOPELESS * plain[0].costs.single]
-    return pick([best_of(x.work, count) for x in tried])
+    return pick_cheapest([search_plan(x.work, count) for x in tried])
 
 
-def _name(mechanism: Mechanism, *asked: Any) -> str | None:
-    """Return the file name of a search's result in the user's cache, or None for a mechanism with numbers that cannot be hashed."""
+def _cache_name(mechanism: Mechanism, *arguments: Any) -> str | None:
+    """Return the file name of a search's result in the user's cache; None if a number of the mechanism cannot be hashed."""
     try:
-        return f"{content_digest(_sources(), mechanism, asked)}.json"
+        return f"{content_digest(_sources(), mechanism, arguments)}.json"
     except TypeError:
         return None
 
@@ -171,15 +172,18 @@ def _sources() -> str:
     return source_digest(*SOURCES)
 
 
-def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) -> Best | None:
-    """Repeat the elimination whose settings an earlier search has stored as `name`; None if there is none that works."""
+def _recall(analysis: Study, open_parameters: tuple[str, ...], name: str | None) -> Attempt | None:
+    """Repeat the elimination whose settings an earlier search has stored as `name`.
+
+    Return None if none are stored, or if they find no usable pivots.
+    """
     stored = user_cache.load(name) if name else None
     if stored is None:
         return None
     plan, search = json.loads(stored)
     try:
-        work = Workspace(known, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
-        return attempt(work, [Search(**search)])[0]
+        work = Workspace(analysis, open_parameters, Plan(plan["formulation"], tuple(plan["independent"]), plan["drop"]))
+        return try_settings(work, [Search(**search)])[0]
     except KernelError:
         return None
 
@@ -187,7 +191,7 @@ def _recall(known: Study, open_parameters: tuple[str, ...], name: str | None) ->
 __all__ = ["Costs", "Function", "KernelError", "Program", "generate", "known_program", "partitions"]
 
 
-NOTHING = Function((), (), ())  # stands for a function that a program does not have
+NOTHING = Function((), (), ())  # takes the place of a function that a program does not have
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,11 +245,6 @@ class Program:
     residual: Function = NOTHING
     stabilized: Function | None = None
 
-    @property
-    def n_parameters(self) -> int:
-        """Number of parameters p."""
-        return len(self.parameters)
-
 
 def generate(
     mechanism: Mechanism,
@@ -273,28 +272,28 @@ def generate(
         raise KernelError(f"no formulation {formulation}; there are {', '.join(FORMULATIONS)}")
     if mechanism.has_friction:
         raise KernelError(f"{mechanism.name}: no kernel for dry friction, whose force follows from the accelerations it causes")
-    known = study(mechanism)
-    if independent is not None and (len(set(independent)) != known.free or not set(independent) <= set(range(mechanism.n))):
-        raise KernelError(f"{mechanism.name} has {known.free} independent coordinates among {mechanism.n}, not {independent}")
-    asked = (open_parameters, formulation, independent, drop)
-    name = _name(mechanism, *asked, ATTEMPTS) if remembered else None
-    recalled = _recall(known, open_parameters, name)
-    best = recalled or cheapest(known, *asked)
-    program = _write(known, best, baumgarte)
+    analysis = study(mechanism)
+    if independent is not None and (len(set(independent)) != analysis.free or not set(independent) <= set(range(mechanism.n))):
+        raise KernelError(f"{mechanism.name} has {analysis.free} independent coordinates among {mechanism.n}, not {independent}")
+    arguments = (open_parameters, formulation, independent, drop)
+    name = _cache_name(mechanism, *arguments, ATTEMPTS) if remembered else None
+    recalled = _recall(analysis, open_parameters, name)
+    best = recalled or cheapest(analysis, *arguments)
+    program = _write(analysis, best, baumgarte)
     error = error_of(program, mechanism)
     if recalled is None:
         if error > PRECISE and best.search != PLAIN:
             # pivots of a random search may lose digits in a large linkage; a plain attempt takes the largest pivots
             with suppress(KernelError):  # the plain attempt may find no usable pivots
-                plain = attempt(best.work, [PLAIN])[0]
-                other = _write(known, plain, baumgarte)
+                plain = try_settings(best.work, [PLAIN])[0]
+                other = _write(analysis, plain, baumgarte)
                 other_error = error_of(other, mechanism)
                 if other_error < error:
                     best, program, error = plain, other, other_error
         if name:
             user_cache.store(name, json.dumps([asdict(best.work.plan), asdict(best.search)]).encode())
     if error == math.inf:
-        raise KernelError(f"{program.name}: the {program.formulation} kernel gives numbers at no position that was tried")
+        raise KernelError(f"{program.name}: the {program.formulation} kernel has no finite results at any checked state")
     if error > CHECKED:
         raise KernelError(f"{program.name}: the {program.formulation} kernel has a relative error of {error:.1e}")
     return program
@@ -308,20 +307,20 @@ def partitions(mechanism: Mechanism) -> list[tuple[int, ...]]:
     return covering(study(mechanism))
 
 
-def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> Program:
+def _write(analysis: Study, best: Attempt, baumgarte: tuple[float, float] | None) -> Program:
     """Repeat the elimination of the attempt `best`, and return the program that it gives."""
     work, elimination = best.work, best.work.eliminate(best.search)
-    mechanism, links, graph = known.mechanism, work.links, work.terms.graph
+    mechanism, links, graph = analysis.mechanism, work.links, work.terms.graph
     n = mechanism.n
     # residuals and energy come first: later the graph may replace a product by an expression that equals it on the constraints only
-    phi, phi_dot, energy = work.exact()
+    phi, phi_dot, energy = work.checked_outputs()
     guards = elimination.guards
     a = vector(graph, elimination.acceleration(work.terms.gamma), n)
     dq = vector(graph, elimination.correction(work.residuals()), n)
     correcting = elimination.correcting  # guards that corrections need in addition to `guards`
     nearest = vector(graph, elimination.velocity([links.rate(k) for k in range(n)]), n)
-    stabilized = vector(graph, elimination.acceleration(work.damped(*baumgarte)), n) if baumgarte else []
-    multipliers = work.spread_out(elimination.multipliers(work.terms.gamma))
+    stabilized = vector(graph, elimination.acceleration(work.damped_gamma(*baumgarte)), n) if baumgarte else []
+    multipliers = work.spread_multipliers(elimination.multipliers(work.terms.gamma))
     directions, direction_guards = elimination.directions  # free motions, and guards that they need in addition to `guards`
     pivots, correcting_pivots, direction_pivots = ([x for x, _ in group] for group in (guards, correcting, direction_guards))
     # the code of a step merges the functions of these outputs, which must compute a common node by the same instruction: count its
@@ -343,7 +342,7 @@ def _write(known: Study, best: Best, baumgarte: tuple[float, float] | None) -> P
         independent=work.plan.independent,
         parameters=links.parameters.names,
         values=links.parameters.values,
-        dropped=known.dropped(work.plan.drop),
+        dropped=analysis.dropped_names(work.plan.drop),
         thresholds=thresholds(guards),
         acceleration=function(at, [a, pivots], shared),
         position_correction=function(moved, [dq, correcting_pivots], shared),

@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest
+from gauss_bench.compiler.equations.sampling import DENSE, manifold_states, scales, shortest_solution
 from gauss_bench.integrate.fixed_step import ROUNDING, STEPS, held_back
 from gauss_bench.mechanism.close import minimum_norm
 from gauss_bench.mechanism.evaluate import Evaluator
@@ -25,7 +25,7 @@ from gauss_bench.mechanism.model import Mechanism
 from gauss_bench.terms import Array, Terms, baumgarte
 from gauss_bench.trajectory import States
 
-CHECKS, FEW = 9, 2  # numbers of states at which a program is checked: of a usual linkage, and of a large one
+CHECKS, FEW = 9, 2  # numbers of states at which the program of a usual linkage, and that of a large one, is checked
 OFF = 0.1  # [rad, typical lengths] size of the change of coordinates to a state at which residuals and energy are checked
 CHECKED = 1e-9  # largest relative error of a program: right ones reach 1e-12, and a wrong sign or a lost term gives far more
 
@@ -47,10 +47,10 @@ def _constrain(terms: Terms, mass: Array, solve: Callable[[Array, Array], Array]
 
 
 class RankDecision:
-    """Accelerations, multipliers and integration steps of a mechanism, for one state at a time, whatever the rank of J is there."""
+    """Accelerations, multipliers and integration steps of a mechanism, for one state at a time and any rank of J."""
 
     def __init__(self, mechanism: Mechanism, baumgarte: tuple[float, float] | None = None):
-        """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of its damped accelerations, None without such terms."""
+        """Set up a mechanism; `baumgarte` are alpha and beta [1/s] of Baumgarte's terms, None if there are no such terms."""
         self.mechanism, self.baumgarte = mechanism, baumgarte
 
     @cached_property
@@ -91,20 +91,21 @@ class RankDecision:
 
 
 def acceleration_error(evaluator: Evaluator, t: float, q: Array, v: Array, a: Array) -> float:
-    """Return the error of an acceleration a (n,), relative to the larger of the true acceleration and that without constraints.
+    """Return the largest error of a component of an acceleration a (n,), relative to the acceleration.
 
-    The error is not divided by the true acceleration alone, which may vanish, as at rest in equilibrium.
+    It is divided by the largest component of the true acceleration or of the acceleration without constraints, whichever is larger,
+    because the true acceleration may vanish, as at rest in equilibrium.
     """
     terms = evaluator.terms(t, q, v)
-    truth = _constrain(terms, evaluator.mass, shortest, passes=2)
+    truth = _constrain(terms, evaluator.mass, shortest_solution, passes=2)
     free = terms.Q / evaluator.mass
     size = max(float(np.abs(truth).max(initial=0.0)), float(np.abs(free).max(initial=0.0)))
     error = float(np.abs(a - truth).max(initial=0.0))
     return error / size if size > 0 else error
 
 
-def _check_at(mechanism: Mechanism) -> States:
-    """Return states on the constraints, other than those at which pivots are chosen."""
+def _states_to_check(mechanism: Mechanism) -> States:
+    """Return states on the constraints at which programs are checked: others than those at which pivots are chosen."""
     return manifold_states(mechanism, CHECKS if mechanism.n <= DENSE else FEW, seed=1)
 
 
@@ -113,7 +114,7 @@ def error_on_constraints(mechanism: Mechanism, accelerate: Accelerate) -> tuple[
 
     The error is NaN if it is NaN at one state.
     """
-    evaluator, states = Evaluator(mechanism), _check_at(mechanism)
+    evaluator, states = Evaluator(mechanism), _states_to_check(mechanism)
     a, sound = accelerate(states.t[:, None], states.q, states.v)
     errors = [acceleration_error(evaluator, float(states.t[k]), states.q[k], states.v[k], a[k]) for k in np.flatnonzero(sound)]
     return float(np.max(errors, initial=0.0)), len(errors)
@@ -125,9 +126,9 @@ def error_off_constraints(mechanism: Mechanism, evaluate: Callable[[float, Array
     `evaluate` (t, q, v) returns phi of holonomic rows, phi_dot of all rows and the energy as one vector. Each error is relative to
     the larger of the quantity's magnitude and 1 in SI units.
     """
-    evaluator, states = Evaluator(mechanism), _check_at(mechanism)
+    evaluator, states = Evaluator(mechanism), _states_to_check(mechanism)
     t, v = float(states.t[-1]), states.v[-1]
     q = states.q[-1] + OFF * scales(mechanism) * np.random.default_rng(0).normal(size=mechanism.n)
     terms = evaluator.terms(t, q, v)
-    wanted = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [evaluator.energy(q, v)]])
-    return float(np.abs((evaluate(t, q, v) - wanted) / np.maximum(np.abs(wanted), 1.0)).max())
+    expected = np.concatenate([terms.phi[: evaluator.constraints.holonomic], terms.phi_dot, [evaluator.energy(q, v)]])
+    return float(np.abs((evaluate(t, q, v) - expected) / np.maximum(np.abs(expected), 1.0)).max())

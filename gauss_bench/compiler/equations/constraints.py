@@ -18,20 +18,20 @@ from gauss_bench.mechanism.equations import Row
 def rows_of(links: Links) -> list[Row]:
     """Return all constraint rows: joints, couplings, drivers, knife edges, each in the file's order.
 
-    The entries of a row of J are a dict from column to node, without zeros. If `links.exact` is true, the rows are also valid at
+    The entries of a row of J are column -> node; zeros are left out. If `links.exact` is true, the rows are also valid at
     states that violate the constraints.
     """
     node, rows = links.graph.node, []
     for x in equations.rows(links.mechanism, links, on_constraints=not links.exact):
         entries = {k: node(entry) for k, entry in x.entries.items()}
-        entries = {k: entry for k, entry in entries.items() if not entry.zero}
+        entries = {k: entry for k, entry in entries.items() if not entry.is_zero}
         phi = None if x.phi is None else node(x.phi)
         rows.append(replace(x, entries=entries, gamma=node(x.gamma), phi=phi, phi_t=node(x.phi_t)))
     return rows
 
 
 def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
-    """Return the sum of factor times row over the pairs (row, factor); it has the name of the first row.
+    """Return the linear combination of constraint rows: the sum of factor times row over all `parts`, named as the first row.
 
     A row that constrains velocities only, such as that of a knife edge, has no residual phi, so it adds nothing to the residual of
     the sum.
@@ -44,7 +44,7 @@ def combine(graph: ExpressionGraph, parts: Sequence[tuple[Row, float]]) -> Row:
     gamma = graph.total([row.gamma * factor for row, factor in parts])
     phi_t = graph.total([row.phi_t * factor for row, factor in parts])
     phi = graph.total([row.phi * factor for row, factor in parts if row.phi is not None])
-    return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.zero}, gamma, phi, phi_t)
+    return Row(parts[0][0].name, {c: x for c, x in sums.items() if not x.is_zero}, gamma, phi, phi_t)
 
 
 def rate_of(links: Links, row: Row) -> Node:

@@ -27,41 +27,41 @@ from gauss_bench.mechanism.spaces import Vec, angle_slot, dot, slots
 
 FLAT = 20.0  # |x| from which on |tanh(x)| is 1 to rounding
 DOUBLINGS, TERMS = 8, 11  # y = 2 FLAT / 2^8 = 0.16 at most: the next term y^12 / 12! is below a thousandth of rounding
-SMALLEST = 1e-300  # [N, N m] smallest divisor, for a force of size zero
+SMALLEST = 1e-300  # [N, N m] least divisor, which takes the place of a force of size zero
 
 
 def generalised_force(links: Links) -> dict[int, Node]:
-    """Return the generalised force Q of weights and forces, as a dict from the index of a coordinate to a node, without zeros."""
+    """Return the generalised force Q of weights and forces: index of a coordinate -> node; entries that are zero are left out."""
     terms: dict[int, list[Node]] = {}
     steady = (equations.generalise(links, load) for load in links.loads())
-    varying = (_vary(links, *force) for force in links.varying())
+    varying = (_generalise_varying(links, *force) for force in links.varying())
     for entries in (*_weights(links), *steady, *varying):
         for k, x in entries.items():
             terms.setdefault(k, []).append(links.graph.node(x))
     sums = {k: links.graph.total(x) for k, x in terms.items()}
-    return {k: x for k, x in sums.items() if not x.zero}
+    return {k: x for k, x in sums.items() if not x.is_zero}
 
 
 def _weights(links: Links) -> Iterable[dict[int, Node]]:
-    """Yield the generalised force of every link's weight, as a dict from the index of a coordinate to a node."""
+    """Yield the generalised force of every link's weight: index of a coordinate -> node."""
     for i, link in enumerate(links.mechanism.links):
         mass = links.number(f"links.{link.name}.mass")
         x = slots(i).start  # index of the link's coordinate x; that of y is the next
         yield {x: mass * links.number("gravity.x"), x + 1: mass * links.number("gravity.y")}
 
 
-def _vary(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
-    """Return the generalised force of a force that varies, as a dict from the index of a coordinate to a node.
+def _generalise_varying(links: Links, force: Torque | PointForce, factor: Factor) -> dict[int, Node]:
+    """Return the generalised force of a force that varies: index of a coordinate -> node.
 
-    It is Q f(t) d(w), with the steady force's Q, and the speed w along the force. d is 1 for motion along the force and
-    `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
+    It is Q f(t) d(w). Q is that of the steady force, f the time factor, and w the speed along the force. d is 1 for motion along
+    the force and `factor.share` for motion against it, with a smooth transition of the width `factor.speed`.
     """
     (load,) = force.to_loads()
     graph = links.graph
     entries = {k: graph.node(x) for k, x in equations.generalise(links, load).items()}
     value: Any = force.value
     square = dot(value, value) if isinstance(value, Vec) else value * value
-    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))
+    size = maximum(graph.sqrt(square), graph.constant(SMALLEST))  # of the steady force
     # only piecewise linear factors with kinks have level and slope as parameters of the program
     level, slope = (links.number(f"forces.{force.name}.{key}") if factor.kinks else links.zero for key in ("level", "slope"))
     depends_on_direction = factor.share != 1.0

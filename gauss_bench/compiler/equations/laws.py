@@ -12,7 +12,7 @@ Law = tuple[Node, Node, Node]  # value, first and second time derivative
 
 
 def law_of_time(law: MotionLaw, graph: ExpressionGraph, t: Node) -> Law:
-    """Return the value and the first and second time derivative of a law at the time t.
+    """Return the value and the first and second time derivative of a motion law at the time t, as nodes.
 
     Raises:
         ValueError: a law of an unknown kind.

@@ -40,7 +40,8 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
     numbers: dict[str, float | Array] = {"gravity": mechanism.gravity}
     for link in mechanism.links:
         numbers |= {f"links.{link.name}.{key}": getattr(link, key) for key in ("mass", "inertia", "com")}
-    for owner, points in [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]:
+    points_of = [("ground", mechanism.ground_points), *((link.name, link.points) for link in mechanism.links)]
+    for owner, points in points_of:
         numbers |= {f"points.{owner}.{name}": xy for name, xy in points.items()}
     for force in mechanism.forces:
         numbers |= {f"forces.{force.name}.{key}": x for key, x in force_numbers(force).items()}
@@ -49,15 +50,20 @@ def named_numbers(mechanism: Mechanism) -> dict[str, float | Array]:
 
 def parameter_values(mechanism: Mechanism) -> dict[str, float]:
     """Return name -> value of every number that can be a parameter of a program; a vector counts as two numbers, .x and .y."""
+    return split_vectors(named_numbers(mechanism))
+
+
+def split_vectors(numbers: Mapping[str, Any]) -> dict[str, float]:
+    """Return name -> number for numbers and vectors (2,); a vector NAME gives the two numbers NAME.x and NAME.y."""
     values: dict[str, float] = {}
-    for name, number in named_numbers(mechanism).items():
+    for name, number in numbers.items():
         labels = [f"{name}.x", f"{name}.y"] if np.ndim(number) else [name]
-        values |= dict(zip(labels, np.ravel(number).tolist(), strict=True))
+        values |= dict(zip(labels, np.ravel(number).astype(float).tolist(), strict=True))
     return values
 
 
 def force_numbers(force: Force) -> dict[str, float | Array]:
-    """Return the fields of a force that are numbers or vectors (2,), except angles of axes, which are geometry."""
+    """Return name -> value of a force's fields that are numbers or vectors (2,), except angles of axes, which are geometry."""
     return {x.name: getattr(force, x.name) for x in fields(force) if x.type in (float, Array) and x.name != "angle"}
 
 
@@ -79,6 +85,7 @@ class _Replacement:
     """
 
     def __init__(self, mechanism: Mechanism, numbers: Mapping[str, Any]):
+        """Replace the numbers of points and links; `mechanism` replaces those of all other components."""
         self.old, self.numbers, self.named = mechanism, numbers, named_numbers(mechanism)
         self.zeros = 0.0 * next(iter(numbers.values()))
         self.ground = self._points("ground", mechanism.ground_points)
@@ -86,13 +93,13 @@ class _Replacement:
 
     def mechanism(self) -> Mechanism:
         """Return the mechanism with the new numbers."""
-        parts = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
-        changed = {part: self._change(getattr(self.old, part)) for part in parts}
+        keys = ("joints", "couplings", "forces", "drivers", "observed_points", "measured")
+        changed = {key: self._change(getattr(self.old, key)) for key in keys}
         gravity = self._find("gravity", self.old.gravity)
         return replace(self.old, links=self.links, ground_points=self.ground, gravity=gravity, **changed)
 
     def _find(self, name: str, old: Any) -> Any:
-        """Return the number, or the vector (2, ...), called `name`; where `numbers` has no new value, it is the value `old`."""
+        """Return the new value of the number or vector (2, ...) `name`; a component without a new value keeps its old value."""
         if np.ndim(old) == 0:
             return self.numbers.get(name, old + self.zeros)
         return np.stack([self._find(f"{name}.{axis}", x) for axis, x in zip("xy", old, strict=True)])
@@ -102,6 +109,7 @@ class _Replacement:
         return {name: self._find(f"points.{owner}.{name}", xy) for name, xy in points.items()}
 
     def _link(self, link: Link) -> Link:
+        """Return a link with its new masses and points."""
         masses = {key: self._find(f"links.{link.name}.{key}", getattr(link, key)) for key in ("mass", "inertia", "com")}
         return replace(link, points=self._points(link.name, link.points), **masses)
 
@@ -122,8 +130,8 @@ class _Replacement:
         changes = {}
         for field in fields(x):
             old, label = getattr(x, field.name), f"{getattr(x, 'name', '')}.{field.name}"
-            key = next((name for name in (f"forces.{label}", f"joints.{label}") if name in self.named), None)
-            changes[field.name] = self._find(key, old) if key else self._change(old)
+            names = [name for name in (f"forces.{label}", f"joints.{label}") if name in self.named]
+            changes[field.name] = self._find(names[0], old) if names else self._change(old)
         return replace(x, **changes)
 
 
@@ -166,14 +174,14 @@ class Tie:
 
 
 def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return for every link how its angle follows from the angle of another link, its root, if slides connect the two.
+    """Return for every link its root, a link to which slides connect it, and the constant difference of the two angles.
 
     The root is the ground if slides connect the link with the ground. A link without slides is its own root.
     """
     ties = list(free_angles(mechanism))
     for angle, turn in mechanism.held_angles:
         guide, block = (Tie(GROUND, 0.0) if link == GROUND else ties[link] for link in (angle.a, angle.b))
-        # angle of the old root = angle of the new root + offset, because angle of the block = angle of the guide + turn
+        # angle of the block = angle of the guide + turn, and therefore angle of the old root = angle of the new root + offset
         old, new, offset = block.root, guide.root, guide.offset + turn - block.offset
         if old == GROUND:  # the ground remains a root
             old, new, offset = new, old, -offset
@@ -183,7 +191,7 @@ def tie_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
 
 
 def free_angles(mechanism: Mechanism) -> tuple[Tie, ...]:
-    """Return a `Tie` of every link to itself, so that expressions are valid also where the constraints of slides are violated."""
+    """Return a `Tie` of every link to itself: expressions are then valid also where the constraints of slides are violated."""
     return tuple(Tie(i, 0.0) for i in range(len(mechanism.links)))
 
 
@@ -200,7 +208,7 @@ class Links(ConstraintPlacement):
     suffix = ""
 
     def __init__(self, graph: ExpressionGraph, mechanism: Mechanism, parameters: Parameters, states: States, exact: bool = False):
-        """Set up the links; their frames become nodes when they are first asked for."""
+        """Set up the links; nodes are made when a method first needs them."""
         self.graph, self.mechanism, self.parameters, self.states, self.exact = graph, mechanism, parameters, states, exact
         self.ties = free_angles(mechanism) if exact else tie_angles(mechanism)
         self.scale = [float(x) for x in scales(mechanism)]
@@ -228,11 +236,11 @@ class Links(ConstraintPlacement):
 
     def body(self, body: int) -> tuple[list[Node], list[Node]]:
         """Return x, y and angle of a link, and their rates; the last is the angular speed of the link's root."""
-        own = range(self.mechanism.n)[slots(body)]  # indices of the link's x, y and angle
-        return [*map(self.coordinate, own)], [*map(self.rate, own[:-1]), self.omega(body)]
+        indices = range(self.mechanism.n)[slots(body)]  # of the link's x, y and angle
+        return [*map(self.coordinate, indices)], [*map(self.rate, indices[:-1]), self.omega(body)]
 
     def number(self, name: str) -> Node:
-        """Return the linkage's number called `name` as a node: a constant, or an input if it is a parameter."""
+        """Return the number of the linkage with a name as a node: a constant, or an input if the number is a parameter."""
         value, names = self.parameters.all[name], self.parameters.names
         if name not in names:
             return self.graph.constant(value)
@@ -312,5 +320,5 @@ class Links(ConstraintPlacement):
         return [(replace(force, factor=None, **self._numbers(force)), factor) for force, factor in self.mechanism.factors]
 
     def _numbers(self, force: Force) -> dict[str, Any]:
-        """Return a dict from the name of each field of a force to the field's number as a node, or to its vector of nodes."""
+        """Return name of a field -> its number as a node, or its vector of nodes, for all fields of a force that are numbers."""
         return {key: self.quantity(f"forces.{force.name}.{key}") for key in force_numbers(force)}

@@ -21,11 +21,12 @@ from gauss_bench.trajectory import States
 STEP = 0.1  # [rad, typical lengths] step along the motion: Newton's method stays in one assembly mode at much longer ones
 WALK = 2 * np.pi + STEP  # [rad, typical lengths] length of all steps together: one turn of a crank
 FARTHEST = 3.0 * STEP  # largest distance of neighbouring poses: a pose farther away is in another assembly mode
-TIMES = 64  # number of times at which a driven linkage is closed
+TIMES = 64  # number of time steps in which a driven linkage is moved through its scenario
 DENSE = 100  # coordinates: for larger linkages sparse factorisations are far cheaper
 CLOSED = 1e-12  # [m, rad] residual of a closed position
 CORRECTIONS = 12  # Newton corrections of a position at most
-SPEED = 3.0  # [rad/s, lengths/s] speed of the fastest coordinate at most
+SPEED = 3.0  # [rad/s, typical lengths/s] largest speed of a coordinate
+DRIFT = 0.4  # standard deviation of the change of a direction from step to step, relative to its largest component
 
 
 def typical_length(mechanism: Mechanism) -> float:
@@ -56,9 +57,9 @@ def manifold_states(mechanism: Mechanism, count: int, seed: int = 0) -> States:
     constraints, scale = Constraints(mechanism), scales(mechanism)
     # a driven linkage is moved by its drivers in time, another one along its free motion
     path = _in_time(mechanism, constraints) if mechanism.drivers else _walk(mechanism, constraints, scale, count, rng)
-    which = np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))
-    t, q = np.array([path[k][0] for k in which]), np.array([path[k][1] for k in which])
-    v = np.array([_velocity(constraints, scale, path[k], rng) for k in which])
+    poses = [path[k] for k in np.unique(np.linspace(0, len(path) - 1, count).round().astype(int))]
+    t, q = np.array([time for time, _ in poses]), np.array([position for _, position in poses])
+    v = np.array([_velocity(constraints, scale, pose, rng) for pose in poses])
     if mechanism.varying and not mechanism.drivers:  # at random times, because forces that vary may be zero at t = 0
         t = rng.uniform(0.0, mechanism.duration, len(q))
     return States(t, q, v)
@@ -77,7 +78,7 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
     heading = scale * rng.normal(size=mechanism.n)
     # with several degrees of freedom the heading drifts at random, and both directions are explored
     wanders = mechanism.dof > 1
-    # each step of a large linkage takes long: no more steps than states are asked for
+    # each step of a large linkage takes long: it makes at most as many steps as states are needed
     steps = int(WALK / STEP) if mechanism.n <= DENSE else count
     forwards: Path = [(0.0, mechanism.q0)]
     backwards: Path = []
@@ -85,9 +86,9 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
         q, ahead, before = mechanism.q0, sign * heading, len(poses)
         for _ in range(steps):
             _, J = constraints.residual(q)
-            # the last direction, changed a little at random, and projected onto what the constraints allow
-            drift = 0.4 * scale * rng.normal(size=mechanism.n) * wanders
-            ahead = _unit(_free_part(J * scale, (ahead + drift) / scale)) * scale
+            # the last direction, changed a little at random, and projected onto the null space of J
+            drift = DRIFT * scale * rng.normal(size=mechanism.n) * wanders  # 0 if the linkage does not wander
+            ahead = _normalise(_free_part(J * scale, (ahead + drift) / scale)) * scale
             following = _close(constraints, 0.0, q + STEP * ahead, scale)
             if following is None or np.abs((following - q) / scale).max() > FARTHEST:
                 break
@@ -98,8 +99,8 @@ def _walk(mechanism: Mechanism, constraints: Constraints, scale: Array, count: i
     return [*reversed(backwards), *forwards]
 
 
-def _unit(x: Array) -> Array:
-    """Return x divided by its largest component, or x if it is zero."""
+def _normalise(x: Array) -> Array:
+    """Return x (n,) divided by its largest absolute component, or x if it is zero."""
     size = float(np.abs(x).max(initial=0.0))
     return x / size if size > 0 else x
 
@@ -111,7 +112,8 @@ def _in_time(mechanism: Mechanism, constraints: Constraints) -> Path:
     times = np.linspace(0.0, mechanism.duration, TIMES + 1)
     for before, t in pairwise(times):
         rows = constraints(before, q, np.zeros_like(q))
-        ahead = q - (t - before) * scale * shortest(rows.J[:h] * scale, rows.phi_t[:h])
+        # the guess at t: the drivers move the linkage with the velocity v of least norm that satisfies J v = -phi_t
+        ahead = q - (t - before) * scale * shortest_solution(rows.J[:h] * scale, rows.phi_t[:h])
         closed = _close(constraints, float(t), ahead, scale)
         if closed is None:
             break
@@ -128,7 +130,7 @@ def _close(constraints: Constraints, t: float, q: Array, scale: Array) -> Array 
         return bool(np.abs(phi).max(initial=0.0) < CLOSED)
 
     residual = partial(constraints.residual, t=t)
-    q = project(q, residual, lambda J, phi: scale * shortest(J * scale, phi), CORRECTIONS, is_closed)
+    q = project(q, residual, lambda J, phi: scale * shortest_solution(J * scale, phi), CORRECTIONS, is_closed)
     return q if is_closed(q, *residual(q)) else None
 
 
@@ -137,22 +139,22 @@ def _velocity(constraints: Constraints, scale: Array, pose: Pose, rng: np.random
     t, q = pose
     rows = constraints(t, q, np.zeros_like(q))
     J = rows.J * scale
-    free = _unit(_free_part(J, rng.normal(size=len(q)))) if len(J) < len(q) else np.zeros_like(q)
-    return scale * (SPEED * free * rng.uniform(0.3, 1.0) - shortest(J, rows.phi_t))
+    free = _normalise(_free_part(J, rng.normal(size=len(q)))) if len(J) < len(q) else np.zeros_like(q)
+    return scale * (SPEED * free * rng.uniform(0.3, 1.0) - shortest_solution(J, rows.phi_t))
 
 
 def _free_part(J: Array, x: Array) -> Array:
-    """Return the projection of x (n,) onto the null space of J (m, n); it is done twice, as one pass leaves rounding errors."""
-    for _ in range(2):
-        x = x - shortest(J, J @ x)
+    """Return the projection of x (n,) onto the null space of J (m, n)."""
+    for _ in range(2):  # one pass leaves rounding errors
+        x = x - shortest_solution(J, J @ x)
     return x
 
 
-def shortest(J: Array, r: Array) -> Array:
-    """Return the minimum-norm solution x (n,) of J x = r; J (m, n) may have redundant rows."""
+def shortest_solution(J: Array, r: Array) -> Array:
+    """Return the solution x (n,) of J x = r with the least norm; J (m, n) may have redundant rows."""
     if not len(J) or J.shape[1] <= DENSE:
         return minimum_norm(J, r)
     S = sp.csc_matrix(J)
     A = (S @ S.T).tocsc()
-    # a number of rounding size on the diagonal, so that redundant rows do not make S S^T singular
+    # x = S^T (S S^T)^-1 r; a number of rounding size on the diagonal keeps S S^T regular if rows are redundant
     return np.asarray(S.T @ splu(A + sp.identity(A.shape[0], format="csc") * (1e-14 * A.diagonal().max())).solve(r))

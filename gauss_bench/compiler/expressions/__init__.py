@@ -1,1 +1,1 @@
-"""Expressions that know their values."""
+"""Expressions, stored with their values at sample states of a linkage."""

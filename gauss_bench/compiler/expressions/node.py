@@ -1,4 +1,4 @@
-"""Expressions that know their values: a graph in which equal expressions are one node.
+"""Expressions with their values at sample states of a linkage: a graph in which equal expressions are one node.
 
 Every node has values at sample states of the linkage, by which pivots are chosen, and at a few random points, by which equal
 expressions are recognised. The random points violate the constraints slightly; far from the constraints, products of many factors
@@ -30,7 +30,7 @@ LATENCY = {"DIV": 13.0, "INV": 13.0, "SQRT": 20.0, "SIN": 25.0, "COS": 25.0, "NE
 STEP = 4.0  # [cycles] until the result of any other operation can be used
 # `ready` of a node is the sum of these times along the longest path to it from inputs.
 
-VALUE: dict[str, Callable[..., Array]] = {
+VALUE: dict[str, Callable[..., Array]] = {  # operation -> its function in numpy
     "ADD": np.add,
     "SUB": np.subtract,
     "MUL": np.multiply,
@@ -43,6 +43,7 @@ VALUE: dict[str, Callable[..., Array]] = {
     "FMAX": np.maximum,
     "LE": lambda a, b: np.less_equal(a, b) * 1.0,
 }
+Key = tuple[Any, ...]  # operation, and indices of its operands
 Generic = tuple[float, float, float]  # values of one expression at the GENERIC random points
 
 
@@ -56,7 +57,7 @@ class Node:
         ready: earliest time [cycles] at which a processor has the value, if all inputs are there at 0.
     """
 
-    __slots__ = ("_at", "args", "generic", "graph", "index", "number", "op", "ready")
+    __slots__ = ("_values", "args", "generic", "graph", "index", "number", "op", "ready")
 
     def __init__(
         self,
@@ -66,32 +67,33 @@ class Node:
         generic: Generic,
         number: float | None,
         ready: float,
-        at: Array | None = None,
+        values: Array | None = None,
     ):
         """Make a node without entering it into the graph's tables `known` and `ratios`.
 
-        `at` has the values at samples, then random points, (samples + GENERIC,); with None they are computed on first use.
+        `values` (samples + GENERIC,) are the values at the samples, then at the random points; None: computed on first use.
         """
         self.graph, self.op, self.args, self.generic, self.number, self.ready = graph, op, args, generic, number, ready
-        self._at = at
+        self._values = values
         self.index = graph.count
         graph.count += 1
 
     @property
-    def at(self) -> Array:
+    def values(self) -> Array:
         """Values (samples + GENERIC,) of the expression at the sample states, followed by its values at the random points."""
-        waiting = [] if self._at is not None else [self]  # no recursion: a chain of operands may be very long
+        # no recursion, because a chain of operands may be very long; inputs have their values from the beginning
+        waiting = [] if self._values is not None else [self]
         while waiting:
             node = waiting[-1]
-            missing = [x for x in node.args if x._at is None]
+            missing = [x for x in node.args if x._values is None]
             waiting += missing
             if not missing:
                 if node.number is not None:
-                    node._at = np.full(node.graph.samples + GENERIC, node.number)
+                    node._values = np.full(node.graph.samples + GENERIC, node.number)
                 else:
-                    node._at = VALUE[node.op](*(x._at for x in node.args))
+                    node._values = VALUE[node.op](*(x._values for x in node.args))
                 waiting.pop()
-        return self._at  # type: ignore[return-value]
+        return self._values  # type: ignore[return-value]
 
     def __add__(self, other: "Node | float") -> "Node":
         return self.graph.add(self, self.graph.node(other))
@@ -121,7 +123,7 @@ class Node:
     __rmul__ = __mul__
 
     @property
-    def zero(self) -> bool:
+    def is_zero(self) -> bool:
         """True for the constant 0, False for any other node."""
         return self.number == 0.0
 
@@ -140,7 +142,7 @@ class ExpressionGraph:
         """Make an empty graph; each of its nodes will have values at `samples` sample states of the linkage."""
         self.samples = samples
         self.count = 0
-        self.known: dict[tuple[Any, ...], Node] = {}  # operation and operands -> its node
+        self.known: dict[Key, Node] = {}  # operation and operands -> its node
         self.ratios: dict[str, Node] = {}
         self.trail: list[tuple[dict[Any, Node], Any]] = []  # entries that `forget` can undo
         self.random = np.random.default_rng(19800427)
@@ -150,12 +152,12 @@ class ExpressionGraph:
         return x if isinstance(x, Node) else self.constant(float(x))
 
     def constant(self, number: float) -> Node:
-        """Return the node of a constant, whose value is `number` at all samples and random points, and available at time 0."""
+        """Return the node of a constant; its value is `number` at all samples and random points, and its time `ready` is 0."""
         number += 0.0  # turns -0.0 into 0.0
         known = self.known.get(("CONST", number))
         if known is None:
             node = Node(self, "CONST", (), generic=(number, number, number), number=number, ready=0.0)
-            known = self._keep(node, ("CONST", number))
+            known = self._enter(node, ("CONST", number))
         return known
 
     def input(self, name: str, index: int, values: Array, size: float) -> Node:
@@ -167,9 +169,9 @@ class ExpressionGraph:
         known = self.known.get(("INPUT", name, index))
         if known is None:
             near = values[np.linspace(0, self.samples - 1, GENERIC).astype(int)]
-            at = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
-            g = _generic(at)
-            known = self._new("INPUT", (name, index), g, _ratio_key(g), ready=0.0, key=("INPUT", name, index), at=at)
+            values = np.concatenate([values, near + size * self.random.uniform(0.1, 0.3, GENERIC)])
+            g = _generic(values)
+            known = self._new("INPUT", (name, index), g, _ratio_key(g), ready=0.0, key=("INPUT", name, index), values=values)
         return known
 
     def opaque(self, op: str, *args: Node) -> Node:
@@ -181,11 +183,11 @@ class ExpressionGraph:
         key = (op, *(a.index for a in args))
         known = self.known.get(key)
         if known is None:
-            at = VALUE[op](*(a.at for a in args))
+            values = VALUE[op](*(a.values for a in args))
             if all(a.number is not None for a in args):
-                return self.constant(float(at[0]))
+                return self.constant(float(values[0]))
             # random numbers of the order of 1 in place of the values at the random points
-            values = np.concatenate([at[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
+            values = np.concatenate([values[: self.samples], self.random.uniform(0.4, 1.6, GENERIC)])
             g = _generic(values)
             ready = max(a.ready for a in args) + STEP
             known = self._new(op, args, g, _ratio_key(g), ready, key, values)
@@ -201,13 +203,13 @@ class ExpressionGraph:
         known = self.known.get(key)
         if known is None:
             x, y, z = a.generic  # values at the three random points; `ready` stays the same, as a minus costs no time
-            known = self._keep(Node(self, "NEG", (a,), (-x, -y, -z), None, a.ready), key)
+            known = self._enter(Node(self, "NEG", (a,), (-x, -y, -z), None, a.ready), key)
         return known
 
     def add(self, a: Node, b: Node) -> Node:
         """Return a + b; its operands are put in order, so that a + b and b + a are one node."""
-        if a.zero or b.zero:
-            return b if a.zero else a
+        if a.is_zero or b.is_zero:
+            return b if a.is_zero else a
         if a.number is not None and b.number is not None:
             return self.constant(a.number + b.number)
         if a.op == "NEG":
@@ -219,7 +221,7 @@ class ExpressionGraph:
         return self._make("ADD", a, b) if a.index <= b.index else self._make("ADD", b, a)
 
     def mul(self, a: Node, b: Node) -> Node:
-        """Return the product of a and b: signs and constants in front, factors in order of index, so that a b and b a are one."""
+        """Return a b, with signs and constant factors in front; factors are in order of index, so that a b and b a are one node."""
         if a.number is not None:
             return self.scale_by(a.number, b)
         if b.number is not None:
@@ -233,8 +235,8 @@ class ExpressionGraph:
         """Return factor * x; all constant factors are collected in one, and a minus sign is moved in front of the product."""
         if x.number is not None or factor == 0.0:
             return self.constant(factor * (x.number or 0.0))
-        own, base = factor_out(x)
-        factor *= own
+        own_factor, base = factor_out(x)
+        factor *= own_factor
         size = abs(factor)
         product = base  # the product, but for the sign, if the size of the factor is 1
         if abs(size - 1.0) > SAME:
@@ -243,7 +245,7 @@ class ExpressionGraph:
             known = self.known.get(key)
             if known is None:
                 g = product_of(number.generic, base.generic)
-                known = self._keep(Node(self, "MUL", (number, base), g, None, base.ready + STEP), key)
+                known = self._enter(Node(self, "MUL", (number, base), g, None, base.ready + STEP), key)
             product = known
         return product if factor > 0 else self.neg(product)
 
@@ -251,8 +253,8 @@ class ExpressionGraph:
         """Return 1 / a, with the sign and the constant factor of a moved in front."""
         if a.number is not None:
             return self.constant(1.0 / a.number)
-        own, base = factor_out(a)
-        return self.scale_by(1.0 / own, self._make("INV", base))
+        factor, base = factor_out(a)
+        return self.scale_by(1.0 / factor, self._make("INV", base))
 
     def sqrt(self, a: Node) -> Node:
         return self._unary("SQRT", a)
@@ -265,35 +267,34 @@ class ExpressionGraph:
 
     def _unary(self, op: str, a: Node) -> Node:
         """Return the node of an operation with the single operand `a`: its square root, sine or cosine."""
-        # `a.at` has samples and random points, and numpy gets them in one call: in two calls, the last digits of numpy's results
-        # could differ, because they may depend on the length of the array
-        old = self.known.get((op, a.index))
-        if old is not None:
-            return old
-        at = VALUE[op](a.at)
-        return self._make(op, a, at=at)
+        known = self.known.get((op, a.index))
+        if known is not None:
+            return known
+        # numpy gets the samples and the random points in one call: in two calls, the last digits of its results could differ,
+        # because they may depend on the length of the array
+        return self._make(op, a, values=VALUE[op](a.values))
 
-    def _make(self, op: str, *args: Node, at: Array | None = None) -> Node:
+    def _make(self, op: str, *args: Node, values: Array | None = None) -> Node:
         """Return a node for an operation: a constant, an existing node, a multiple of an existing node, or else a new node.
 
-        `at` has the values (samples + GENERIC,) of the operation; if None, they are computed from those of the operands.
+        `values` (samples + GENERIC,) are those of the operation; if None, they are computed from those of the operands.
         """
         key = (op, *[a.index for a in args])
-        old = self.known.get(key)
-        if old is not None:
-            return old
+        known = self.known.get(key)
+        if known is not None:
+            return known
         # values of the operation at the random points, by which equal expressions and multiples are found
-        g = GENERIC_VALUE[op](*[a.generic for a in args]) if at is None else _generic(at)
-        if None not in [a.number for a in args]:
-            return self.constant(g[0] if at is None else float(at[0]))
+        g = GENERIC_VALUE[op](*[a.generic for a in args]) if values is None else _generic(values)
+        if None not in [a.number for a in args]:  # an operation on constants
+            return self.constant(g[0] if values is None else float(values[0]))
         ratio = _ratio_key(g)
         # only sums and differences can cancel: their result is zero if it is tiny relative to the first term
         known = self.recognise(g, args[0].generic if op in ("ADD", "SUB") else None, ratio)
         if known is not None:
-            return self._keep(known, key)
+            return self._enter(known, key)
         # time [cycles] at which the result can be used
         ready = _sum_ready(*args) if op in ("ADD", "SUB") else max([a.ready for a in args]) + LATENCY.get(op, STEP)
-        return self._new(op, args, g, ratio, ready, key, at)
+        return self._new(op, args, g, ratio, ready, key, values)
 
     def recognise(self, g: Generic, summand: Generic | None, ratio: str) -> Node | None:
         """Return the node for an expression that is a constant or a multiple of an existing node; return None for any other.
@@ -322,40 +323,40 @@ class ExpressionGraph:
         return self.scale_by(_round(factor), base)
 
     def _new(
-        self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: tuple[Any, ...], at: Array | None = None
+        self, op: str, args: tuple[Any, ...], g: Generic, ratio: str, ready: float, key: Key, values: Array | None = None
     ) -> Node:
         """Make a node, and enter it into the tables `known` (under `key`) and `ratios`; `trail` notes it for `forget`."""
-        made = Node(self, op, args, g, None, ready, at)
+        node = Node(self, op, args, g, None, ready, values)
         if ratio not in self.ratios:
-            self.ratios[ratio] = made
+            self.ratios[ratio] = node
             self.trail.append((self.ratios, ratio))
-        return self._keep(made, key)
+        return self._enter(node, key)
 
-    def _keep(self, node: Node, key: tuple[Any, ...]) -> Node:
+    def _enter(self, node: Node, key: Key) -> Node:
         """Enter a node into the table `known` under a key (operation and operands); return the node."""
         self.known[key] = node
         self.trail.append((self.known, key))
         return node
 
     def forget(self, mark: int) -> None:
-        """Undo: remove all entries that were made in `known` and `ratios` since the list `trail` had the length `mark`.
+        """Remove the entries of `known` and `ratios` that were made after the list `trail` had the length `mark`.
 
-        After each attempt of a search this restores the same nodes.
+        Each attempt of a search thus begins with the same nodes.
         """
         while len(self.trail) > mark:
             table, key = self.trail.pop()
             del table[key]
 
-    def total(self, terms: Iterable[Node], pairs: int = 6) -> Node:
+    def total(self, terms: Iterable[Node], distance: int = 6) -> Node:
         """Return the sum of the terms; the terms that are ready earliest are added first.
 
         Before terms are added, multiples of the same node are combined. Then two terms whose positions in the list differ by at
-        most `pairs` are replaced by their sum, if this sum is a constant or a multiple of an existing node.
+        most `distance` are replaced by their sum, if this sum is a constant or a multiple of an existing node.
         """
-        joined = self._join(terms)
-        if len(joined) > 2:
-            joined = self._join(self._pair(joined, pairs))
-        heap = [(x.ready, x.index, x) for x in joined]
+        combined = self._combine_multiples(terms)
+        if len(combined) > 2:
+            combined = self._combine_multiples(self._combine_pairs(combined, distance))
+        heap = [(x.ready, x.index, x) for x in combined]
         heapify(heap)
         while len(heap) > 1:
             a, b = heappop(heap)[2], heappop(heap)[2]
@@ -363,31 +364,31 @@ class ExpressionGraph:
             heappush(heap, (x.ready, x.index, x))
         return heap[0][2] if heap else self.constant(0.0)
 
-    def _join(self, terms: Iterable[Node]) -> list[Node]:
+    def _combine_multiples(self, terms: Iterable[Node]) -> list[Node]:
         """Combine the terms that are multiples of the same node into one term each; leave out terms that become zero."""
         factors: dict[int, float] = {}
         bases: dict[int, Node] = {}
         for term in terms:
-            own, base = factor_out(term) if term.number is None else (term.number, self.constant(1.0))
-            factors[base.index] = factors.get(base.index, 0.0) + own
+            factor, base = factor_out(term) if term.number is None else (term.number, self.constant(1.0))
+            factors[base.index] = factors.get(base.index, 0.0) + factor
             bases[base.index] = base
         scaled = (self.scale_by(factor, bases[i]) for i, factor in factors.items() if abs(factor) > 0.0)
-        return [x for x in scaled if not x.zero]
+        return [x for x in scaled if not x.is_zero]
 
-    def _pair(self, terms: Sequence[Node], distance: int) -> list[Node]:
+    def _combine_pairs(self, terms: Sequence[Node], distance: int) -> list[Node]:
         """Return terms with the same sum; two whose places differ by at most `distance` become one node if their sum is known."""
-        left, done = list(terms), []
-        while left:
-            a = left.pop(0)
-            for k, b in enumerate(left[:distance]):
+        waiting, combined = list(terms), []
+        while waiting:
+            a = waiting.pop(0)
+            for k, b in enumerate(waiting[:distance]):
                 total = sum_of(a.generic, b.generic)
                 known = self.recognise(total, a.generic, _ratio_key(total))
                 if known is not None:
-                    left[k] = known  # the sum takes the place of b, and a is in it
+                    waiting[k] = known  # the sum takes the place of b, and a is in it
                     break
             else:  # no term fits a, which stays by itself
-                done.append(a)
-        return done
+                combined.append(a)
+        return combined
 
 
 def minimum(a: Node, b: Node) -> Node:
@@ -434,9 +435,9 @@ def _reciprocal(a: Generic) -> Generic:
 GENERIC_VALUE: dict[str, Callable[..., Generic]] = {"ADD": sum_of, "SUB": _difference, "MUL": product_of, "INV": _reciprocal}
 
 
-def _generic(at: Array) -> Generic:
-    """Return the last GENERIC of a node's values (samples + GENERIC,): the values at the random points."""
-    x, y, z = at[-GENERIC:].tolist()
+def _generic(values: Array) -> Generic:
+    """Return the values at the random points: the last GENERIC of the values (samples + GENERIC,) of a node."""
+    x, y, z = values[-GENERIC:].tolist()
     return x, y, z
 
 
@@ -445,14 +446,14 @@ def _ratio_key(g: Generic) -> str:
 
     An expression and all its multiples have the same ratios.
     """
-    first = g[0] or 1e-300
+    first = g[0] or 1e-300  # a divisor that is not zero
     return f"{g[1] / first:.9e} {g[2] / first:.9e}"
 
 
 def _round(x: float) -> float:
-    """Remove rounding errors from a number that was meant to have few digits: a factor 0.4999999999999999 becomes 0.5."""
+    """Return the nearest number of few digits if it differs by rounding alone, else x: 0.4999999999999999 becomes 0.5."""
     text = f"{x:.12g}"
-    short = float(text)
+    short = float(text)  # of at most 12 digits; below, at most 8 characters count as few
     return short if abs(short - x) <= SAME * abs(x) and len(text) < 9 else x
 
 

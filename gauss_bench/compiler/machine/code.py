@@ -33,7 +33,7 @@ class Code:
 
     @property
     def projected(self) -> bool:
-        """True if the state is projected onto the constraints in each step."""
+        """True if each step projects the state onto the constraints."""
         return self.stabilization == "projection"
 
     @property

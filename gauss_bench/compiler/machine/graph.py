@@ -16,6 +16,7 @@ from gauss_bench.compiler.elimination.function import Function
 
 Pair = tuple[int, int]  # two values, such as the sine and the cosine of one angle
 LEAVES = ("leaf", "mask", "count")
+# operations whose results are masks, counts and truths (see `Graph`)
 MASKS = ("mask", "all", "not", "both", "lt", "le", "nonzero", "everywhere")
 COUNTS = ("count", "whole", "sum", "least", "times")
 TRUTHS = ("below", "same", "any", "nowhere", "also")
@@ -56,7 +57,7 @@ class Graph:
         self._known: dict[tuple[str, tuple[int, ...], Payload], int] = {}
 
     def make(self, operation: str, *operands: int, payload: Payload = None) -> int:
-        """Return the value (node index) of an operation; equal operations share one node."""
+        """Return the value (node index) of an operation; an equal operation that was made before is returned again."""
         key = (operation, operands, payload)
         value = self._known.get(key)
         if value is None:
@@ -114,6 +115,7 @@ class Graph:
         return self.make("sub", a, b) if a < b else self.neg(self.make("sub", b, a))
 
     def sub(self, a: int, b: int) -> int:
+        """Return a - b, by the rules of `add`."""
         return self.add(a, self.neg(b))
 
     def mul(self, a: int, b: int) -> int:
@@ -131,19 +133,20 @@ class Graph:
         return self.neg(product) if minus_a != minus_b else product
 
     def div(self, a: int, b: int) -> int:
-        """Return a / b; a constant divisor becomes a factor."""
+        """Return a / b, with minus signs moved to the front; if b is a constant, a is multiplied by the constant 1 / b."""
         y = self.number(b)
         if y is not None:
             return self.mul(a, self.const(1 / y))
         (a, minus_a), (b, minus_b) = self.split_sign(a), self.split_sign(b)
-        ratio = self.make("div", a, b)
-        return self.neg(ratio) if minus_a != minus_b else ratio
+        quotient = self.make("div", a, b)
+        return self.neg(quotient) if minus_a != minus_b else quotient
 
     def fma(self, a: int, b: int, c: int) -> int:
         """Return a b + c as a fused multiply-add, which rounds once; no later pass splits it into a product and a sum."""
         return self.make("fma", a, b, c)
 
     def abs(self, a: int) -> int:
+        """Return |a|, which is the same value for a and -a."""
         without_sign, _ = self.split_sign(a)
         return self.make("abs", without_sign)
 
@@ -156,19 +159,19 @@ class Graph:
         return self.make("select", self.make("lt", b, a), a, b)
 
     def all(self, holds: bool) -> int:
-        """Return the mask that is true in all lanes, or false in all lanes."""
+        """Return the constant mask that is `holds`, True or False, in all lanes."""
         return self.make("all", payload=holds)
 
     def both(self, masks: Sequence[int]) -> int:
         """Return the mask that is true where all of the masks are; without masks it is true in all lanes."""
-        always = self.all(True)
-        conjunction, *others = [mask for mask in dict.fromkeys(masks) if mask != always] or [always]
-        for mask in others:
-            conjunction = self.make("both", conjunction, mask)
+        conjunction = always = self.all(True)
+        for mask in dict.fromkeys(masks):
+            if mask != always:
+                conjunction = mask if conjunction == always else self.make("both", conjunction, mask)
         return conjunction
 
     def flag(self, mask: int) -> int:
-        """Return the real number 1 where a mask is true, else 0."""
+        """Return the real number that is 1 where a mask is true, else 0."""
         return self.make("select", mask, self.const(1.0), self.const(0.0))
 
     def count(self, name: str) -> int:
@@ -183,7 +186,7 @@ class Graph:
         """Return the sum of values, in their order."""
         return reduce(self.add, values, self.const(0.0))
 
-    def squares(self, values: Sequence[int]) -> int:
+    def sum_of_squares(self, values: Sequence[int]) -> int:
         """Return the sum of the squares of values."""
         return self.total([self.mul(x, x) for x in values])
 
@@ -196,7 +199,7 @@ class Graph:
 
 
 def find_dependents(g: Graph, leaves: Iterable[int]) -> set[int]:
-    """Return the given leaves (values without operands), and all values of the graph that depend on one of them."""
+    """Return the given leaves (values without operands), and all values of the graph that depend on one of them, as a set."""
     dependent = set(leaves)
     for x, operands in enumerate(g.operands):  # operands come before their users
         if not dependent.isdisjoint(operands):
@@ -205,7 +208,7 @@ def find_dependents(g: Graph, leaves: Iterable[int]) -> set[int]:
 
 
 def count_operations(g: Graph, values: list[int]) -> int:
-    """Count the values that are computed by an operation: all but inputs and constants."""
+    """Return how many of the values are results of operations, and not inputs or constants."""
     return sum(g.operation[x] not in ("const", "all", *LEAVES) for x in values)
 
 

@@ -85,7 +85,7 @@ def write_listing(routine: Routine, lanes: int) -> Listing:
 
 
 class Writer(Emitter):
-    """Writes the lines of one function.
+    """Writes the lines of one function of LLVM.
 
     Attributes:
         lanes: number W of trajectories in a vector.
@@ -99,18 +99,19 @@ class Writer(Emitter):
         super().__init__(routine)
         self.routine, self.lanes = routine, lanes
         self.lines: list[str] = []
-        self.block, self._count, self._labels, self._values = "entry", 0, 0, 0
+        self.block, self._results, self._labels, self._values = "entry", 0, 0, 0  # the numbers count results, labels and values
         self.real, integer, self.mask = (t if lanes == 1 else f"<{lanes} x {t}>" for t in ("double", "i64", "i1"))
         self.suffix = "f64" if lanes == 1 else f"v{lanes}f64"
+        # texts that replace the names in braces of INSTRUCTIONS
         self._words = {"real": self.real, "integer": integer, "mask": self.mask, "suffix": self.suffix}
         self._words |= {"zeros": self.splat("0", "i64"), "trues": self.splat("true", "i1")}
 
     def text(self) -> str:
-        """Write the whole module: declarations, and the function with its loop over groups of W trajectories."""
+        """Return the whole module: declarations, and the function with its loop over groups of W trajectories."""
         r = self.routine
         arguments = [f"ptr noalias %{x}" for x in r.arrays]
         arguments += [f"double %{x}.0" for x in r.numbers] + [f"i64 %{x}" for x in (*r.counts, "groups")]
-        self.line(f"define void @{r.name}({', '.join(arguments)}) align 64 {{\nentry:")
+        self.write_line(f"define void @{r.name}({', '.join(arguments)}) align 64 {{\nentry:")
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
             name = str(payload)[1:]  # the payload of a leaf is "%name"
             if operation == "leaf" and name in r.numbers:
@@ -124,22 +125,22 @@ class Writer(Emitter):
         # addresses of the group's part of each array, and of the places at which `Scatter` stores
         self.base = {x: self.at(f"%{x}", self.let(f"mul i64 %at, {size}")) for x, size in sizes.items()}
         self.places = [place for s in flatten(r.body) if isinstance(s, Scatter) for place in self._lane_addresses(s)]
-        self.statements(r.body)
+        self.write_statements(r.body)
         self.lines[header] = f"  %at = phi i64 [0, %entry], [%at_next, %{self.block}]"
-        self.line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
-        self.line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
+        self.write_line("  %at_next = add i64 %at, 1\n  %more = icmp slt i64 %at_next, %groups")
+        self.write_line("  br i1 %more, label %group, label %done\ndone:\n  ret void\n}")
         declarations = ["declare i64 @llvm.smin.i64(i64, i64)"]
         for name, count in INTRINSICS.items():
             declarations.append(f"declare {self.real} @llvm.{name}.{self.suffix}({', '.join([self.real] * count)})")
         return "\n".join([*declarations, *self.lines])
 
-    def line(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Write one line."""
         self.lines.append(text)
 
     def label(self, name: str) -> None:
         """Begin a basic block."""
-        self.line(f"{name}:")
+        self.write_line(f"{name}:")
         self.block = name
 
     def _new_label(self, name: str) -> str:
@@ -149,19 +150,19 @@ class Writer(Emitter):
 
     def _go_to(self, label: str) -> None:
         """End the basic block with a jump to a new one, which begins here."""
-        self.line(f"  br label %{label}")
+        self.write_line(f"  br label %{label}")
         self.label(label)
 
     def _reserve_line(self) -> int:
         """Reserve an empty line for the phi instructions of a basic block, and return its index."""
-        self.line("")
+        self.write_line("")
         return len(self.lines) - 1
 
     def let(self, text: str) -> str:
         """Write an instruction; return the name of its result."""
-        self._count += 1
-        self.line(f"  %r{self._count} = {text}")
-        return f"%r{self._count}"
+        self._results += 1
+        self.write_line(f"  %r{self._results} = {text}")
+        return f"%r{self._results}"
 
     def splat(self, constant: str, kind: str) -> str:
         """Return the text of a vector with the same constant in every lane, or of the constant alone if there is one lane."""
@@ -172,8 +173,8 @@ class Writer(Emitter):
         if self.lanes == 1:
             return scalar
         vector = f"<{self.lanes} x {kind}>"
-        one = self.let(f"insertelement {vector} poison, {kind} {scalar}, i32 0")
-        return self.let(f"shufflevector {vector} {one}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
+        lane_0 = self.let(f"insertelement {vector} poison, {kind} {scalar}, i32 0")
+        return self.let(f"shufflevector {vector} {lane_0}, {vector} poison, <{self.lanes} x i32> zeroinitializer")
 
     def address(self, base: str, row: int | str, kind: str) -> str:
         """Return the address of element number `row` of an array of LLVM's type `kind` that begins at `base`."""
@@ -183,7 +184,7 @@ class Writer(Emitter):
         """Return the address of a row of an array; a row is one vector of W doubles."""
         return self.address(base, row, self.real)
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Write the instruction that computes node x of the graph, whose operands have names already; return the result's name."""
         self._values += 1
         if self._values % LONGEST_BLOCK == 0:  # a long block is divided, because LLVM's time grows faster than its length
@@ -193,7 +194,7 @@ class Writer(Emitter):
         match operation:
             case "const":  # hexadecimal digits lose nothing
                 return self.splat(f"0x{struct.pack('>d', payload).hex().upper()}", "double")
-            case "all":  # a constant mask
+            case "all":  # the constant mask that is True, or False, in all lanes
                 return self.splat(str(payload).lower(), "i1")
             case "whole":  # a constant integer
                 return str(payload)
@@ -216,7 +217,7 @@ class Writer(Emitter):
         bits = self.let(f"bitcast {self.mask} {mask} to i{self.lanes}")
         return self.let(f"icmp ne i{self.lanes} {bits}, 0")
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write one statement of the routine; `Compute` statements are written by the base class."""
         match s:
             case Load():
@@ -226,7 +227,7 @@ class Writer(Emitter):
             case Store():
                 values, base = self.compute(s.values), self._row_address(s.array, s.start)
                 for row, x in enumerate(values):
-                    self.line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
+                    self.write_line(f"  store {self.real} {x}, ptr {self.at(base, row)}, align 8")
             case Scatter():
                 self._scatter(s)
             case Loop():
@@ -254,10 +255,10 @@ class Writer(Emitter):
         self._go_to(label)
         header, inside = self._reserve_line(), {x: f"%{label}_{k}" for k, x in enumerate(carried)}
         self.names |= inside
-        self.statements(s.body)
+        self.write_statements(s.body)
         again, last = self.need(s.again), self._new_label("end")
         following, below = self.compute([b for _, b in carried.values()]), self.block
-        self.line(f"  br i1 {again}, label %{label}, label %{last}")
+        self.write_line(f"  br i1 {again}, label %{label}, label %{last}")
         self.label(last)
         self.lines[header] = "\n".join(
             f"  {inside[x]} = phi {self._type_of(x)} [{a}, %{above}], [{b}, %{below}]"
@@ -268,15 +269,15 @@ class Writer(Emitter):
         """Write a branch; phi instructions after it select the value of each variable in `s.merged`."""
         condition, old = self.need(s.condition), self.compute([b for _, b in s.merged.values()])
         above, then, join = self.block, self._new_label("then"), self._new_label("join")
-        self.line(f"  br i1 {condition}, label %{then}, label %{join}")
+        self.write_line(f"  br i1 {condition}, label %{then}, label %{join}")
         with self.within():
             self.label(then)
-            self.statements(s.body)
+            self.write_statements(s.body)
             new, below = self.compute([a for a, _ in s.merged.values()]), self.block
         self._go_to(join)
         for k, (x, a, b) in enumerate(zip(s.merged, new, old, strict=True)):
             self.names[x] = f"%{join}_{k}"
-            self.line(f"  %{join}_{k} = phi {self._type_of(x)} [{a}, %{below}], [{b}, %{above}]")
+            self.write_line(f"  %{join}_{k} = phi {self._type_of(x)} [{a}, %{below}], [{b}, %{above}]")
 
     def _lane_addresses(self, s: Scatter) -> Iterator[str]:
         """Yield for every lane the address at which a `Scatter` stores the numbers of its trajectory, without `start`."""
@@ -296,13 +297,13 @@ class Writer(Emitter):
             size = min(BLOCK, self.lanes - low)
             kind = "double" if size == 1 else f"<{size} x double>"
             places = [self.address(place, start, "double") for place in self.places[low : low + size]]
-            part = vectors  # of these lanes
+            of_lanes = vectors
             if size < self.lanes:
-                part = [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in vectors]
+                of_lanes = [self.let(_shuffle(self.real, x, x, range(low, low + size))) for x in vectors]
             last = len(vectors) - size
             for k in sorted({*range(0, last, size), last}):  # the last block may overlap the one before
-                for place, x in zip(places, self._transpose(part[k : k + size]), strict=True):
-                    self.line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
+                for place, x in zip(places, self._transpose(of_lanes[k : k + size]), strict=True):
+                    self.write_line(f"  store {kind} {x}, ptr {self.address(place, k, 'double')}, align 8")
 
     def _transpose(self, rows: list[str]) -> list[str]:
         """Transpose W vectors of W lanes: lane l of row k becomes lane k of row l.

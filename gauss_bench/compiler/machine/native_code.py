@@ -25,16 +25,16 @@ from gauss_bench.compiler import user_cache
 from gauss_bench.compiler.errors import KernelError
 from gauss_bench.compiler.machine.llvm import Listing, write_listing
 from gauss_bench.compiler.machine.routine import Routine
-from gauss_bench.compiler.machine.source import in_python
+from gauss_bench.compiler.machine.source import make_python
 from gauss_bench.terms import Array
 
 Flags = NDArray[np.bool_]
 
 BACKENDS = ("llvm", "numpy")
 VERSION = "1"  # of the entries in the cache
-LARGE = 10_000  # operations: longer code is generated at a lower level of optimisation, in a tenth of the time
-QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable that asks for code that compiles sooner, runs longer, and computes the same
-KEPT = 64  # functions that stay loaded: unloading one would free only a part of its memory
+LARGE = 10_000  # operations: longer code is generated at a lower level of optimisation, which takes a tenth of the time
+QUICK = "GAUSS_BENCH_QUICK_CODE"  # environment variable: if it is set, code compiles sooner and runs longer, with the same results
+KEPT = 64  # number of functions that stay loaded: to unload one would free only a part of its memory
 _numbers = numbers_from()  # 0, 1, 2 ... for the names of loaded modules, which must be unique
 KINDS = {"p": ctypes.c_void_p, "d": ctypes.c_double, "i": ctypes.c_int64}  # of arguments, by the letters of a routine's signature
 
@@ -78,7 +78,7 @@ class NativeCode:
 
 @cache
 def _binding() -> Any:
-    """Import llvmlite and prepare it for this host."""
+    """Return the module llvmlite.binding, prepared to generate code for this host."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -88,15 +88,14 @@ def _binding() -> Any:
 
 @cache
 def host() -> tuple[str, str]:
-    """Return name and features of the processor."""
+    """Return LLVM's name of the processor, and the processor's features, such as "+avx2,+fma", as one text."""
     llvm = _binding()
     return str(llvm.get_host_cpu_name()), str(llvm.get_host_cpu_features().flatten())
 
 
 def best_lanes() -> int:
     """Return the number of doubles in the widest vector of the host: 8 with AVX-512, 4 with AVX2, 2 elsewhere."""
-    # without llvmlite there is no native code in lanes, and numpy's does not depend on the result
-    if not available():
+    if not available():  # without llvmlite there is no native code, and results in numpy do not depend on the number of lanes
         return 8
     _, features = host()
     if "+avx512f" in features.split(","):
@@ -146,7 +145,7 @@ _load_once = lru_cache(KEPT)(_load)
 
 
 def in_lanes(x: Array, lanes: int) -> Array:
-    """Rearrange states (k, rows) into an array (groups, rows, lanes) with one state per lane.
+    """Return states (k, rows) as an array (groups, rows, lanes) with one state per lane.
 
     The last state is repeated to fill the last group of lanes.
     """
@@ -156,24 +155,24 @@ def in_lanes(x: Array, lanes: int) -> Array:
 
 
 def out_of_lanes(x: Array, count: int) -> Array:
-    """Rearrange an array (groups, ..., rows, lanes) into an array (count, ..., rows) of the first `count` trajectories."""
+    """Return the first `count` trajectories of an array (groups, ..., rows, lanes) as an array (count, ..., rows)."""
     moved = np.moveaxis(x, -1, 1)
     return np.ascontiguousarray(moved.reshape(-1, *moved.shape[2:])[:count])
 
 
-def share(part: Callable[[int, int], None], groups: int, threads: int) -> None:
-    """Divide groups of trajectories among threads: each thread calls part(low, high) for the groups low to high - 1."""
+def share(compute: Callable[[int, int], None], groups: int, threads: int) -> None:
+    """Divide groups of trajectories among threads: each thread calls compute(low, high) for the groups low to high - 1."""
     count = min(threads, groups)
-    if count < 2:  # to divide the groups takes as long as a hundred samples
-        part(0, groups)
+    if count < 2:  # without a pool of threads, whose start takes as long as a hundred samples
+        compute(0, groups)
         return
     bounds = np.linspace(0, groups, count + 1).astype(int).tolist()
     with ThreadPoolExecutor(count) as pool:
-        list(pool.map(part, bounds[:-1], bounds[1:]))  # the list waits for all of them, and raises their errors
+        list(pool.map(compute, bounds[:-1], bounds[1:]))  # the list waits for all of them, and raises their errors
 
 
 def address(x: Array) -> int:
-    """Return the address of an array's first number."""
+    """Return the address in memory of an array's first number."""
     return int(x.__array_interface__["data"][0])
 
 
@@ -202,10 +201,10 @@ class Single:
         """Prepare the arguments of a routine; `sizes` are the numbers of doubles in its arrays."""
         self.arrays = [aligned_zeros(size) for size in sizes]
         block = aligned_zeros(len(code.signature))  # addresses of arrays, then real numbers, then counts
-        integers, first = block.view(np.int64), len(sizes)
-        last = first + code.signature.count("d")
-        integers[:first] = [address(x) for x in self.arrays]
-        self.numbers, self.counts = block[first:last], integers[last:]
+        integers, first_number = block.view(np.int64), len(sizes)
+        first_count = first_number + code.signature.count("d")
+        integers[:first_number] = [address(x) for x in self.arrays]
+        self.numbers, self.counts = block[first_number:first_count], integers[first_count:]
         self.counts[:] = 1
         half = sizes[0] // 2
         self.q, self.v = self.arrays[0][:half], self.arrays[0][half:]
@@ -216,10 +215,10 @@ class Single:
         self._packed(self._block)
 
 
-class Singles(threading.local):
-    """The arguments of a routine for a single trajectory; each thread has its own, and None before its first call."""
+class OfThread(threading.local):
+    """The `Single` of a routine that belongs to the calling thread; None before the thread's first call."""
 
-    one: Single | None = None
+    single: Single | None = None
 
 
 CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed cost of its calls, and a step has hundreds of calls
@@ -227,7 +226,13 @@ CHUNK = 4096  # trajectories that numpy steps at a time: they share the fixed co
 
 @dataclass(frozen=True)
 class Target:
-    """The target of code: "llvm" or "numpy", trajectories in a SIMD vector, and whether object code is kept on disk."""
+    """The target of code.
+
+    Attributes:
+        backend: "llvm" or "numpy".
+        lanes: number of trajectories in one SIMD vector.
+        cache: whether object code is kept on disk.
+    """
 
     backend: str
     lanes: int
@@ -247,7 +252,7 @@ def choose_target(backend: str | None, lanes: int | None, cache: bool) -> Target
     chosen = backend or ("llvm" if available() else "numpy")
     width = best_lanes() if lanes is None else lanes
     if width < 1 or (chosen == "llvm" and width.bit_count() != 1):
-        raise KernelError(f"{width} lanes are no power of 2")
+        raise KernelError(f"the number of lanes must be a power of 2, not {width}")
     return Target(chosen, width, cache)
 
 
@@ -264,13 +269,13 @@ class Loaded:
         """Prepare a routine; with the backend numpy, it is written as a Python function at once."""
         self.make, self.target = make, target
         self.codes: dict[int, NativeCode] = {}
-        self.singles = Singles()
+        self.of_thread = OfThread()
         self._lock = threading.Lock()
-        self._plain = in_python(make(True)) if target.backend == "numpy" else None  # Python function that replaces machine code
+        self._python = make_python(make(True)) if target.backend == "numpy" else None  # replaces machine code
 
     def lanes(self, count: int) -> int:
         """Return how many of `count` trajectories are computed together, as one group."""
-        if self._plain:  # numpy computes arrays of any length
+        if self._python:  # numpy computes arrays of any length
             return min(count, CHUNK)
         return 1 if count == 1 else self.target.lanes
 
@@ -279,21 +284,20 @@ class Loaded:
 
         Its arguments are those of the routine, followed by the number of groups.
         """
-        if self._plain:  # the Python function computes any number of trajectories
-            return self._plain
+        if self._python:  # the Python function computes any number of trajectories
+            return self._python
         with self._lock:
             if lanes not in self.codes:
                 self.codes[lanes] = NativeCode(write_listing(self.make(lanes > 1), lanes), self.target.cache)
             return self.codes[lanes].call
 
-    def given(self, arrays: list[Array]) -> list[Any]:
+    def as_arguments(self, arrays: list[Array]) -> list[Any]:
         """Return arrays as arguments of the function that `call` returns: addresses for machine code, unchanged for Python."""
-        return list(arrays) if self._plain else [address(x) for x in arrays]
+        return list(arrays) if self._python else [address(x) for x in arrays]
 
     def single(self, *sizes: int) -> Single:
-        """Return this thread's buffers for one trajectory, of `sizes` doubles (always the same), allocated in its first call."""
-        one = self.singles.one
-        if one is None:
+        """Return this thread's `Single`, made in the thread's first call; `sizes` are the numbers of doubles in the arrays."""
+        if self.of_thread.single is None:
             self.call(1)  # compiles the code with one lane, if it is not there yet
-            one = self.singles.one = Single(self.codes[1], sizes)
-        return one
+            self.of_thread.single = Single(self.codes[1], sizes)
+        return self.of_thread.single

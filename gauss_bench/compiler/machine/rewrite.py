@@ -30,76 +30,79 @@ class Summand(NamedTuple):
 class _Rewriter:
     """Copies given values (the roots) of an old graph, and all values that they depend on, into a new graph, and regroups them.
 
-    Some sums and products of the old graph, called parts, have no value of their own in the new graph: a sum that only one other
-    sum or difference uses, whose terms become terms of the other sum; a product that only sums use, which is fused with an addition
-    in each; and a product that only one other product uses, whose factors become factors of the other product.
+    Some sums and products of the old graph are merged into their users, and have no value of their own in the new graph: a sum that
+    only one other sum or difference uses, whose terms become terms of the other sum; a product that only sums use, which is fused
+    with an addition in each; and a product that only one other product uses, whose factors become factors of the other product.
+
+    Attributes:
+        copies: value of the old graph -> the value of the new graph that corresponds to it.
+        merged: values of the old graph that are merged into their users.
+        shared_divisors: values of the old graph by which several values are divided.
     """
 
     def __init__(self, old: Graph, roots: list[int], new: Graph):
-        """Copy the roots of the old graph, and all values that they depend on, regrouped, into the new graph."""
+        """Copy and regroup the roots of the old graph, and all values that they depend on."""
         self.old, self.new = old, new
-        self.known: dict[int, int] = {}
+        self.copies: dict[int, int] = {}
         needed = [x for x in live(old, roots) if old.operation[x] != "neg"]
         users: dict[int, list[int]] = {x: [] for x in needed}
         for x in needed:
             for k in old.operands[x]:
                 base, _ = self._strip(k)
                 users[base].append(x)
-        # values that are merged into their users, and divisors that are used several times (see the class)
-        self.parts = {x for x in needed if self._is_part(x, [old.operation[k] for k in users[x]])}
-        self.parts -= {base for base, _ in map(self._strip, roots)}  # roots must keep values of their own
+        self.merged = {x for x in needed if self._can_merge(x, [old.operation[k] for k in users[x]])}
+        self.merged -= {base for base, _ in map(self._strip, roots)}  # roots must keep values of their own
         divisors = Counter(old.operands[x][1] for x in needed if old.operation[x] == "div")
-        self.shared = {x for x, count in divisors.items() if count > 1}
+        self.shared_divisors = {x for x, count in divisors.items() if count > 1}
         for x in needed:
-            if x not in self.parts:
+            if x not in self.merged:
                 self.get(x)
 
     def _strip(self, x: int) -> tuple[int, bool]:
         """Return the operand of a negation of the old graph and True, or any other value unchanged and False."""
         return (self.old.operands[x][0], True) if self.old.operation[x] == "neg" else (x, False)
 
-    def _is_part(self, x: int, users: list[str]) -> bool:
-        """Tell whether a value x of the old graph has no value of its own in the new one; `users` are the operations that use x."""
-        operation, summed = self.old.operation[x], all(user in SUMS for user in users)
+    def _can_merge(self, x: int, users: list[str]) -> bool:
+        """Tell whether a value x of the old graph can be merged into the values that use it, whose operations are `users`."""
+        operation, only_in_sums = self.old.operation[x], all(user in SUMS for user in users)
         if operation in SUMS:
-            return len(users) == 1 and summed
-        # a product: all its users are sums, or its only user is a product
-        return operation == "mul" and bool(users) and (summed or users == ["mul"])
+            return len(users) == 1 and only_in_sums
+        return operation == "mul" and bool(users) and (only_in_sums or users == ["mul"])
 
     def get(self, x: int) -> int:
         """Return the value of the new graph that corresponds to the value x of the old graph; write it first if necessary."""
         base, negative = self._strip(x)
-        if base not in self.known:
-            self.known[base] = self._write(base)
-        return self.new.neg(self.known[base]) if negative else self.known[base]
+        if base not in self.copies:
+            self.copies[base] = self._write(base)
+        return self.new.neg(self.copies[base]) if negative else self.copies[base]
 
     def _write(self, x: int) -> int:
         """Write the value x of the old graph, which is no negation, into the new graph; return its index there."""
         operation, operands = self.old.operation[x], self.old.operands[x]
         if operation in SUMS:
-            return self._sum(self._terms(x))
+            return self._add_terms(self._list_terms(x))
         if operation == "mul":
             return self.new.mul(*self._reduce_to_two(x))
         if operation == "div":
             numerator, denominator = map(self.get, operands)
             # a (1 / b) if several values are divided by b, or if 1 / b is there before a, so that only a multiplication follows
             early = self.new.ready[numerator] > self.new.ready[denominator] + EARLIER
-            if self.new.number(numerator) != 1 and (operands[1] in self.shared or early):
+            if self.new.number(numerator) != 1 and (operands[1] in self.shared_divisors or early):
                 return self.new.mul(numerator, self.new.div(self.new.const(1.0), denominator))
             return self.new.div(numerator, denominator)
         return self.new.make(operation, *map(self.get, operands), payload=self.old.payload[x])
 
-    def _terms(self, x: int) -> list[Summand]:
-        """Return the signed terms of the sum x of the old graph, as values of the new graph; parts (see the class) are expanded."""
+    def _list_terms(self, x: int) -> list[Summand]:
+        """Return the signed terms of the sum x of the old graph, as values of the new graph; merged sums are expanded."""
         terms, waiting = [], [(x, False)]  # waiting: old values, and whether each is subtracted
         while waiting:
             y, negative = waiting.pop()
             base, minus = self._strip(y)
             negative ^= minus
             operation, operands = self.old.operation[base], self.old.operands[base]
-            if operation in SUMS and (base == x or base in self.parts):  # its terms are terms of x
+            if operation in SUMS and (base == x or base in self.merged):  # its terms are terms of x
                 waiting += [(operands[0], negative), (operands[1], negative ^ (operation == "sub"))]
-            elif base in self.parts:  # a product, which may be fused with the addition
+            elif base in self.merged:  # a product, which may be fused with the addition
                 (a, minus_a), (b, minus_b) = map(self.new.split_sign, self._reduce_to_two(base))
                 terms.append(Summand(negative ^ minus_a ^ minus_b, a, b))
             else:
@@ -115,7 +118,7 @@ class _Rewriter:
         factors, waiting, ready = [], [x], self.new.ready
         while waiting:
             y = waiting.pop()
-            if self.old.operation[y] == "mul" and (y == x or y in self.parts):
+            if self.old.operation[y] == "mul" and (y == x or y in self.merged):
                 waiting += self.old.operands[y]
             else:
                 factors.append(self.get(y))
@@ -128,13 +131,13 @@ class _Rewriter:
         (_, first), (_, second) = heap
         return first, second
 
-    def _sum(self, terms: list[Summand]) -> int:
-        """Return the sum of terms, added two at a time, those that are ready earliest first."""
+    def _add_terms(self, terms: list[Summand]) -> int:
+        """Return the value of the new graph that is the sum of terms, added two at a time, those that are ready earliest first."""
         heap = [(self._ready(term), n, term) for n, term in enumerate(terms)]
         heapq.heapify(heap)
         # of terms that are ready at the same time, the one with the smaller n is added first
         for n in range(len(heap), 2 * len(heap) - 1):
-            term = self._join(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
+            term = self._add_two(heapq.heappop(heap)[2], heapq.heappop(heap)[2])
             heapq.heappush(heap, (self._ready(term), n, term))
         negative, value, factor = heap[0][2]
         total = value if factor is None else self.new.mul(value, factor)
@@ -144,7 +147,7 @@ class _Rewriter:
         """Return the time [cycles] at which the value of a term, or both factors of a product, are ready."""
         return max(self.new.ready[k] for k in (term.value, term.factor) if k is not None)
 
-    def _join(self, early: Summand, late: Summand) -> Summand:
+    def _add_two(self, early: Summand, late: Summand) -> Summand:
         """Return the sum of two terms as one term; a product among them is computed by a fused multiply-add.
 
         `late` is the term that is ready later. If both terms are products, `early` is multiplied first, and `late` is fused with

@@ -128,15 +128,15 @@ class Routine:
 
 
 def flatten(statements: Sequence[Statement]) -> Iterator[Statement]:
-    """Yield each statement and, after a loop or a branch, all statements inside it, at any depth."""
+    """Yield each statement, and after each loop or branch all statements inside it, at any depth."""
     for s in statements:
         yield s
         if isinstance(s, Loop | If):
             yield from flatten(s.body)
 
 
-def list_needed(r: Routine) -> set[int]:
-    """Return all values of the graph on which results of the routine depend; other loads and variables can be omitted."""
+def find_needed(r: Routine) -> set[int]:
+    """Return all values on which results of the routine depend; loads of other values, and other variables, can be omitted."""
     roots = [r.sound]  # a routine in C returns this mask
     for s in flatten(r.body):
         match s:
@@ -166,37 +166,39 @@ def find_changing(g: Graph, loop: Loop) -> set[int]:
 
 
 class Emitter:
-    """Base class of emitters, which writes every value where it is first needed and gives it a name in the text.
+    """Base class of emitters: it writes the operation of a value where the value is first needed, and gives the result a name.
 
     Attributes:
+        names: value of the graph -> name of its result in the text.
+        needed: values on which results of the routine depend.
         first: for the loop that is written next: names of its variables' first values, in the order of `select_carried`.
     """
 
     def __init__(self, routine: Routine) -> None:
-        """Prepare to write a routine, with nothing written yet."""
-        self.graph, self.needed = routine.graph, list_needed(routine)
+        """Prepare to write a routine."""
+        self.graph, self.needed = routine.graph, find_needed(routine)
         self.names: dict[int, str] = {}
         self.first: list[str] = []
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Write the operation that computes x, whose operands have names already; return the name of the result."""
         raise NotImplementedError
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write one statement."""
         raise NotImplementedError
 
-    def statements(self, body: Sequence[Statement]) -> None:
-        """Write statements in their order; in front of a loop, write what must be computed before it (`_before`)."""
+    def write_statements(self, body: Sequence[Statement]) -> None:
+        """Write statements in their order, and in front of each loop the values that do not change in it (`_write_before`)."""
         for s in body:
             if isinstance(s, Compute):
                 self.compute(s.values)
             else:
                 if isinstance(s, Loop):
-                    self._before(s)
-                self.statement(s)
+                    self._write_before(s)
+                self.write_statement(s)
 
-    def _before(self, s: Loop) -> None:
+    def _write_before(self, s: Loop) -> None:
         """Write the code in front of a loop: the first values of its variables, and all values that do not change in the loop."""
         self.first = self.compute([first for first, _ in self.select_carried(s).values()])
         changing = find_changing(self.graph, s)
@@ -228,12 +230,12 @@ class Emitter:
             else:
                 y = waiting.pop()
                 if y not in self.names:
-                    self.names[y] = self.value(y)
+                    self.names[y] = self.write_value(y)
         return self.names[x]
 
     @contextmanager
     def within(self) -> Iterator[None]:
-        """Drop, at the end of this context, all names that were given inside it."""
-        before = dict(self.names)
+        """Forget, at the end of a `with` statement, the names given inside it, because values of a branch are unknown after it."""
+        names_before = dict(self.names)
         yield
-        self.names = before
+        self.names = names_before

@@ -18,8 +18,8 @@ ROUNDS = 6
 def period(g: Graph, values: list[int], carried: Mapping[str, int]) -> float:
     """Return the steady number of cycles per iteration of a loop, on a processor with unlimited execution units.
 
-    An iteration waits only for the variables that it uses. The times at which these are ready are therefore followed through ROUNDS
-    iterations, until the increment per iteration is steady.
+    An iteration waits only for the variables that it uses. The times at which these are ready are therefore computed for ROUNDS
+    iterations, after which the increment per iteration is steady.
 
     `carried` maps the name of each variable of the loop to its value in the next iteration.
     """

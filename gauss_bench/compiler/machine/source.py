@@ -17,7 +17,7 @@ from gauss_bench.compiler.machine.graph import COUNTS, MASKS, TRUTHS
 from gauss_bench.compiler.machine.routine import Emitter, If, Load, Loop, Routine, Scatter, Statement, Store
 
 C_HEADER = "#include <math.h>\n\n"
-C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results, for operations not of doubles
+C_TYPES = dict.fromkeys(COUNTS, "long") | dict.fromkeys((*MASKS, *TRUTHS), "int")  # of results that are no doubles
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ C = Language(
 
 
 class Source(Emitter):
-    """Writes the lines of one function.
+    """Writes the lines of one function in C or Python.
 
     Attributes:
         variables: name of each variable written so far -> its type in C.
@@ -88,24 +88,25 @@ class Source(Emitter):
         self.lines: list[str] = []
         self.variables: dict[str, str] = {}
         self.depth = 1
-        # arguments keep their names; the payload of their leaves is "%name"
+        # arguments keep their names
         for x, (operation, payload) in enumerate(zip(self.graph.operation, self.graph.payload, strict=True)):
-            if operation in ("leaf", "count") and str(payload)[1:] in (*routine.numbers, *routine.counts):
-                self.names[x] = str(payload)[1:]
+            name = str(payload)[1:]  # the payload of a leaf is "%name"
+            if operation in ("leaf", "count") and name in (*routine.numbers, *routine.counts):
+                self.names[x] = name
 
-    def line(self, text: str) -> None:
+    def write_line(self, text: str) -> None:
         """Write one line, indented."""
         self.lines.append("    " * self.depth + text)
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
         """Write the line `head`, and indent all lines that are written inside this `with` statement below it."""
-        self.line(head)
+        self.write_line(head)
         self.depth += 1
         yield
         self.depth -= 1
         if self.language.close:
-            self.line(self.language.close)
+            self.write_line(self.language.close)
 
     def let(self, x: int, text: str, letter: str = "r") -> str:
         """Assign the expression `text` to a variable for value x of the graph; return its name, `letter` and x.
@@ -114,21 +115,21 @@ class Source(Emitter):
         """
         name = f"{letter}{x}"
         self.variables[name] = C_TYPES.get(self.graph.operation[x], "double")
-        self.line(self.language.assign.format(name, text))
+        self.write_line(self.language.assign.format(name, text))
         return name
 
-    def value(self, x: int) -> str:
+    def write_value(self, x: int) -> str:
         """Return the text that stands for value x of the graph, whose operands have names already.
 
         The text is a constant, or the name of a variable; a line that assigns the result to this variable is then written.
         """
         operation, payload, number = self.graph.operation[x], self.graph.payload[x], self.graph.number(x)
-        c = self.language is C
+        is_c = self.language is C
         if number is not None:
-            text = number.hex() if c else repr(number)
+            text = number.hex() if is_c else repr(number)
             return text if number >= 0 else f"({text})"
         if operation == "all":  # the mask that is True, or False, for all trajectories
-            return str(int(bool(payload))) if c else str(payload)
+            return str(int(bool(payload))) if is_c else str(payload)
         operands = [self.names[k] for k in self.graph.operands[x]]
         return self.let(x, self.language.operations[operation].format(*operands, p=payload))
 
@@ -142,7 +143,7 @@ class Source(Emitter):
         for x, name in copies.items():
             self.names[x] = self.let(x, name, "v")
 
-    def statement(self, s: Statement) -> None:
+    def write_statement(self, s: Statement) -> None:
         """Write the lines of one statement; `Compute` is written by the base class."""
         match s:
             case Load():
@@ -152,28 +153,28 @@ class Source(Emitter):
                 # copied first: a value may be a view of the array
                 copies = [self.let(x, name, "n") for x, name in zip(s.values, self.compute(s.values), strict=True)]
                 for row, name in enumerate(copies):
-                    self.line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
+                    self.write_line(self.language.assign.format(f"{s.array}[{self._row(s.start, row)}]", name))
             case Scatter():  # in Python only: `place` has the index at which the numbers of each trajectory begin
                 values, (start, block, last) = self.compute(s.values), self.compute([s.start, s.block, s.last])
                 lanes = f"np.arange({next(iter(self.routine.arrays))}.shape[-1])"
                 place = self.let(s.start, f"np.minimum({lanes} * {block}, {last}) + {start}", "place")
                 for row, name in enumerate(values):
-                    self.line(f"{s.array}[{place} + {row}] = {name}")
+                    self.write_line(f"{s.array}[{place} + {row}] = {name}")
             case Loop():
                 carried = self.select_carried(s)
                 self.assign_leaves(dict(zip(carried, self.first, strict=True)))  # values in the first iteration
                 with self.block(self.language.forever):
-                    self.statements(s.body)
-                    self.line(self.language.leave.format(self.need(s.again)))
+                    self.write_statements(s.body)
+                    self.write_line(self.language.leave.format(self.need(s.again)))
                     with self.within():
-                        self._assign({x: new for x, (_, new) in carried.items()})
+                        self._compute_and_assign({x: new for x, (_, new) in carried.items()})
             case If():  # first the values without the branch; the branch assigns others
-                self._assign({x: old for x, (_, old) in s.merged.items()})
+                self._compute_and_assign({x: old for x, (_, old) in s.merged.items()})
                 with self.block(self.language.branch.format(self.need(s.condition))), self.within():
-                    self.statements(s.body)
-                    self._assign({x: new for x, (new, _) in s.merged.items()})
+                    self.write_statements(s.body)
+                    self._compute_and_assign({x: new for x, (new, _) in s.merged.items()})
 
-    def _assign(self, values: Mapping[int, int]) -> None:
+    def _compute_and_assign(self, values: Mapping[int, int]) -> None:
         """Write lines that compute and assign new values of variables; `values`: variable (a leaf) -> its new value."""
         self.assign_leaves(dict(zip(values, self.compute([*values.values()]), strict=True)))
 
@@ -182,40 +183,40 @@ class Source(Emitter):
         return str(row) if start is None else f"{self.need(start)} + {row}"
 
 
-def in_c(routine: Routine) -> str:
+def write_c(routine: Routine) -> str:
     """Return the text of a C function that computes one trajectory; it returns 0, or 1 if the routine's mask `sound` is false."""
     s = Source(routine, C)
-    s.statements(routine.body)  # writes s.lines, and notes the variables in s.variables
-    s.line(f"return !{s.need(routine.sound)};")
+    s.write_statements(routine.body)  # writes s.lines, and notes the variables in s.variables
+    s.write_line(f"return !{s.need(routine.sound)};")
     arguments = [f"double *{name}" for name in routine.arrays]
     arguments += [f"double {x}" for x in routine.numbers] + [f"long {x}" for x in routine.counts]
-    kinds: dict[str, list[str]] = {}  # type -> its variables, which C99 may declare together
+    of_type: dict[str, list[str]] = {}  # type -> its variables, which one line declares
     for name, kind in s.variables.items():
-        kinds.setdefault(kind, []).append(name)
-    declarations = [f"    {kind} {', '.join(names)};" for kind, names in kinds.items()]
+        of_type.setdefault(kind, []).append(name)
+    declarations = [f"    {kind} {', '.join(names)};" for kind, names in of_type.items()]
     return "\n".join([f"int {routine.name}({', '.join(arguments)})\n{{", *declarations, *s.lines, "}\n"])
 
 
-def in_python(routine: Routine) -> Callable[..., None]:
+def make_python(routine: Routine) -> Callable[..., None]:
     """Return a routine as a Python function of arrays, numbers and counts, then the number of groups of trajectories.
 
     Arrays have the axes (groups, rows of the array, trajectories of a group); an array that a `Scatter` statement writes has only
     one axis.
     """
     s = Source(routine, PYTHON)
-    s.statements(routine.body)
+    s.write_statements(routine.body)
     names = ", ".join([*routine.arrays, *routine.numbers, *routine.counts])
-    space: dict[str, Any] = {"np": np}
+    space: dict[str, Any] = {"np": np}  # names that the function can use
     exec("\n".join([f"def {routine.name}({names}):", *s.lines, "    return"]), space)
-    step_group: Callable[..., None] = space[routine.name]
+    compute_group: Callable[..., None] = space[routine.name]
 
     def call(*arguments: Any) -> None:
-        """Compute one group after the other; results are in the arrays."""
+        """Compute one group after the other; the function writes its results into the arrays."""
         arrays, numbers = arguments[: len(routine.arrays)], arguments[len(routine.arrays) : -1]  # the last is the number of groups
         with np.errstate(all="ignore"):
             for k in range(arguments[-1]):
                 # an array with 0 rows is shared by all groups
-                parts = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
-                step_group(*parts, *numbers)
+                of_group = [x[k] if a.rows else x for x, a in zip(arrays, routine.arrays.values(), strict=True)]
+                compute_group(*of_group, *numbers)
 
     return call

@@ -30,7 +30,7 @@ from gauss_bench.compiler.machine.graph import Graph, Pair
 LARGEST = 2.0**20  # [rad] of an angle: beyond, k P1 is not exact
 TWO_OVER_PI = 0.6366197723675814
 HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # P1, P2, P3
-MAGIC = 1.5 * 2.0**52  # its last bit has the value 1
+MAGIC = 1.5 * 2.0**52  # its last bit has the value 1, so that a number added to it is rounded to an integer
 # coefficients of S and C, for |r| <= pi/4
 SINE = (-0.16666666666666666, 0.008333333333330946, -0.0001984126983675497, 2.755731610068303e-06, -2.5051131455427946e-08,
         1.591810123027412e-10)  # fmt: skip
@@ -54,26 +54,26 @@ def polynomial(g: Graph, coefficients: tuple[float, ...], z: int) -> int:
 
 
 def sincos(g: Graph, x: int) -> Pair:
-    """Return sine and cosine of a value, valid for |x| <= LARGEST."""
+    """Write sine and cosine of a value x [rad] into the graph, and return them; they are valid for |x| <= LARGEST."""
     # adding 1.5 * 2^52 rounds 2 x / pi to the integer k, which is in the low bits of the sum; r = x - k pi/2
     shifted = g.fma(x, g.const(TWO_OVER_PI), g.const(MAGIC))
     k = g.make("bits", shifted)
-    minus = g.neg(g.make("sub", shifted, g.const(MAGIC)))
+    minus_k = g.neg(g.make("sub", shifted, g.const(MAGIC)))  # as a real number
     r = x
     for part in HALF_PI:
-        r = g.fma(minus, g.const(part), r)
+        r = g.fma(minus_k, g.const(part), r)
     z = g.mul(r, r)
     s = g.fma(g.mul(r, z), polynomial(g, SINE, z), r)
     c = g.fma(g.mul(z, z), polynomial(g, COSINE, z), g.fma(z, g.const(-0.5), g.const(1.0)))
     # each quarter turn exchanges sine and cosine; two of them change both signs
     odd = g.make("nonzero", g.make("and", k, payload=1))
-    return _sign(g, odd, c, s, k), _sign(g, odd, s, c, g.make("plus", k, payload=1))
+    return _select_by_quarter(g, odd, c, s, k), _select_by_quarter(g, odd, s, c, g.make("plus", k, payload=1))
 
 
-def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
-    """Return `if_odd` where the mask `odd` is true, else `if_even`, with the sign that belongs to quarter turn number k.
+def _select_by_quarter(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
+    """Return `if_odd` where the mask `odd` is true, else `if_even`, negated where bit 1 of the number k of quarter turns is 1.
 
-    Bit 1 of k, shifted left by 62, is the sign bit of a double.
+    This bit, shifted left by 62, is at the place of the sign of a double, whose bits it changes by an exclusive or.
     """
     sign = g.make("shl", g.make("and", k, payload=2), payload=62)
     chosen = g.make("bits", g.make("select", odd, if_odd, if_even))
@@ -81,7 +81,7 @@ def _sign(g: Graph, odd: int, if_odd: int, if_even: int, k: int) -> int:
 
 
 def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
-    """Return sine and cosine of x + d from `pair`, the sine and cosine of x; the result is valid for |d| <= reach [rad]."""
+    """Return sine and cosine of x + d from `pair`, the sine and cosine of x; they are valid for |d| <= reach [rad]."""
     s, c = pair
     # sin d = d + d z P(z), 1 - cos d = z Q(z); P or Q is empty if its term is below rounding for |d| <= reach
     P, Q = short_series(reach)
@@ -89,7 +89,7 @@ def rotate(g: Graph, pair: Pair, d: int, reach: float) -> Pair:
     sine = g.fma(g.mul(d, z), polynomial(g, P, z), d) if P else d
     if not Q:
         return g.fma(c, sine, s), g.fma(g.neg(s), sine, c)
-    versine = g.mul(z, polynomial(g, Q, z))
+    versine = g.mul(z, polynomial(g, Q, z))  # 1 - cos d
     return (
         g.add(s, g.fma(c, sine, g.neg(g.mul(s, versine)))),
         g.sub(c, g.fma(s, sine, g.mul(c, versine))),

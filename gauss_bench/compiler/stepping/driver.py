@@ -37,7 +37,13 @@ class ByRank(Protocol):
 
 @dataclass
 class Tally:
-    """Counts of exceptional events in a rollout."""
+    """Counts of exceptional events in a rollout.
+
+    Attributes:
+        switches: number of changes to another program.
+        fallbacks: number of steps by dense linear algebra.
+        lost: number of trajectories that could not be continued to their end.
+    """
 
     switches: int = 0
     fallbacks: int = 0
@@ -52,21 +58,21 @@ class Driver:
     Attributes:
         by_rank: takes steps by dense linear algebra at states where no generated program is usable.
         projected: whether samples must lie on the constraints.
-        given: number of open parameters: numbers of the linkage that each call may change. The number arguments of the code are
-            first the open parameters, then functions of time, which `by_rank` evaluates by itself.
+        open_count: number of open parameters: numbers of the linkage that each call may change. The number arguments of the code
+            are first the open parameters, then functions of time, which `by_rank` evaluates by itself.
     """
 
-    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, given: int):
+    def __init__(self, programs: Programs, by_rank: ByRank, projected: bool, open_count: int):
         """Prepare to compute trajectories with the programs of a mechanism; the class explains the other arguments."""
-        self.programs, self.by_rank, self.projected, self.given = programs, by_rank, projected, given
+        self.programs, self.by_rank, self.projected, self.open_count = programs, by_rank, projected, open_count
         self.tally = Tally()
 
-    def nominal(self, p: Array) -> bool:
+    def has_nominal_values(self, p: Array) -> bool:
         """Tell whether the open parameters have the values of the linkage file; only then can `by_rank` take steps."""
-        return not self.given or bool((p[..., : self.given] == self.programs.values[: self.given]).all())
+        return bool((p[..., : self.open_count] == self.programs.values[: self.open_count]).all())
 
     @property
-    def drifting(self) -> bool:
+    def drifts(self) -> bool:
         """True if programs leave out redundant constraint rows, and no projection removes the error of these rows."""
         return bool(self.programs.dropped) and not self.projected
 
@@ -78,7 +84,7 @@ class Driver:
         """
         # if programs leave out redundant rows, a change of the program needs a projection by dense linear algebra (see
         # `_switch`), which is possible only with the parameter values of the linkage file
-        if not np.isfinite(state).all() or (self.drifting and not self.nominal(p)):
+        if not np.isfinite(state).all() or (self.drifts and not self.has_nominal_values(p)):
             return None
         while True:
             margins = {k: self.programs.margin(k, t, state, p) for k in range(len(self.programs.codes)) if k not in without}
@@ -89,19 +95,19 @@ class Driver:
                 return None
 
     def _switch(self, t: float, state: Array, p: Array, without: set[int]) -> tuple[int, Array] | None:
-        """Return the index of another, usable program and the state (2n,) from which it continues; None if no program is usable.
+        """Return the index of a usable program, none of those in `without`, and the state (2n,) from which it continues.
 
-        If the old program left out redundant rows and did not project, the errors of the omitted rows are about the errors of the
-        kept rows divided by the smallest pivot of the old program. The state is therefore first projected onto all constraints, by
-        dense linear algebra, which decides the rank.
+        Return None if no program is usable. If the old program left out redundant rows and did not project, the errors of the
+        omitted rows are about the errors of the kept rows divided by the smallest pivot of the old program. The state is therefore
+        first projected onto all constraints, by dense linear algebra, which decides the rank.
         """
         k, n = self.best(t, state, p, without), self.programs.n
         if k is None:
             return None
         self.tally.switches += 1
-        return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if self.drifting else state
+        return k, np.concatenate(self.by_rank.project(t, state[:n], state[n:])) if self.drifts else state
 
-    def _step(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
+    def _step_by_rank(self, integrator: str, t: float, state: Array, p: Array, h: float) -> Array:
         """Return the state (2n,) after one step by dense linear algebra, for a state at which no program is usable.
 
         If h = 0, no step is taken: the state is projected onto the constraints if samples must lie on them, and returned unchanged
@@ -110,7 +116,7 @@ class Driver:
         """
         self.tally.fallbacks += 1
         q, v = np.split(state, 2)
-        if self.nominal(p) and np.isfinite(state).all():
+        if self.has_nominal_values(p) and np.isfinite(state).all():
             if not h:
                 return np.concatenate(self.by_rank.project(t, q, v)) if self.projected else state
             try:
@@ -127,17 +133,17 @@ class Driver:
     def resume(self, batch: Batch, outcome: Outcome, integrator: str) -> Outcome:
         """Continue the trajectories that stopped early to their end, one by one, and store their states in the outcome."""
         for row in np.flatnonzero(~outcome.complete).tolist():
-            at = int(outcome.done[row])  # number of steps that are done
-            samples = self._continue(batch, integrator, outcome.states[row].copy(), batch.parameters[row], at)
-            for slot, sample in enumerate(samples, count_before(at, batch.every)):
+            done = int(outcome.done[row])  # number of steps
+            samples = self._continue(batch, integrator, outcome.states[row].copy(), batch.parameters[row], done)
+            for slot, sample in enumerate(samples, count_before(done, batch.every)):
                 outcome.samples[row, slot:] = sample  # also the later slots, which stay NaN if the trajectory is lost
             outcome.states[row] = outcome.samples[row, -1]
             outcome.complete[row] = np.isfinite(outcome.states[row]).all()
             self.tally.lost += not outcome.complete[row]
         return outcome
 
-    def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, at: int) -> Iterator[Array]:
-        """Yield the samples (2n,) that a trajectory still lacks, which a guard of the first program stopped after `at` steps.
+    def _continue(self, batch: Batch, integrator: str, state: Array, p: Array, done: int) -> Iterator[Array]:
+        """Yield the missing samples (2n,) of a trajectory that a guard of the first program stopped after `done` steps.
 
         `state` (2n,) is the state after these steps. If the trajectory cannot be continued to its end, the last sample that is
         yielded is NaN.
@@ -145,30 +151,30 @@ class Driver:
         n = self.programs.n
         used, failed = 0, {0}  # index of the program in use, and those that have failed at the present state
         stopped = True  # whether the program in use has stopped at the present state
-        for slot in range(count_before(at, batch.every), batch.slots):
+        for slot in range(count_before(done, batch.every), batch.slots):
             goal, reached = min((slot + 1) * batch.every, batch.n), False  # step of the next sample, and whether it is reached
             while not reached:
-                t = batch.t0 + at * batch.h
-                found = self._switch(t, state, p, failed) if stopped else (used, state)
-                if found is None:
+                t = batch.t0 + done * batch.h
+                switched = self._switch(t, state, p, failed) if stopped else (used, state)
+                if switched is None:
                     # no program is usable here: take one step by dense linear algebra, after which all programs may be tried again
-                    reached = at == goal  # the state of the sample itself is only projected
-                    state = self._step(integrator, t, state, p, 0.0 if reached else batch.h)
+                    reached = done == goal  # the state of the sample itself is only projected
+                    state = self._step_by_rank(integrator, t, state, p, 0.0 if reached else batch.h)
                     if not np.isfinite(state).all():
                         yield np.full_like(state, np.nan)
                         return
-                    at += 0 if reached else 1
+                    done += 0 if reached else 1
                     failed, stopped = set(), False
                     continue
-                used, state = found
-                end = self.programs.runner(used, integrator).run_one(state[:n], state[n:], p, t, batch.h, goal - at)
+                used, state = switched
+                end = self.programs.runner(used, integrator).run_one(state[:n], state[n:], p, t, batch.h, goal - done)
                 stopped = isinstance(end, Stop)
                 if isinstance(end, Stop):
-                    state, at = end.state, at + end.done
+                    state, done = end.state, done + end.done
                     # after steps the state is a new one, at which only this program has failed
                     failed = {used} if end.done else failed | {used}
                 else:
-                    state, at, reached = end, goal, True
+                    state, done, reached = end, goal, True
             yield state
 
     def integrate(self, state: Array, p: Array, times: Array, tolerances: tuple[float, float]) -> tuple[Array, int, int]:
@@ -185,8 +191,8 @@ class Driver:
         used, failed = 0, set[int]()  # index of the program in use, and those that have failed at the present state
         while True:
             extra = int(stored > 0)  # 1 after a stop: the state is then between samples, and is not stored as one itself
-            part = np.append(t, times[stored:]) if extra else times
-            course = integrate(self.programs.adaptive(used), state, p, part, tolerances)
+            ahead = np.append(t, times[stored:]) if extra else times
+            course = integrate(self.programs.adaptive(used), state, p, ahead, tolerances)
             new = course.samples[extra:]
             samples[stored : stored + len(new)], stored = new, stored + len(new)
             accepted, attempted = accepted + course.taken, attempted + course.tried
@@ -195,13 +201,13 @@ class Driver:
             # the program stopped early, at course.state; after steps only this program has failed there
             failed = {used} if course.taken else failed | {used}
             state, t = course.state, course.t
-            found = self._switch(t, state, p, failed)
-            if found is not None:
-                used, state = found
+            switched = self._switch(t, state, p, failed)
+            if switched is not None:
+                used, state = switched
                 continue
             # no program is usable here: take a short step by dense linear algebra, after which all programs may be tried again
             h = min(float(times[stored]) - t, STRIDE * float(times[-1] - times[0]))
-            state, t, failed = self._step("dop853_fixed", t, state, p, h), t + h, set()
+            state, t, failed = self._step_by_rank("dop853_fixed", t, state, p, h), t + h, set()
             if np.isfinite(state).all() and t >= times[stored]:
                 samples[stored], stored = state, stored + 1
             if stored == len(times) or not np.isfinite(state).all():
@@ -220,11 +226,11 @@ class Driver:
             going = np.flatnonzero(np.isfinite(states).all(axis=1))  # trajectories that are not lost
             if not len(going):
                 break
-            part = Batch(states[going], numbers(leg.middle)[going], leg.t, leg.h, leg.n, leg.every)
-            outcome = self.advance(part, integrator, threads)
+            on_leg = Batch(states[going], numbers(leg.middle)[going], leg.t, leg.h, leg.n, leg.every)
+            outcome = self.advance(on_leg, integrator, threads)
             states[going] = outcome.samples[:, -1]
             begin, end = leg.slots
-            # the last sample of the part is the end of the leg, and is left out if that lies between samples of the batch
+            # the last sample of `outcome` is the end of the leg, and is left out if that lies between samples of the batch
             samples[going, begin:end] = outcome.samples[:, : end - begin]
         complete = np.asarray(np.isfinite(states).all(axis=1))
         return Outcome(states, samples, np.where(complete, batch.n, 0), complete)
@@ -237,9 +243,8 @@ class Driver:
         samples, accepted, attempted = np.full((len(times), len(state)), np.nan), 0, 0
         for a, b in pairwise([begin, *(x for x in kinks if begin < x < end), end]):
             inside = np.flatnonzero((times > a) & (times <= b))
-            part = np.unique([a, *times[inside], b])
             # the number arguments of the one trajectory are row 0
-            states, taken, tried = self.integrate(state, numbers((a + b) / 2)[0], part, tolerances)
+            states, taken, tried = self.integrate(state, numbers((a + b) / 2)[0], np.unique([a, *times[inside], b]), tolerances)
             accepted, attempted = accepted + taken, attempted + tried
             samples[inside], state = states[1 : 1 + len(inside)], states[-1]
             if a == begin:

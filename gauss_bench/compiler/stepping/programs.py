@@ -27,6 +27,7 @@ class Batch:
     Attributes:
         states: (k, 2n) q and v at the start.
         parameters: (k, n_p) number arguments of the code: the numbers of the linkage that are not constants in the code.
+        t0, h, n: time at the start [s], size [s] and number of the steps.
         every: number of steps between samples, at least 1.
     """
 
@@ -45,11 +46,13 @@ class Batch:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The outcome of a batch.
+    """The outcome of a batch of k trajectories.
 
     Attributes:
         states: (k, 2n) last states; of a trajectory that stopped early, the state before the failed step.
         samples: (k, slots, 2n); of a trajectory that stopped early, those after the failed step are NaN.
+        done: (k,) number of steps that were taken.
+        complete: (k,) whether all steps were taken.
     """
 
     states: Array
@@ -72,6 +75,7 @@ class Course:
     Attributes:
         samples: (k, 2n) states at the k times that were reached, projected under the stabilisation "projection".
         state: (2n,) last state, at the time t [s].
+        taken, tried: numbers of accepted and of attempted steps.
     """
 
     samples: Array
@@ -111,12 +115,12 @@ class Stepper:
         samples, report = np.full((groups, batch.slots * rows, lanes), np.nan), np.empty((groups, 3, lanes))
         call = self.loaded.call(lanes)
 
-        def part(low: int, high: int) -> None:
+        def compute(low: int, high: int) -> None:
             """Compute the groups of trajectories with the indices low to high - 1."""
-            arrays = self.loaded.given([y[low:high], p[low:high], samples[low:high], report[low:high]])
+            arrays = self.loaded.as_arguments([y[low:high], p[low:high], samples[low:high], report[low:high]])
             call(*arrays, batch.h, batch.t0, batch.n, batch.every, batch.slots, high - low)
 
-        share(part, groups, threads)
+        share(compute, groups, threads)
         # of each trajectory: number of steps done; 1 if all were done; 1 if it stopped only because a link rotated too far
         done, complete, too_far = out_of_lanes(report, count).T
         if too_far.any() and self.further is not None:
@@ -130,15 +134,15 @@ class Stepper:
         if not self.native:
             outcome = self.run(Batch(np.concatenate([q, v], dtype=float)[None], parameters[None], t0, h, n, max(1, n)))
             return outcome.samples[0, -1] if outcome.complete[0] else Stop(outcome.states[0], int(outcome.done[0]))
-        # this thread's buffers for the arguments, allocated in its first call: state, number arguments, sample, report
-        one = self.loaded.singles.one or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
-        (y, p, sample, report), numbers, counts = one.arrays, one.numbers, one.counts
-        one.q[...], one.v[...] = q, v  # views of y
+        # memory for the arguments, which each thread allocates in its first call: state, number arguments, sample, report
+        single = self.loaded.of_thread.single or self.loaded.single(2 * len(q), len(parameters), 2 * len(q), 3)
+        (y, p, sample, report), numbers, counts = single.arrays, single.numbers, single.counts
+        single.q[...], single.v[...] = q, v  # views of y
         if len(parameters):
             p[:] = parameters
         numbers[0], numbers[1] = h, t0
         counts[0], counts[1] = n, n or 1  # steps, and steps between samples: the end is the only sample
-        one.run()
+        single.run()
         # report: number of steps done; 1 if all were done; 1 if a step was not done only because a link rotated too far
         if report[1]:
             return sample.copy()
@@ -148,8 +152,8 @@ class Stepper:
         return Stop(y.copy(), int(report[0]))
 
 
-LEAST = 1e-14  # shortest step, relative to the duration or to the largest time
-LIMIT = 10**7  # number of steps of one call
+LEAST = 1e-14  # shortest step, relative to the duration or the largest time, whichever is longer
+LIMIT = 10**7  # largest number of steps of one call
 
 
 def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tolerances: tuple[float, float]) -> Course:
@@ -165,7 +169,7 @@ def integrate(loaded: Loaded, state: Array, parameters: Array, times: Array, tol
     # rtol, atol, longest and shortest step, first step
     numbers = (*tolerances, span, least, min(span / 100, float(times[1] - times[0])))
     # then come integers: number of samples, largest number of steps, and one group; call(1) computes one trajectory
-    loaded.call(1)(*loaded.given([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
+    loaded.call(1)(*loaded.as_arguments([y, p, at, samples, report]), *numbers, len(times), LIMIT, 1)
     # report: number of stored samples, of accepted and of attempted steps, and the time reached
     stored, taken, tried, t = report[0, :, 0].tolist()
     return Course(samples.reshape(len(times), -1)[: int(stored)], y[0, :, 0], t, int(taken), int(tried))
@@ -177,7 +181,7 @@ def evaluate_many(loaded: Loaded, t: Array, states: Array, parameters: Array) ->
     lanes = loaded.lanes(count)
     y, p, at = in_lanes(states, lanes), in_lanes(parameters, lanes), in_lanes(t[:, None], lanes)
     out = np.empty((len(y), y.shape[1] // 2 + 1, lanes))
-    loaded.call(lanes)(*loaded.given([y, p, at, out]), len(y))
+    loaded.call(lanes)(*loaded.as_arguments([y, p, at, out]), len(y))
     rows = out_of_lanes(out, count)
     return rows[:, :-1], rows[:, -1] > 0
 
@@ -189,13 +193,13 @@ def evaluate_one(loaded: Loaded, t: float, q: Array, v: Array, parameters: Array
     guards are satisfied, else 0; a routine that was made with `margin` gives the smallest ratio of a pivot to its threshold
     instead. The next call overwrites the array.
     """
-    # this thread's buffers for the arguments, which are allocated in its first call
-    one = loaded.singles.one or loaded.single(2 * len(q), len(parameters), 1, len(q) + 1)
-    _, p, time, out = one.arrays  # the first array has q and v
-    one.q[...], one.v[...], time[0] = q, v, t
+    # memory for the arguments, which each thread allocates in its first call
+    single = loaded.of_thread.single or loaded.single(2 * len(q), len(parameters), 1, len(q) + 1)
+    _, p, time, out = single.arrays  # the first array has q and v
+    single.q[...], single.v[...], time[0] = q, v, t
     if len(parameters):
         p[:] = parameters
-    one.run()
+    single.run()
     return out
 
 
@@ -215,7 +219,7 @@ class Programs:
     """
 
     def __init__(self, programs: Iterator[Program], stabilization: str, target: Target):
-        """Take the first of the programs; `programs` generates each further program only when it is asked for the next one."""
+        """Generate the first of the programs; the generator `programs` makes each further one when it is needed."""
         self.target, self.plain, self.stabilization = target, target.backend != "llvm", stabilization
         self._more = (Code(x, stabilization) for x in programs)  # generator of the programs that are not needed yet
         self.codes: list[Code] = []
@@ -236,7 +240,7 @@ class Programs:
         return True
 
     def runner(self, k: int, integrator: str) -> Stepper:
-        """Return the stepper of program k with an integrator; it is made, and its code compiled, on first use."""
+        """Return the stepper of program k with an integrator, which is made on first use."""
         if (k, integrator) in self.runners:
             return self.runners[k, integrator]
         code = self.codes[k]
@@ -260,7 +264,7 @@ class Programs:
         return self._routine(k, self.stabilization, self._integrate)
 
     def _routine(self, k: int, stabilization: str, make: Callable[[Code], Routine]) -> Loaded:
-        """Return the routine whose code `make` writes for program k; the code is compiled on first use.
+        """Return the routine that `make` builds for program k; its code is compiled on first use.
 
         A routine is stored under the key (k, make) without the stabilisation, because each `make` is used with one stabilisation
         only.
@@ -290,7 +294,7 @@ class Programs:
         return float(evaluate_one(routine, t, state[: self.n], state[self.n :], p)[-1])  # the last number is the margin
 
     def accelerations(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return accelerations (states, n) by program k, and flags (states,): True where all pivots of it are large enough."""
+        """Return accelerations (states, n) by program k, and flags (states,): True where all of its pivots are large enough."""
         if k == 0 and not self.plain:  # only program 0 has compiled code for this
             return evaluate_many(self.native, t, np.concatenate([q, v], axis=1), p)
         a, margin = self.margins(k, t, q, v, p)
@@ -305,13 +309,13 @@ class Programs:
         return out[:-1].copy() if out is not None and out[-1] else None  # out[-1] is 1 if all pivots are large enough
 
     def multipliers(self, k: int, t: Array, q: Array, v: Array, p: Array) -> tuple[Array, Flags]:
-        """Return multipliers (states, rows) by program k, and flags (states,): True where all pivots of it are large enough."""
+        """Return multipliers (states, rows) by program k, and flags (states,): True where all of its pivots are large enough."""
         (multipliers,) = self.codes[k].program.multipliers(t[:, None], q, v, p)
         _, margins = self.margins(k, t, q, v, p)
         return multipliers, margins >= 1.0
 
     def loaded(self) -> list[tuple[float, bool]]:
-        """Return for each piece of machine code made so far the time [s] to compile or load it, and whether it was in the cache."""
+        """Return for all machine code made so far the times [s] to compile or load it, each with whether it was in the cache."""
         routines = [*self._routines.values()]
         for runner in self.runners.values():
             routines += runner.compiled

@@ -41,8 +41,7 @@ from gauss_bench.compiler.stepping.steps import EXACT, REACHES, STEPS, TINY, Bui
 Carried = dict[int, tuple[int, int]]  # variable of a loop (a leaf) -> its value in the first and in the next iteration
 
 # Number of steps after which the state is projected onto the constraints if rows are redundant and there is no stabilisation.
-# Otherwise redundant rows would drift apart and count as independent, and a solver that relies on the rank would find the linkage
-# locked.
+# Otherwise redundant rows would drift apart and count as independent: dense linear algebra would find a linkage that cannot move.
 SETTLED = 32
 
 
@@ -71,20 +70,20 @@ class Body:
         self.operations = count_operations(g, self.values)
         self.statements: list[Statement] = [Compute(self.values)]
         if step.stages:  # a loop over the four stages comes first; another stage follows the stages 0, 1 and 2
-            following = [x for _, x in step.stages.values()]
+            next_values = [x for _, x in step.stages.values()]
             again = g.make("below", g.count("%stage"), g.whole(3))
-            in_order = order(g, following, {str(k): x for k, x in enumerate(following)})
+            in_order = order(g, next_values, {str(k): x for k, x in enumerate(next_values)})
             self.statements.insert(0, Loop(step.stages, [Compute(in_order)], again))
         # leaves: %q0, %v0 ... are the state in the loop, %y0 ... the initial state, %p0 ... the number arguments of the code; %s
         # and %c are sines and cosines of angles, which one step hands to the next
         names = [f"%{letter}{i}" for letter in "qv" for i in range(code.program.n)]
         y = [g.leaf(f"%y{k}") for k in range(self.rows)]
         self.state = [g.leaf(name) for name in names]
-        parameters = {g.leaf(f"%p{k}"): k for k in range(code.program.n_parameters)}
+        parameters = {g.leaf(f"%p{k}"): k for k in range(len(code.program.parameters))}
         self.arrays = {"p": Array(len(parameters))}
         self.entry = [Load("y", {x: k for k, x in enumerate(y)}), Load("p", parameters)]
         first = dict(zip(names, y, strict=True))  # name of a leaf -> its value at the first step
-        if any(name.startswith("%s") for name in step.carried):  # sines are carried too
+        if any(name.startswith("%s") for name in step.carried):  # the step hands sines to the next one
             for i in code.angles:
                 first[f"%s{i}"], first[f"%c{i}"] = sincos(g, y[i])
         self.carried: Carried = {g.leaf(name): (first[name], x) for name, x in step.carried.items()}
@@ -97,7 +96,7 @@ class Body:
 
 
 def rollout(bodies: Sequence[Body], many: bool) -> Routine:
-    """Build the routine `rollout`, which computes one trajectory, or `many` at once.
+    """Build the routine `rollout` for one trajectory or, if `many`, for groups of trajectories.
 
     The bodies share one graph, and each is valid for larger rotations of links per step (its reach) than the one before. The first
     body is used until a link turns by more than its reach in a step; the next body continues from there. All lanes of a vector
@@ -106,9 +105,9 @@ def rollout(bodies: Sequence[Body], many: bool) -> Routine:
     # built from the last body to the first: each loop of steps contains, after its end, a branch with the loops of later bodies
     first, statements = bodies[0], list[Statement]()
     for level in reversed(range(len(bodies))):
-        steps, done, too_far = _step_in_loop(bodies, level, many)
+        steps, all_done, too_far = _step_in_loop(bodies, level, many)
         further = [If(first.graph.make("any", too_far), statements, {})] if statements else []
-        statements, complete = [*steps, *further], done
+        statements, complete = [*steps, *further], all_done
     arrays = {"y": Array(first.rows), **first.arrays, "samples": Array(first.rows, "slots"), "report": Array(3)}
     counts, operations = ("n", "every", "slots"), max(body.operations for body in bodies)
     return Routine("rollout", first.graph, arrays, ("h", "t0"), counts, [*first.entry, *statements], complete, operations)
@@ -163,7 +162,7 @@ def _step_in_loop(bodies: Sequence[Body], level: int, many: bool) -> tuple[list[
     again = g.make("also", g.make("any", going), more)
     if many and not is_last:  # all lanes change to the next body as soon as one of them needs it
         again = g.make("also", again, g.make("nowhere", beyond))
-    # the last state is valid if the pivots on which its sample depends are large enough, whatever the step after it would be
+    # the last state is valid if the pivots on which its sample depends are large enough, also if the step after it would fail
     complete = g.both([alive, body.step.regular_out, g.make("everywhere", g.make("same", i, n))])
     too_far = g.both([_either(g, far, beyond), g.make("not", complete)])
     report = Store("report", [done, g.flag(complete), g.flag(too_far)])
@@ -190,7 +189,7 @@ def _settle_regularly(body: Body, following: int) -> tuple[list[Statement], dict
 
 
 def _either(g: Graph, a: int, b: int) -> int:
-    """Return the mask that is true where at least one of two masks is true."""
+    """Return the mask that is true where at least one of the masks a and b is true."""
     return g.make("not", g.both([g.make("not", a), g.make("not", b)]))
 
 
@@ -218,7 +217,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     body = Body(code, dop853(code, EXACT, plain, estimated=True), plain)
     g, step = body.graph, body.step
     assert step.error is not None
-    # i: index of the next sample; due: 1 if it is stored at the beginning of this step, else 0; tried: number of attempted steps
+    # i: index of the next sample; due: 1 if that is stored at the beginning of this step, else 0; tried: number of attempted steps
     i, due, tried, count = (g.count(f"%{x}") for x in ("i", "due", "tried", "count"))
     # taken: number of accepted steps; goal: time of the next sample, which this step must not pass; following: time of the sample
     # after that
@@ -239,7 +238,7 @@ def adaptive(code: Code, plain: bool = False) -> Routine:
     start, end = g.leaf("%start"), g.leaf("%end")  # the first two times
     # after SETTLED attempts, unless the last of them is refused
     branch, chosen, counter = _settle_regularly(body, g.make("sum", tried, one))
-    # variables of the loop; %wanted is the step size that the error asked for, before a sample cut the step short
+    # variables of the loop; %wanted is the step size that the error allowed, before the step was cut short to end at a sample
     carried = dict(counter)
     for x, (initial, next_value) in body.carried.items():
         carried[x] = initial, g.make("select", good, chosen.get(x, next_value), x)
@@ -277,21 +276,22 @@ def _choose_step(g: Graph, error: int, sound: int, good: int) -> int:
     ideal = g.make("div", g.const(SAFETY), g.add(root, g.const(TINY)))
     most = g.make("select", g.make("mask", payload="%refused"), g.const(1.0), g.const(GROW))  # no growth after a refused step
     factor = g.maximum(g.minimum(ideal, most), g.const(SHRINK))
-    new = g.mul(h, g.make("select", sound, factor, g.const(SHRINK)))
+    by_error = g.mul(h, g.make("select", sound, factor, g.const(SHRINK)))
     # a step may have been cut short to end at a sample time: if it was good, the next step is not shorter than the size `wanted`
     # that was chosen before it was cut
-    best = g.make("select", g.both([good, g.make("lt", new, wanted)]), wanted, new)
-    return g.minimum(best, g.leaf("%longest"))
+    size = g.make("select", g.both([good, g.make("lt", by_error, wanted)]), wanted, by_error)
+    return g.minimum(size, g.leaf("%longest"))
 
 
-def _plan_step(g: Graph, left: int, best: int) -> int:
-    """Return the next step size: the time `left` to the next sample if left <= best, half of it if left < 2 best, else `best`.
+def _plan_step(g: Graph, remaining: int, best: int) -> int:
+    """Return the size of the next step from the time `remaining` to the next sample and the size `best` that the error allows.
 
-    A step thus ends at the next sample, and no tiny step remains before it.
+    It is `remaining` if remaining <= best, half of it if remaining < 2 best, so that no tiny step is left before the sample, else
+    `best`.
     """
-    half = g.mul(g.const(0.5), left)
-    shorter = g.make("select", g.make("lt", left, g.mul(g.const(2.0), best)), half, best)
-    return g.make("select", g.make("le", left, best), left, shorter)
+    half = g.mul(g.const(0.5), remaining)
+    shorter = g.make("select", g.make("lt", remaining, g.mul(g.const(2.0), best)), half, best)
+    return g.make("select", g.make("le", remaining, best), remaining, shorter)
 
 
 def plain_body(code: Code, integrator: str) -> Body:
@@ -314,7 +314,7 @@ def acceleration(code: Code, plain: bool = False, margin: bool = False) -> Routi
     # array -> names of the leaves in its rows
     rows = {
         "y": [f"%{letter}{i}" for letter in "qv" for i in range(b.n)],
-        "p": [f"%p{i}" for i in range(code.program.n_parameters)],
+        "p": [f"%p{i}" for i in range(len(code.program.parameters))],
         "t": ["%t"],
     }
     return evaluation("accelerate", b.g, [*a, validity], rows, plain)

@@ -44,7 +44,7 @@ from gauss_bench.compiler.machine.rewrite import rewrite
 from gauss_bench.integrate.fixed_step import DIFFERENCE, NATIVE_PASSES, dop853_estimates, dop853_tableau, gauss_tableau
 from gauss_bench.terms import Array
 
-FINITE = 1e300  # a larger sum has terms that are not finite, or soon will be
+FINITE = 1e300  # a larger sum has terms that are not finite or that overflow in the next operations
 TINY = 1e-300  # keeps a divisor from being zero
 # largest change of velocities in the last iteration of an implicit step; less than a tenth of it is left as error
 CONVERGED = 2.0**-28
@@ -170,9 +170,10 @@ class Builder:
         library: whether sines are computed by functions of the target language, such as those of C.
         n: number of coordinates.
         q, v, p, t, h: leaves (inputs of the step) of the state, the open numbers, the time and the step size.
+        sines: node of an angle -> its sine and cosine.
         pivots: guards: masks that are true where a pivot of an elimination is at least its threshold.
-        score: terms (norm / bound)^2, one for each norm that is limited; the step is valid only if their sum is at most 1
-            (`within`).
+        score: terms (norm / bound)^2, one for each norm that is limited (`limit`); the step is valid only if their sum is at most
+            1 (`within`).
     """
 
     def __init__(self, code: Code, reach: Reach, library: bool = False):
@@ -181,14 +182,14 @@ class Builder:
         self.library = library
         self.code, self.reach, self.n = code, reach, code.program.n
         self.q, self.v = self.vector("q"), self.vector("v")
-        self.p = [g.leaf(f"%p{i}") for i in range(code.program.n_parameters)]
+        self.p = [g.leaf(f"%p{i}") for i in range(len(code.program.parameters))]
         self.t, self.h = g.leaf("%t"), g.leaf("%h")
-        self.known: dict[int, Pair] = {}
+        self.sines: dict[int, Pair] = {}
         self.pivots: list[int] = []
         self.score: list[int] = []
 
     def vector(self, letter: str) -> list[int]:
-        """Return a leaf for each coordinate."""
+        """Return the leaves of a vector, one for each coordinate, such as %q0, %q1 ... for the letter q."""
         return [self.g.leaf(f"%{letter}{i}") for i in range(self.n)]
 
     def carried_sines(self) -> list[Pair]:
@@ -200,7 +201,7 @@ class Builder:
         return [(self.g.leaf(f"%s{i}"), self.g.leaf(f"%c{i}")) for i in angles]
 
     def times_h(self, factor: float, power: int = 1) -> int:
-        """Return factor * h^power; it does not change from step to step, and is computed once before the loop."""
+        """Return factor * h^power, which is computed once before the loop over the steps."""
         product = self.g.const(factor)
         for _ in range(power):
             product = self.g.mul(product, self.h)
@@ -224,17 +225,17 @@ class Builder:
 
     def weighted(self, a: list[list[int]], weights: Array) -> list[int]:
         """Return the weighted sum of the accelerations a (stages, n) at the stages so far; further weights are not used."""
-        used = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
-        return [self.g.total([self.g.mul(w, x[i]) for w, x in used]) for i in range(self.n)]
+        terms = [(self.g.const(w), x) for w, x in zip(weights, a, strict=False) if w]
+        return [self.g.total([self.g.mul(w, x[i]) for w, x in terms]) for i in range(self.n)]
 
     def sincos(self, x: int) -> Pair:
-        """Return the nodes of sine and cosine of an angle x, which are stored in `known`; without a library |x| <= LARGEST."""
-        if x not in self.known and self.library:
-            self.known[x] = self.g.make("sin", x), self.g.make("cos", x)
-        elif x not in self.known:
-            self.known[x] = trigonometry.sincos(self.g, x)
+        """Return sine and cosine of an angle x, from `sines` or written now; without a library, |x| is limited to LARGEST."""
+        if x not in self.sines and self.library:
+            self.sines[x] = self.g.make("sin", x), self.g.make("cos", x)
+        elif x not in self.sines:
+            self.sines[x] = trigonometry.sincos(self.g, x)
             self.limit([x], trigonometry.LARGEST)
-        return self.known[x]
+        return self.sines[x]
 
     def compute_sines(self) -> list[Pair]:
         """Compute the sines and cosines at the beginning of the step from the angles, not by rotating earlier sines and cosines.
@@ -254,7 +255,7 @@ class Builder:
         if isfinite(bound):
             g = self.g
             weight = g.const(bound**-2) if factor is None else g.mul(g.const(bound**-2), g.mul(factor, factor))
-            self.score.append(g.mul(weight, g.squares(values)))
+            self.score.append(g.mul(weight, g.sum_of_squares(values)))
 
     def turn(self, pairs: list[Pair], change: list[int], bound: float, to: list[int]) -> list[Pair]:
         """Return sine and cosine of each angle after a change of the positions, by rotating sine and cosine before the change.
@@ -263,40 +264,40 @@ class Builder:
 
         Args:
             bound: largest change of an angle [rad] for which the result is valid; the caller ensures it by `limit`.
-            to: the new positions (n,). The new sines and cosines are stored in `known` under their angles, so that functions that
+            to: the new positions (n,). The new sines and cosines are stored in `sines` under their angles, so that functions that
                 are written later for the positions `to` use them.
         """
         if not self.reach.rotates:
             return []
         turned = [trigonometry.rotate(self.g, pair, change[i], bound) for pair, i in zip(pairs, self.code.angles, strict=True)]
-        self.share(to, turned)
+        self.store_sines(to, turned)
         return turned
 
-    def share(self, q: list[int], pairs: list[Pair]) -> None:
-        """Store sine and cosine of each angle of the positions q in `known`; an empty list of pairs stores nothing."""
-        self.known.update(zip(self.of_angles(q), pairs, strict=False))
+    def store_sines(self, q: list[int], pairs: list[Pair]) -> None:
+        """Store `pairs`, sine and cosine of each angle of the positions q, in `sines`; an empty list stores nothing."""
+        self.sines.update(zip(self.of_angles(q), pairs, strict=False))
 
     def of_angles(self, x: list[int]) -> list[int]:
-        """Return the components of a vector that belong to angles whose sines are needed."""
+        """Return the components of a vector (n,) for the angles whose sines are needed (`code.angles`)."""
         return [x[i] for i in self.code.angles]
 
     def acceleration(self, t: int, q: list[int], v: list[int]) -> list[int]:
-        """Return the acceleration at a stage, and add guards which check that no pivot of its elimination is too small."""
-        a, guard = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
-        self._watch(guard, self.code.program.thresholds)
+        """Return the acceleration (n,) at time t, positions q and velocities v, and add the guards of its elimination."""
+        a, pivots = inline(self.g, self.code.acceleration, ([t], q, v, self.p), self.sincos)
+        self._add_guards(pivots, self.code.program.thresholds)
         return a
 
     def directions(self, t: int, q: list[int], v: list[int]) -> list[list[int]]:
-        """Return, for each independent coordinate, velocities (n,) with rate 1 of it and 0 of all other independent ones."""
+        """Return a free motion (n,) for each independent coordinate: its rate is 1, those of the other independent ones are 0."""
         g, free = self.g, self.code.program.independent
-        *motions, guard = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
-        self._watch(guard, self.code.program.direction_thresholds)
+        *motions, pivots = inline(g, self.code.program.directions, ([t], q, v, self.p), self.sincos)
+        self._add_guards(pivots, self.code.program.direction_thresholds)
         return [[g.div(x, motion[k]) for x in motion] for k, motion in zip(free, motions, strict=True)]
 
     def constrain(self, t: int, q: list[int], v: list[int], a: list[int], z: list[int]) -> list[int]:
         """Return the accelerations (n,) that satisfy the constraint rows, as `a` does, and whose independent components are z."""
-        for k, wanted, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
-            a = self.along(a, self.g.sub(wanted, a[k]), motion)
+        for k, target, motion in zip(self.code.program.independent, z, self.directions(t, q, v), strict=True):
+            a = self.along(a, self.g.sub(target, a[k]), motion)
         return a
 
     def newton(self, q: list[int], v: list[int], a: list[int], A: Array) -> Callable[[list[list[int]]], list[list[int]]]:
@@ -311,16 +312,16 @@ class Builder:
         the state q, v, whose acceleration is a, and are used for all stages.
         """
         g, free = self.g, self.code.program.independent
-        moved, per = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)  # displacement of a difference, and its inverse
+        displacement, inverse = g.const(DIFFERENCE), g.const(1 / DIFFERENCE)
         motions = self.directions(self.t, q, v)
 
         def derivatives(states: Iterable[tuple[list[int], list[int]]]) -> list[list[int]]:
             """Return the derivatives (f, f) of the independent accelerations by differences, a column for each displaced state."""
             columns = [self.acceleration(self.t, *state) for state in states]
-            return [[g.mul(per, g.sub(x[k], a[k])) for x in columns] for k in free]
+            return [[g.mul(inverse, g.sub(x[k], a[k])) for x in columns] for k in free]
 
-        K = derivatives((self.along(q, moved, N), v) for N in motions)
-        D = derivatives((q, self.along(v, moved, N)) for N in motions)
+        K = derivatives((self.along(q, displacement, N), v) for N in motions)
+        D = derivatives((q, self.along(v, displacement, N)) for N in motions)
         places = [(i, k) for i in range(len(A)) for k in range(len(free))]  # (stage, free motion) of each unknown
 
         def entry(i: int, k: int, j: int, l: int) -> int:
@@ -363,7 +364,7 @@ class Builder:
 
         return solve
 
-    def _watch(self, pivots: list[int], thresholds: Array) -> None:
+    def _add_guards(self, pivots: list[int], thresholds: Array) -> None:
         """Add the guards |pivot| >= threshold to `self.pivots`; a pivot that is a constant needs no guard."""
         g = self.g
         for pivot, threshold in zip(pivots, thresholds, strict=True):
@@ -374,7 +375,7 @@ class Builder:
         """Return the node of the smallest ratio of a pivot to its threshold over all stages; 0 where the mask `finite` is false."""
         g, least = self.g, self.g.const(FINITE)  # the minimum of no pivots at all
         for mask in self.pivots:
-            threshold, size = g.operands[mask]  # `_watch` has made the mask: threshold <= size
+            threshold, size = g.operands[mask]  # `_add_guards` has made the mask: threshold <= size
             least = g.minimum(g.div(size, threshold), least)
         return g.make("select", finite, least, g.const(0.0))
 
@@ -385,8 +386,8 @@ class Builder:
         """
         if not self.code.projected:
             return self.v
-        nearest, guard = inline(self.g, self.code.program.nearest_velocity, ([self.t], self.q, self.v, self.p), self.sincos)
-        self._watch(guard, self.code.program.correcting_thresholds)
+        nearest, pivots = inline(self.g, self.code.program.nearest_velocity, ([self.t], self.q, self.v, self.p), self.sincos)
+        self._add_guards(pivots, self.code.program.correcting_thresholds)
         return nearest
 
     def correct_position(self, t: int, q: list[int], pairs: list[Pair], at: list[int]) -> tuple[list[int], list[Pair]]:
@@ -401,12 +402,12 @@ class Builder:
         if at is q:  # no stage was evaluated at q, so that its pivots have no guard yet
             self.acceleration(t, q, self.v)
         for k in range(self.reach.corrections):
-            dq, guard = inline(self.g, self.code.program.position_correction, ([t], at, [t], q, self.p), self.sincos)
-            if k == 0:
-                self._watch(guard, self.code.program.correcting_thresholds)
+            dq, pivots = inline(self.g, self.code.program.position_correction, ([t], at, [t], q, self.p), self.sincos)
+            if k == 0:  # all corrections have the same pivots
+                self._add_guards(pivots, self.code.program.correcting_thresholds)
             q = self.plus(q, dq)
-            last = k == self.reach.corrections - 1
-            bound = min(self.reach.correction, LAST_CORRECTION if last else inf)
+            is_last = k == self.reach.corrections - 1
+            bound = min(self.reach.correction, LAST_CORRECTION if is_last else inf)
             self.limit(self.of_angles(dq) or dq, bound)  # if no coordinate is such an angle, all coordinates are limited
             pairs = self.turn(pairs, dq, bound, q)
         return q, pairs
@@ -427,10 +428,10 @@ class Builder:
         g, regular_out = self.g, self.g.both(out_pivots if self.code.projected else [])
         regular, within = g.both(self.pivots), self.within(v)  # no pivot is too small; no angle has changed too much
         # variables of the next step if the state is projected before it
-        settled = self.carried(*self.settle(q, v, pairs)) if self.code.settles else {}
-        return Step(g, self.carried(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
+        settled = self.carry(*self.settle(q, v, pairs)) if self.code.settles else {}
+        return Step(g, self.carry(q, v, pairs), [*self.q, *out_v], regular, regular_out, within, settled=settled)
 
-    def carried(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
+    def carry(self, q: list[int], v: list[int], pairs: list[Pair]) -> dict[str, int]:
         """Return the variables that a step hands to the next one: name of a leaf ("%q0" ...) -> node of its next value."""
         carried = {f"%q{i}": x for i, x in enumerate(q)} | {f"%v{i}": x for i, x in enumerate(v)}
         for i, (s, c) in zip(self.code.angles, pairs, strict=False):
@@ -462,7 +463,7 @@ def rk4(code: Code, reach: Reach, library: bool = False) -> Step:
     half, h, sixth = b.times_h(0.5), b.times_h(1.0), b.times_h(1 / 6)
     middle, end = g.add(b.t, half), g.add(b.t, h)
     start = b.carried_sines()
-    b.share(q, start)
+    b.store_sines(q, start)
     v = b.correct_velocity()
     a1 = b.acceleration(b.t, q, u)
     out_pivots = list(b.pivots)  # the sample at q, v needs the guards so far and no others
@@ -534,7 +535,7 @@ def semi_implicit_euler(code: Code, reach: Reach, library: bool = False) -> Step
     """Write one step of v' = v + h a(q, v), q' = q + h v'."""
     b = Builder(code, reach, library=library)
     g, q = b.g, b.q
-    b.share(q, b.carried_sines())
+    b.store_sines(q, b.carried_sines())
     v = b.correct_velocity()
     a = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)  # guards of the sample at q, v; the correction of q' adds others
@@ -557,28 +558,28 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
     e5 and e3 are the norms of the differences of y' from the results of order 5 and 3, each component divided by h (atol + rtol
     max(|y|, |y'|)).
     """
-    b, (c, rows, weights) = Builder(code, reach, library=library), dop853_tableau()
-    # a velocity is an integral of accelerations, which have the weights A in the velocities of the stages; a position is an
-    # integral of velocities, so that the accelerations have the weights A A in positions
+    b, (c, rows, weights) = Builder(code, reach, library=library), dop853_tableau()  # nodes, weights of stages, and of the end
+    # accelerations have the weights A in the velocities of the stages; velocities have the weights A in positions, so that
+    # accelerations have the weights A A in positions
     A = np.array([np.pad(row, (0, len(weights) - len(row))) for row in rows])
     twice = A @ A
     g, q, u, h = b.g, b.q, b.v, b.times_h(1.0)  # u is the velocity before its correction v
-    b.share(q, b.compute_sines())
-    # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `turned` collects the angles of these
+    b.store_sines(q, b.compute_sines())
+    # `middle`: sines and cosines at q + h/2 u, from which those of the stages are rotated; `rotations` collects the angles of these
     # rotations, which are limited below
-    to_middle, turned = b.times(b.times_h(0.5), u), list[int]()
+    to_middle, rotations = b.times(b.times_h(0.5), u), list[int]()
     middle = [b.sincos(x) for x in b.of_angles(b.along(q, b.times_h(0.5), u))] if reach.rotates else []
     v = b.correct_velocity()
     a = [b.acceleration(b.t, q, u)]  # accelerations of the stages so far
     out_pivots = list(b.pivots)  # guards of the sample at q, v
 
     def rotate_sines(x: list[int], moved: list[int]) -> list[Pair]:
-        """Return sines and cosines at x = q + moved, by a rotation of those at q + h/2 u, which is noted in `turned`."""
+        """Return sines and cosines at x = q + moved, by a rotation of those at q + h/2 u, which is noted in `rotations`."""
         from_middle = b.minus(moved, to_middle)
-        turned.extend(b.of_angles(from_middle))
+        rotations.extend(b.of_angles(from_middle))
         return b.turn(middle, from_middle, reach.step, x)
 
-    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
+    def motion_at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
         """Return displacement and velocity at a fraction c of the step, from the accelerations a_k of the stages so far.
 
         The displacement is c h v + h^2 sum_k of_position_k a_k, and the velocity is v + h sum_k of_velocity_k a_k.
@@ -587,14 +588,14 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
         return moved, b.along(v, h, b.weighted(a, of_velocity))
 
     for k in range(1, len(c)):
-        moved, stage_v = at(c[k], A[k], twice[k])
+        moved, stage_v = motion_at(c[k], A[k], twice[k])
         stage_q = b.plus(q, moved)
         rotate_sines(stage_q, moved)
         a.append(b.acceleration(g.add(b.t, b.times_h(c[k])), stage_q, stage_v))
-    moved, v_new = at(1.0, weights, weights @ A)
+    moved, v_new = motion_at(1.0, weights, weights @ A)
     q_new = b.plus(q, moved)
     pairs = rotate_sines(q_new, moved)
-    b.limit([g.largest(turned)], reach.step)
+    b.limit([g.largest(rotations)], reach.step)
     # the corrections use the Jacobian of the last stage, which is at the end of the step and near q_new
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, pairs, at=stage_q if reach.rotates else q_new)
     step = b.step(q_new, v_new, [], v, out_pivots)
@@ -602,7 +603,7 @@ def dop853(code: Code, reach: Reach, library: bool = False, estimated: bool = Fa
 
 
 def _error(b: Builder, a: list[list[int]], A: Array, old: list[int], new: list[int]) -> int:
-    """Return the square of the ratio of a step's estimated error to the allowed error, by the formula of `dop853`.
+    """Return the square of a step's estimated error divided by the allowed error, by the formula of `dop853`.
 
     Args:
         a: (s, n) nodes of the accelerations at the stages.
@@ -617,7 +618,7 @@ def _error(b: Builder, a: list[list[int]], A: Array, old: list[int], new: list[i
     for e in dop853_estimates():
         # errors of q and v divided by h; the factor h^2 of the formula is in the last line
         errors = [*b.times(b.h, b.weighted(a, e @ A)), *b.weighted(a, e)]
-        squares.append(g.squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
+        squares.append(g.sum_of_squares([g.mul(x, inverse) for x, inverse in zip(errors, inverses, strict=True)]))
     fifth, third = squares
     both = g.add(g.add(fifth, g.mul(g.const(0.01), third)), g.const(TINY))
     return g.div(g.mul(g.mul(b.h, b.h), g.mul(fifth, fifth)), g.mul(both, g.const(float(len(new)))))
@@ -640,20 +641,20 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
     """
     b, (nodes, A, weights) = Builder(code, reach, library=library), gauss_tableau()
     g, q, h, c, free = b.g, b.q, b.times_h(1.0), nodes.tolist(), code.program.independent
-    s = len(c)
+    s = len(c)  # number of stages
     v = b.correct_velocity()
     start = b.acceleration(b.t, q, v)
     out_pivots = list(b.pivots)  # guards of the sample at q, v
     newton = b.newton(q, v, start, A) if free else None
 
-    def at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
+    def state_at(fraction: float, of_velocity: Array, of_position: Array) -> tuple[list[int], list[int]]:
         """Return position and velocity at a fraction of the step, from weighted sums of the accelerations `stages`."""
         moved = b.along(b.times(b.times_h(fraction), v), b.times_h(1.0, 2), b.weighted(stages, of_position))
         return b.plus(q, moved), b.along(v, h, b.weighted(stages, of_velocity))
 
     stages, z = [start] * s, [[start[k] for k in free]] * s  # accelerations (s, n), and their independent components (s, f)
     for _ in range(NATIVE_PASSES):
-        states = [at(c[i], A[i], (A @ A)[i]) for i in range(s)]
+        states = [state_at(c[i], A[i], (A @ A)[i]) for i in range(s)]
         accelerations = [b.acceleration(g.add(b.t, b.times_h(c[i])), *states[i]) for i in range(s)]
         if newton is None:
             changes = [b.minus(a, old) for a, old in zip(accelerations, stages, strict=True)]
@@ -664,7 +665,7 @@ def gauss_legendre(code: Code, reach: Reach, library: bool = False) -> Step:
         z = [b.plus(row, change) for row, change in zip(z, changes, strict=True)]
         stages = [b.constrain(g.add(b.t, b.times_h(c[i])), *states[i], accelerations[i], z[i]) for i in range(s)]
     b.limit(b.times(h, [x for change in changes for x in change]), CONVERGED)
-    q_new, v_new = at(1.0, weights, weights @ A)
+    q_new, v_new = state_at(1.0, weights, weights @ A)
     q_new, _ = b.correct_position(g.add(b.t, h), q_new, [], q_new)
     return b.step(q_new, v_new, [], v, out_pivots)
 

@@ -39,7 +39,7 @@ TURN = 0.3  # [rad] largest norm of the step to the next guess: far less than li
 LEVELS = 3  # numbers of an input at a sample: value u, time derivatives w and b; the value n at the next sample follows them
 LIMIT = 8  # largest number of corrections; from the farthest guess that is accepted quadratic convergence needs four
 
-Sample = dict[str, list[int]]  # part of what is computed at one sample (`_write_sample`) -> its values, by their indices in a graph
+Sample = dict[str, list[int]]  # name of a result at one sample (`_write_sample`) -> its values, by their indices in a graph
 
 
 def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
@@ -80,23 +80,23 @@ def _write_sample(program: ClosingProgram, plain: bool) -> tuple[Graph, Sample]:
     step = [g.sub(after, before) for before, after in zip(u, next_u, strict=True)]
     guards, advance, stored = inline(g, program.motion, (closed, u, w, b, step), at_closed.__getitem__)
     following = [g.add(x, change) for x, change in zip(closed, advance, strict=True)]
-    norms = [g.squares([x[k] for k in angles]) for x in (correction, advance)]
+    norms = [g.sum_of_squares([x[k] for k in angles]) for x in (correction, advance)]
     flat_start, flat_end = ([x for pair in pairs for x in pair] for pairs in (start, end))
-    parts = {"start": flat_start, "end": flat_end, "closed": closed, "guards": guards}
-    parts |= {"following": following, "stored": stored, "norms": norms}
-    if not plain:  # regroup the arithmetic; the parts are then found under other indices, in a new graph
-        g, moved = rewrite(g, [x for part in parts.values() for x in part])
-        parts = {name: [moved[x] for x in part] for name, part in parts.items()}
-    return g, parts
+    sample = {"start": flat_start, "end": flat_end, "closed": closed, "guards": guards}
+    sample |= {"following": following, "stored": stored, "norms": norms}
+    if not plain:  # regroup the arithmetic, in a new graph, in which values have other indices
+        g, moved = rewrite(g, [x for values in sample.values() for x in values])
+        sample = {name: [moved[x] for x in values] for name, values in sample.items()}
+    return g, sample
 
 
 def _leaves(g: Graph, name: str, count: int) -> list[int]:
-    """Return the leaves, which are inputs of the graph, for the `count` components of a vector."""
+    """Return the leaves %NAME0, %NAME1 ... of the graph, which stand for the `count` components of a vector."""
     return [g.leaf(f"%{name}{k}") for k in range(count)]
 
 
 def _settle(g: Graph, program: ClosingProgram, sample: Sample, values: Sequence[int], alive: int) -> tuple[Loop, int]:
-    """Build the loop of Newton's corrections at one sample; it starts with the guess as q.
+    """Build the loop of Newton's corrections at one sample, which begins with the guess as q.
 
     The loop continues, for at most LIMIT iterations, as long as some lane is unsettled: all its samples so far were closed
     (`alive`), the last |z| is larger than SETTLED, and no |z| of this sample was larger than REACH.
@@ -119,9 +119,9 @@ def _settle(g: Graph, program: ClosingProgram, sample: Sample, values: Sequence[
 
 
 def follow(program: ClosingProgram, plain: bool = False) -> Routine:
-    """Build the routine in which each lane of a group computes one sample after the other.
+    """Build the routine `follow`, in which each lane of a group computes one sample after the other.
 
-    It ends after the last sample, or when no lane of the group has a closed sample and a near guess at the next one.
+    The routine ends after the last sample, or when no lane of the group has a closed sample and a near guess at the next one.
     """
     g, sample = _write_sample(program, plain)
     n, K = program.driven.n, program.inputs
@@ -129,8 +129,8 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
 
     # all values of one sample, in the order in which they are computed; below they are divided into those that follow from the
     # guess, those of a correction, and all others
-    every = [x for part in sample.values() for x in part]
-    values = order(g, every, {f"%guess{k}": x for k, x in enumerate(sample["following"])}, plain)
+    results = [x for values in sample.values() for x in values]
+    values = order(g, results, {f"%guess{k}": x for k, x in enumerate(sample["following"])}, plain)
     before = set(live(g, sample["start"]))  # computed once, from the guess
     repeated = set(live(g, [*sample["closed"], *sample["end"], sample["norms"][0]])) - before  # computed by every correction
 
@@ -140,15 +140,16 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
     corrections, still_near = _settle(g, program, sample, [x for x in values if x in repeated], alive)
     correction_square, advance_square = sample["norms"]
     # a guard x and its bound a have one sign, and |x| >= |a|: that is x a >= a a
-    guarded = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
-    good = g.both([alive, still_near, g.make("le", correction_square, g.const(SETTLED**2)), *guarded])  # the sample is closed
+    guards_hold = [g.make("le", g.mul(a, a), g.mul(x, a)) for x, a in zip(sample["guards"], least, strict=True)]
+    is_settled = g.make("le", correction_square, g.const(SETTLED**2))
+    is_closed = g.both([alive, still_near, is_settled, *guards_hold])
     # the lane goes on to the next sample if the guess there is not far away
-    goes_on = g.both([good, g.make("le", advance_square, g.const(TURN**2))])
+    goes_on = g.both([is_closed, g.make("le", advance_square, g.const(TURN**2))])
 
-    # what an iteration of the loop over samples passes on to the next one: leaf -> first value, next value
-    counted, later = g.add(done, g.flag(good)), g.make("sum", i, g.whole(1))
+    # variables of the loop over samples: leaf -> first value, next value
+    done_later, i_later = g.add(done, g.flag(is_closed)), g.make("sum", i, g.whole(1))
     carried = dict(zip(guess, zip(first, sample["following"], strict=True), strict=True))
-    carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), counted), i: (g.whole(0), later)}
+    carried |= {alive: (g.all(True), goes_on), done: (g.const(0.0), done_later), i: (g.whole(0), i_later)}
 
     # the loop over samples; the values n of the next sample follow in `inputs` after the levels u, w, b of this one
     rows = {g.leaf(f"%{letter}{k}"): level * K + k for level, letter in enumerate("uwbn") for k in range(K)}
@@ -159,11 +160,11 @@ def follow(program: ClosingProgram, plain: bool = False) -> Routine:
         Compute([x for x in values if x not in repeated]),
         Scatter("out", sample["stored"], g.make("times", i, payload=program.width), g.count("%block"), g.count("%last")),
     ]
-    loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", later, g.count("%samples"))))
+    loop = Loop(carried, body, g.make("also", g.make("any", goes_on), g.make("below", i_later, g.count("%samples"))))
     loads = [Load(name, {x: k for k, x in enumerate(leaves)}) for name, leaves in (("q", first), ("least", least))]
 
-    statements: list[Statement] = [*loads, loop, Store("report", [counted, *sample["guards"]])]
+    statements: list[Statement] = [*loads, loop, Store("report", [done_later, *sample["guards"]])]
     arrays = {"q": Array(n), "least": Array(program.guards), "inputs": Array(1, "shift"), "out": Array(0)}
     arrays["report"] = Array(1 + program.guards)
     counts = ("samples", "shift", "block", "last")
-    return Routine("follow", g, arrays, (), counts, statements, good, count_operations(g, values))
+    return Routine("follow", g, arrays, (), counts, statements, is_closed, count_operations(g, values))

@@ -30,7 +30,7 @@ from gauss_bench.terms import Array
 STRIDE = 0.1  # [rad, typical lengths] step of an input between samples: the error of the second-order prediction is a few 1e-4
 MANY = 8  # number of angles above which steps are shorter than STRIDE
 SUBDIVISIONS = (8, 64)  # numbers of parts of a step that could not be made at once
-FEW = 4  # least number of samples in a part
+FEW = 4  # least number of samples in a part of a motion that is divided among lanes
 LEAST = 1e-3  # least value of a guard (a pivot), relative to its value at the start; where it is less, `loop_closure` decides
 
 
@@ -39,8 +39,10 @@ class Loss:
     """The place and the cause of a motion's end.
 
     Attributes:
+        sample: index of the first sample that is not closed.
         kind: "limit of motion" or "singular position".
         inputs: name of an input -> its last value that was reached [rad, m].
+        text: the reason in words.
     """
 
     sample: int
@@ -85,8 +87,8 @@ class Tracker:
     def follow(self, q: Array, least: Array, inputs: Array, rows: Array) -> tuple[NDArray[np.integer[Any]], Array]:
         """Compute the samples of each lane one after the other, starting with a guess for the position at the first sample.
 
-        Return the number of samples of each lane before the first that could not be closed (lanes,), and the guards at the last
-        sample that was computed (lanes, G).
+        Return for each lane the number of samples before the first one that could not be closed (lanes,), and the guards at the
+        last sample that was computed (lanes, G).
 
         Args:
             q: (lanes, n) guesses at the first samples.
@@ -103,13 +105,13 @@ class Tracker:
         report, out = np.empty((len(guesses), 1 + self.program.guards, lanes)), rows.reshape(-1)
         block = samples * self.program.width  # numbers of one lane
         last = out.size - block  # where the numbers of the last lane begin
-        given = self.loaded.given([guesses, bounds, levels, out, report])
-        self.loaded.call(lanes)(*given, samples, inputs[0].size, block, last, len(guesses))
+        arguments = self.loaded.as_arguments([guesses, bounds, levels, out, report])
+        self.loaded.call(lanes)(*arguments, samples, inputs[0].size, block, last, len(guesses))
         # from (groups, 1 + G, lanes of a group) to (lanes, 1 + G), without the copies that fill the last group
-        found = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
-        return found[:, 0].astype(int), found[:, 1:]
+        of_lanes = report.transpose(0, 2, 1).reshape(-1, report.shape[1])[: len(q)]
+        return of_lanes[:, 0].astype(int), of_lanes[:, 1:]
 
-    def strides(self, u: Array) -> float:
+    def longest_stride(self, u: Array) -> float:
         """Return the largest change of an input between successive samples of the inputs u (k, K), as a multiple of STRIDE."""
         return float((np.abs(u[1:] - u[:-1]) * self.per_stride).max(initial=0.0))
 
@@ -121,8 +123,7 @@ class Tracker:
             stride: largest change of an input between successive samples, as a multiple of STRIDE.
             rows: (k, R) array that receives q, v and a of every sample, NaN where the linkage is not closed.
         """
-        samples_closed = self._follow_parts(levels, stride, rows)
-        return self._finish(levels, rows, samples_closed) if samples_closed < len(rows) else None
+        return self._finish(levels, rows, self._follow_parts(levels, stride, rows))
 
     def _walk(self, u: Array) -> Array:
         """Return positions (m, n) at inputs u (m, K), computed in a single lane; NaN from the first input on that it cannot close.
@@ -161,22 +162,22 @@ class Tracker:
         incomplete = np.flatnonzero(valid < count)
         return int(begins[incomplete[0]] + valid[incomplete[0]]) if len(incomplete) else k
 
-    def _finish(self, levels: Array, rows: Array, at: int) -> Loss | None:
-        """Compute the samples from index `at` on, the first sample at which a lane could not close the linkage in one step.
+    def _finish(self, levels: Array, rows: Array, sample: int) -> Loss | None:
+        """Compute the samples from index `sample` on, the first at which a lane could not close the linkage in one step.
 
         Return where and why the motion ends before the last sample, or None if it does not.
         """
-        while at < len(rows):
-            q, u = (rows[at - 1, : self.n], levels[at - 1, 0]) if at else (self.q, self.u)
-            done = self._follow_in_small_steps(q, u, levels[at:], rows[at:])
-            if done:
-                at += done
+        while sample < len(rows):
+            q, u = (rows[sample - 1, : self.n], levels[sample - 1, 0]) if sample else (self.q, self.u)
+            closed = self._follow_in_small_steps(q, u, levels[sample:], rows[sample:])
+            if closed:
+                sample += closed
                 continue
-            found = self._close_by_library(q, levels[at])
-            if isinstance(found, Loss):
-                rows[at:] = np.nan
-                return replace(found, sample=at)
-            rows[at], at = found, at + 1
+            row = self._close_by_library(q, levels[sample])
+            if isinstance(row, Loss):
+                rows[sample:] = np.nan
+                return replace(row, sample=sample)
+            rows[sample], sample = row, sample + 1
         return None
 
     def _follow_in_small_steps(self, q: Array, u: Array, levels: Array, rows: Array) -> int:
@@ -194,15 +195,15 @@ class Tracker:
             # `parts` samples from u on, with zero derivatives, without the repeated last one of `_at_rest`; then the samples to be
             # computed, with the last one repeated, because the routine reads the inputs of one sample more than it closes
             ahead = np.concatenate([_at_rest(between)[:, :-1], levels[None], levels[None, -1:]], axis=1)
-            found = np.empty((parts + len(rows), self.program.width))
-            closed = int(self.follow(q[None], self.least[None], ahead, found)[0][0]) - parts
-            if closed > 0:
-                rows[:closed] = found[parts : parts + closed]
-                return closed
+            all_rows = np.empty((parts + len(rows), self.program.width))
+            (closed,), _ = self.follow(q[None], self.least[None], ahead, all_rows)
+            if closed > parts:
+                rows[: closed - parts] = all_rows[parts:closed]
+                return int(closed) - parts
         return 0
 
     def _close_by_library(self, q: Array, levels: Array) -> Array | Loss:
-        """Close one sample near the position q by `loop_motion`; return its row (R,), or why it cannot be closed."""
+        """Close one sample near the position q (n,) by `loop_motion`; return its row (R,), or why it cannot be closed."""
         # every driver gets a law with the same value and derivatives at all times, so that the time 1.0 below is arbitrary
         drivers = [replace(d, law=_hold(level)) for d, level in zip(self.driven.drivers, levels.T, strict=True)]
         try:
@@ -210,7 +211,7 @@ class Tracker:
         except MotionError as error:
             kind = "singular position" if isinstance(error, SingularPosition) else "limit of motion"
             reason = str(error).rpartition(": ")[2]  # the message gives the place, then ": " and the reason
-            return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller knows the sample
+            return Loss(sample=0, kind=kind, inputs=error.inputs, text=reason)  # the caller enters the sample
         return np.concatenate([motion.q[0], motion.v[0], motion.a[0]])
 
 
