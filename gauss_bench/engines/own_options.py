@@ -4,7 +4,7 @@
     KEY=VALUE,...:        the options of the engine's first settings, with the given options changed
     NAME,KEY=VALUE,...:   the options of the settings or variant NAME, with the given options changed
 
-The first settings of an engine define which options exist, and whether a value is a number, a list of so many numbers, or a word. A
+The first settings of an engine define its options, and the type of each value: a number, a list of a fixed length, or a word. A
 word must occur in settings or variants of the engine, or among the values that the engine lists for the option.
 """
 
@@ -56,7 +56,7 @@ class OptionTable:
         changes: dict[str, Any] = {}
         for part in parts:
             if not is_assignment(part):
-                raise OptionError(f"{part!r}: only the first may be a name, what follows is KEY=VALUE")
+                raise OptionError(f"{part!r}: only the first part may be a name; all others have the form KEY=VALUE")
             key, value = (x.strip() for x in part.split("=", 1))
             if key not in self.options:
                 raise OptionError(f"no option {key!r}; there are {self.describe() or 'none'}")
@@ -108,7 +108,7 @@ def is_assignment(text: str) -> bool:
 
 
 def _read(text: str) -> Any:
-    """Return a text's value in TOML, or the text itself if it is one or more words without quotes, and otherwise None."""
+    """Return the value of a text in TOML; words without quotes are returned as they are, and None for any other text."""
     if "\n" in text:  # a second line could hold a second value
         return None
     try:

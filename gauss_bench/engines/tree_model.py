@@ -28,7 +28,7 @@ class TreeModel(ABC):
         library: the library's name in messages.
         options: name of an option of the engine -> value; the option "tree" selects the spanning tree.
         y0, dy0: (n,) tree coordinates and rates at the start.
-        plan: intervals of time, each with steps of equal size, which `run` takes.
+        plan: the `Stretch`es of a run: sequences of equal steps, each up to a sample or a kink.
         y, dy: (k, n) tree coordinates and rates at the sample times, which `run` stores.
     """
 
@@ -78,7 +78,7 @@ class TreeModel(ABC):
         return self.trajectory(self.y, self.dy, self.count_steps())
 
     def count_steps(self) -> int:
-        """Return the number of steps of a run: that of the plan, unless the library chooses its steps."""
+        """Return the number of steps in `plan`; a subclass whose library chooses its steps returns another number."""
         return sum(stretch.steps for stretch in self.plan)
 
     def trajectory(self, y: Array, dy: Array, steps: int, evaluations: int | None = None, note: str = "") -> Trajectory:
@@ -164,7 +164,7 @@ def acceleration_by_steps(rates: TwoSteps, t: float, y: Array, dy: Array, steps:
     Args:
         rates: function (t, y, dy, h) that returns the rates (n,) after one step of h [s], and the rates after two such steps.
     """
-    changes = []
+    changes = []  # D(h) of each step size
     for h in steps:
         before, after = rates(t - h, y - h * dy, dy, h)
         changes.append((after - before) / h)
