@@ -174,16 +174,21 @@ def file_of_engines() -> Path:
     """Return the path of the user's file of engines; the file need not exist."""
     if path := os.environ.get(FILE):
         return Path(path)
-    chosen = os.environ.get("XDG_CONFIG_HOME", "")  # by the XDG specification, a relative path has no effect
-    config = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".config"
-    return config / "gauss-bench" / "engines.toml"
+    return _user_folder("XDG_CONFIG_HOME", ".config") / "engines.toml"
 
 
 def home() -> Path:
     """Return the folder of all environments that `gauss-bench engines install` makes; it need not exist."""
-    chosen = os.environ.get("XDG_DATA_HOME", "")
-    data = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".local" / "share"
-    return data / "gauss-bench" / "engines"
+    return _user_folder("XDG_DATA_HOME", ".local/share") / "engines"
+
+
+def _user_folder(variable: str, default: str) -> Path:
+    """Return this package's folder in the folder that an environment variable of the XDG specification names.
+
+    Without an absolute path in the variable, it is in the folder `default` of the user's home.
+    """
+    chosen = os.environ.get(variable, "")
+    return (Path(chosen) if os.path.isabs(chosen) else Path.home() / default) / "gauss-bench"
 
 
 def interpreter_in(folder: Path) -> Path:

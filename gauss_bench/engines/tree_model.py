@@ -61,7 +61,7 @@ class TreeModel(ABC):
             return finite_acceleration(t, self.tree.absolute(y, dy, self.tree_acceleration(t, y, dy)).a, self.library)
 
     def accelerate_sample(self, t: float, y: Array, dy: Array) -> Array:
-        """Return the accelerations (3 links,) of a sample; a subclass may compute them otherwise than `accelerate` does."""
+        """Return the accelerations (3 links,) that `read` reports for a sample; a subclass may compute them in another way."""
         return self.accelerate(t, y, dy)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -122,7 +122,10 @@ class OpenModel:
 
 
 def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], OpenModel], tolerance: float) -> None:
-    """Compare a library's model of the tree, as `describe` returns it, with the linkage at the start and where loops are open.
+    """Compare a library's model of the tree with the suite's, at the start and at random tree states, where loops are open.
+
+    Args:
+        describe: function of a tree state y, dy (n,) that returns what the library computes there.
 
     Raises:
         RunFailure: a quantity differs by more than the tolerance times its scale.
@@ -134,7 +137,7 @@ def verify(mechanism: Mechanism, tree: Tree, describe: Callable[[Array, Array], 
 
 def comparison(model: OpenModel, own: OpenTree) -> dict[str, tuple[Array, Array, float]]:
     """Return name of a quantity -> the library's value, the suite's own value, and the scale of a difference."""
-    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # without any load, the library's rounding is compared with 1
+    extent, load = float(np.abs(own.q).max()), own.load or 1.0  # 1.0: without any load, forces differ only by rounding
     pairs = {"gaps of open pins": (model.gaps, own.gaps, extent)}
     if model.positions is not None:
         pairs["positions of links"] = (model.positions, places(own.q), extent)

@@ -1,4 +1,4 @@
-"""The numbers of a linkage that the equations derived by hand need, or the reason why these equations do not cover the linkage.
+"""Recognise a crank-slider or a four-bar, and compute the numbers that the equations derived by hand need.
 
 A crank-slider has a crank on a ground pin, a rod, and a slider on a level guide of the ground; a four-bar has a second ground pin
 in the slider's place. Loads: gravity, a constant torque and damping on the crank, and on the slider a spring and damper along x.
@@ -62,7 +62,8 @@ def loop_of(mechanism: Mechanism) -> Loop:
     crank, pins = mechanism.crank, mechanism.pins
     constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
-        raise Underived("only loops of three links with a crank, moved by loads alone, are derived by hand")
+        raise Underived("only loops of three links with a crank, without drivers, couplings and dry friction, are derived by hand")
+    # the link that is pinned to the crank; without one it is the crank, which has no pin with itself, so that it is refused below
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
     third = 3 - crank - second  # the indices of the three links are 0, 1 and 2
     pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
@@ -140,7 +141,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     The spring acts at the slider's pin; a four-bar (`slider` is None) has none.
 
     Raises:
-        Underived: another load acts.
+        Underived: another load acts, or a second spring.
     """
     coefficients = {"T": 0.0, "D": 0.0}
     if slider is not None:
@@ -159,8 +160,8 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
                 and coefficients["K"] == coefficients["C"] == 0
             ):
                 # from the slider's pin to the point on which the spring acts [m], in the world's axes
-                beside = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
-                coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(beside[0])}
+                from_pin = turn_vector(point.local - pin.local, angle_at(mechanism.q0, point.link))
+                coefficients |= {"K": k, "C": c, "X0": rest + float(origin.local[0]) - float(from_pin[0])}
             case _:
-                raise Underived(f"a load acts that the derivation by hand does not have ({name})")
+                raise Underived(f"the derivation by hand does not include the load {name}")
     return coefficients
