@@ -1,4 +1,4 @@
-"""Cases by which CasADi's releases are compared besides the adapter's runs: linear solvers, other integrators, and the defaults.
+"""Cases that compare CasADi's releases beyond the adapter's runs: linear solvers, integrators, and default options.
 
 Each linear solver of a release solves the KKT system of the four-bar for its accelerations.
 """
@@ -31,9 +31,10 @@ def list_probes() -> list[dict[str, str]]:
 
 
 def ask_probe(name: str, q: Array, v: Array) -> Array:
-    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) for a case of `list_probes`.
+    """Return the absolute accelerations (k, n) of the four-bar at states q, v (k, n) by a linear solver of CasADi.
 
-    The last word of its name is the linear solver.
+    Args:
+        name: name of a case of `list_probes`, whose last word is the linear solver.
     """
     import casadi as ca
 
@@ -70,10 +71,10 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
 
 
 def defaults() -> dict[str, str]:
-    """Return name -> value of plugins and default options of the installed release of CasADi.
+    """Return name -> finding for the plugins and default options of the installed release of CasADi.
 
-    The name of an available plugin has the value "there". The name of an integrator and its option has the value "acts as X" if a
-    run without the option equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
+    For each available plugin the finding is "there". For each option of an integrator it is "acts as X" if a run without the option
+    equals a run with the option's value X in ASSUMED, and otherwise "acts otherwise than X".
     """
     import casadi as ca
 
@@ -92,9 +93,9 @@ def defaults() -> dict[str, str]:
 
 
 def integrate(ca: Any, name: str, options: dict[str, Any]) -> tuple[list[int], list[float]]:
-    """Integrate van der Pol's oscillator; return the counts of steps and evaluations, and the state (2,) at the end.
+    """Integrate van der Pol's oscillator over 5 s; return the counts of steps and evaluations, and the state (2,) at the end.
 
-    Runs show the defaults, because CasADi's built-in documentation describes much older releases before release 3.7.
+    Runs show the defaults. The built-in documentation does not: before release 3.7 it is that of much older releases.
     """
     x = ca.SX.sym("x", 2)
     ode = ca.vertcat(x[1], (1 - x[0] ** 2) * x[1] - x[0])
