@@ -99,13 +99,11 @@ class CompiledModel:
     def run(self) -> None:
         if self.choice.integrator != ADAPTIVE:
             self._run_fixed()
-            return
-        if not self.times[-1] > self.times[0]:
-            return
-        tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
-        motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
-        self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
-        self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
+        elif self.times[-1] > self.times[0]:
+            tolerances = self.choice.tolerances(self.options["dop853_rtol"], self.options["dop853_atol"])
+            motion = self.kernel.integrate(self.q[0], self.v[0], self.times, *tolerances)
+            self.q, self.v, self.steps, self.evaluations = motion.q, motion.v, motion.steps, motion.evaluations
+            self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
         """Take fixed steps, with one call of the native loop for each part: for sample intervals of `count` steps of h [s] each."""

@@ -41,22 +41,18 @@ End = TypeVar("End")
 class LibraryEngine(EngineDefaults):
     """The members that adapters to libraries have in common.
 
-    `class Adapter(LibraryEngine, beside=__file__)` reads the `variants.toml` in the folder of the adapter's own file. Instead of
-    `beside`, `file` may give the content of such a file, as `read_variants` returns it.
+    `class Adapter(LibraryEngine, beside=__file__)` reads the `variants.toml` in the folder of the adapter's own file.
     """
 
     stabilizations: tuple[str, ...] = ("none",)
     settings: Mapping[str, Mapping[str, Any]]
     file: Variants
 
-    def __init_subclass__(cls, file: Variants | None = None, beside: str = "") -> None:
-        if beside:
-            file = read_variants(Path(beside).parent)
-        if file is None:  # a subclass of an adapter without a file of its own inherits that adapter's settings
-            return
-        cls.file = file
-        cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
-        cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
+    def __init_subclass__(cls, beside: str = "") -> None:
+        if beside:  # without it, a subclass of an adapter inherits that adapter's settings
+            cls.file = file = read_variants(Path(beside).parent)
+            cls.settings, cls.variants, cls.knobs = file.settings, file.space, file.knobs
+            cls.first, cls.soft, cls.unfinished = file.first, file.soft, file.unfinished
 
     def in_python(self, mechanism: Mechanism, choice: Choice) -> str:
         return ""
@@ -222,11 +218,10 @@ def require_agreement(pairs: Mapping[str, tuple[Array, Array, float]], tolerance
     Raises:
         RunFailure: a difference is larger, or not a number.
     """
-    for quantity, (own, expected, scale) in pairs.items():
+    for name, (own, expected, scale) in pairs.items():
         error = np.abs(own - expected).max(initial=0.0)
         if not error <= tolerance * scale:  # written so that NaN fails too
-            difference = f"{quantity} by {error:.1e} (scale {scale:.1e})"
-            raise RunFailure(Status.ERROR, f"the generated model differs from the linkage: {difference}")
+            raise RunFailure(Status.ERROR, f"the built model differs from the linkage: {name} by {error:.1e} (scale {scale:.1e})")
 
 
 def size(x: Array) -> float:

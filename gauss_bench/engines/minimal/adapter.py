@@ -256,19 +256,18 @@ class MinimalModel:
         self.segments: list[Segment] = []
 
     def run(self) -> None:
-        """Integrate the parts of the run one after another, and store each result as a `Segment`.
-
-        If the run ends early, `failure` becomes the reason.
-        """
+        """Integrate the run, and store each result as a `Segment`; if it ends early, `failure` becomes the reason."""
         if self.choice.integrator == ADAPTIVE:
             self._run_adaptive()
-            return
-        for part in self.parts:
-            if not self.failure:
+        else:
+            for part in self.parts:
                 self._run_equal(part)
 
     def _run_equal(self, part: Equal) -> None:
-        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples."""
+        """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
+
+        If `failure` is set, no steps are taken.
+        """
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
             machine, start = self._machine(self.now), self.y

@@ -113,7 +113,7 @@ def _set_options(draft: Draft, built: Built) -> None:
         closure.attrib |= {"solref": write_numbers(solref), "solimp": write_numbers(solimp)}
 
 
-def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
+def find_bar_ends(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
     """Return the two end points (2,) [m] of each bar of a link, in the frame of its centre of mass; none for the ground."""
     bars = () if link == GROUND else mechanism.links[link].bars
     return [(mechanism.point(link, a).local, mechanism.point(link, b).local) for a, b in bars]
@@ -122,7 +122,7 @@ def draw(mechanism: Mechanism, link: int) -> list[tuple[Array, Array]]:
 def _add_shapes(draft: Draft) -> None:
     """Add a site at each point of a link, and a capsule that collides with nothing for each bar, sized by the longest bar."""
     mechanism = draft.mechanism
-    bars = {link: draw(mechanism, link) for link in draft.bodies}
+    bars = {link: find_bar_ends(mechanism, link) for link in draft.bodies}
     longest = max((float(np.linalg.norm(b - a)) for link in bars for a, b in bars[link]), default=1.0)
     style = {"size": write_numbers(THICKNESS * longest), "contype": "0", "conaffinity": "0", "group": "1"}
     for link, body in draft.bodies.items():
