@@ -109,7 +109,7 @@ class OwnSteps:
 
     def _advance(self, begin: float, x: Array, dx: Array, h: float, count: int, last: float) -> tuple[Array, Array]:
         """Return the state after `count` steps of h [s]; accelerations for later times than `last` [s] are evaluated at `last`."""
-        # `held_back` computes a step that ends where a force jumps with the force before the jump
+        # without `held_back`, a step that ends where a force jumps would also use the force after the jump
         step, rate = STEPS[self.choice.integrator], held_back(self.stabilized, last)
         for i in range(count):
             t = begin + i * h

@@ -135,9 +135,9 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
     """Tell whether g is the reaction to a force f on the block of a slide b: an opposite force on the guide, on the same line."""
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
-    forces = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
+    on_block, on_guide = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))  # in its frame
     offset = value(Along(g.point, f.point, float(np.arctan2(b.axis[1], b.axis[0])), across=True), mechanism.q0)
-    return bool(np.abs(sum(forces)).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
+    return bool(np.abs(on_block + on_guide).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 
 
 def refuse_load(load: TreeLoad, turns: Turning, library: str) -> str | None:
@@ -168,7 +168,7 @@ def turn_force(force: PointForce, turns: Turning) -> tuple[bool, Array]:
 
 
 def sort_load(name: str, load: Load, mechanism: Mechanism, tree: Tree, turns: Turning) -> list[TreeLoad]:
-    """Return one load of the linkage's force `name` as loads of the three kinds of this module.
+    """Return one load of the linkage's force `name` as loads of the three kinds `Steady`, `OnJoints` and `OtherLoad`.
 
     A force law on an angle, or along a slide of the tree, acts on a sum of tree coordinates. Every other load is an `OtherLoad`.
 

@@ -261,19 +261,19 @@ class _Motion:
         A, C = self.at(dyad.first.other), self.at(dyad.second.other)
         r1, r2 = dyad.lengths
         base = C - A
-        d, D = base.p, dot(base.p, base.p)
-        # |a| = r1 and |a - d| = r2 give a . d; then a = ((a . d) d + sign root / 2 (d turned by a quarter to the left)) / D
-        twice_a_dot_d = D + (r1 * r1 - r2 * r2)
-        root_squared = D * (4 * r1 * r1) - twice_a_dot_d * twice_a_dot_d
+        s, s_squared = base.p, dot(base.p, base.p)
+        # |a| = r1 and |a - s| = r2 give a . s; then a = ((a . s) s + sign root / 2 (s turned by a quarter to the left)) / s^2
+        twice_a_dot_s = s_squared + (r1 * r1 - r2 * r2)
+        root_squared = s_squared * (4 * r1 * r1) - twice_a_dot_s * twice_a_dot_s
         root = self.graph.sqrt(root_squared)
-        a = (d * twice_a_dot_d + cross(root * sign, d)) * (self.graph.inverse(D) * 0.5)
-        c = a - d
+        a = (s * twice_a_dot_s + cross(root * sign, s)) * (self.graph.inverse(s_squared) * 0.5)
+        c = a - s
         # inverse: 1 / (a x c)
-        a_dot_c, inverse = (r1 * r1 + r2 * r2 - D) * 0.5, root * self.graph.inverse(root_squared) * (2 * sign)
+        a_dot_c, inverse = (r1 * r1 + r2 * r2 - s_squared) * 0.5, root * self.graph.inverse(root_squared) * (2 * sign)
         omega1, omega2 = dot(base.d, c) * inverse, dot(base.d, a) * inverse
-        s1, s2 = omega1 * omega1, omega2 * omega2
-        alpha1 = (dot(base.b, c) + s1 * a_dot_c - s2 * (r2 * r2)) * inverse
-        alpha2 = (dot(base.b, a) + s1 * (r1 * r1) - s2 * a_dot_c) * inverse
+        square1, square2 = omega1 * omega1, omega2 * omega2
+        alpha1 = (dot(base.b, c) + square1 * a_dot_c - square2 * (r2 * r2)) * inverse
+        alpha2 = (dot(base.b, a) + square1 * (r1 * r1) - square2 * a_dot_c) * inverse
         pin1, pin2 = (pin.local for pin in dyad.middle)
         self._add_rod(dyad.first, a, omega1, alpha1, A, pin1)
         self._add_rod(dyad.second, c, omega2, alpha2, C, pin2)
