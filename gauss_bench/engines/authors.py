@@ -128,7 +128,7 @@ def _read(file: Line) -> CheckedSettings:
         require(key in FIELDS, key, f"no such field; there are {', '.join(FIELDS)}")
     require(file.get("format") == FORMAT, "format", f"must be {FORMAT!r}")
     authors, contact = (_read_text(file, key, key) for key in ("authors", "contact"))
-    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or of e-mail")
+    require(contact.startswith("https://") or "@" in contact, "contact", "must be an address: https://... or an e-mail address")
     day = file.get("date")
     if not isinstance(day, date) or isinstance(day, datetime):  # Python's datetime is a date
         raise SettingsFault("date: must be a date, as in date = 2026-11-26")
@@ -143,7 +143,7 @@ def _read(file: Line) -> CheckedSettings:
     for key in knobs:
         require(key in variants.knobs, f"knobs.{key}", f"{name} has no such knob; it has {', '.join(variants.knobs)}")
     lines, most = read_tables(file, "settings"), len(variants.space)
-    allowed = f"there may be {most}, as many as the search has variants of {name}"
+    allowed = f"at most {most} are allowed, because the search has {most} variants of {name}"
     require(len(lines) <= most, "settings", f"{len(lines)} settings; {allowed}")
     settings = {key: _read_setting(f"settings.{key}", line, engine, variants) for key, line in lines.items()}
     for key, line in lines.items():

@@ -238,7 +238,7 @@ class ModelDefaults:
         Raises:
             RunFailure: the engine does not provide these two functions.
         """
-        raise RunFailure(Status.SKIP, "the engine has no bare call of its library")
+        raise RunFailure(Status.SKIP, "the engine cannot call its library alone")
 
     def batch(self, q: Array, v: Array, steps: int) -> Callable[[], Array]:
         """Return a function that takes `steps` steps from each of the states q, v (k, n), all in one call.
@@ -248,7 +248,7 @@ class ModelDefaults:
         Raises:
             RunFailure: the engine cannot step many trajectories in one call.
         """
-        raise RunFailure(Status.SKIP, "the engine has no steps of many trajectories at once")
+        raise RunFailure(Status.SKIP, "the engine cannot step many trajectories in one call")
 
 
 # name of an optional member -> the class that has its default

@@ -58,7 +58,7 @@ class Compiled:
         return ""
 
     def skip(self, mechanism: Mechanism, choice: Choice) -> str | None:
-        return "dry friction has no kernel: its loads are found by iteration" if mechanism.has_friction else None
+        return "dry friction is not compiled, because its forces are found by iteration" if mechanism.has_friction else None
 
     def build(self, mechanism: Mechanism, choice: Choice) -> "CompiledModel":
         compiler_version()  # raises if llvmlite is missing
@@ -144,5 +144,5 @@ class CompiledModel:
         a[reached] = self.kernel.acceleration(self.q[reached], self.v[reached], self.times[reached])
         note = ""
         if self.switches or self.fallbacks:
-            note = f"partition changed {self.switches} times, {self.fallbacks} steps by rank decision"
+            note = f"independent coordinates changed {self.switches} times; rank decided numerically in {self.fallbacks} steps"
         return Trajectory(self.times, self.q, self.v, a, self.steps, self.evaluations, note)

@@ -75,12 +75,12 @@ def common_refusal(mechanism: Mechanism, library: str) -> str | None:
     for force in mechanism.forces:
         is_steady = not factor_of(force)  # a force that varies with time or direction is no sum of constant loads
         if is_steady and any(isinstance(x, Law) and x.inverse_square for x in loads([force])):
-            return f"force {force.name} falls with the square of a distance, which the adapter of {library} does not support"
+            return f"force {force.name} is an inverse square law, which the adapter of {library} does not support"
     if mechanism.couplings:
         coupling = mechanism.couplings[0]
         return f"the adapter of {library} does not support a {type(coupling).__name__} ({coupling.name})"
     if mechanism.has_friction:
-        return f"the adapter of {library} does not support dry friction, which grows with the load of a joint"
+        return f"the adapter of {library} does not support dry friction, which depends on the load of a joint"
     return None
 
 
@@ -105,11 +105,11 @@ def undriven(mechanism: Mechanism, tree: Tree, library: str, any_law: bool = Tru
     """
     for driver in mechanism.drivers:
         if isinstance(driver, LengthDriver):
-            return f"{library} can prescribe coordinates of joints, not the length {driver.name}"
+            return f"{library} can prescribe coordinates of joints, but not the length {driver.name}"
         if not any_law and driver.law.name != "constant":
             return f"the adapter of {library} supports drivers of constant speed only, not the motion law {driver.law.name}"
     if None in driven_coordinates(mechanism, tree):
-        return f"{library} can prescribe single coordinates of the tree of joints, and the driven angle is a sum of them"
+        return f"{library} can prescribe single coordinates of the tree of joints, but the driven angle is a sum of several"
     return None
 
 

@@ -149,7 +149,7 @@ def _loads(mechanism: Mechanism, crank: int, slider: int | None, pin: Point) -> 
     for name, load in ((force.name, load) for force in mechanism.forces for load in loads([force])):
         match load:
             case Law(inverse_square=s) if s:
-                raise Underived(f"a force that falls with the square of a distance is not derived by hand ({name})")
+                raise Underived(f"the derivation by hand does not include the inverse square law {name}")
             case Law(Angle(a, b), k=0, c=c, bias=bias) if {a, b} == {GROUND, crank}:
                 coefficients["T"] += bias if b == crank else -bias
                 coefficients["D"] += c

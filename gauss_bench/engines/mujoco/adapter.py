@@ -196,7 +196,7 @@ class MujocoModel(TreeModel):
         notes = []
         if self.sets_forces:
             subject = "the motion law is" if self.drives else "forces that vary are"
-            notes.append(f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo does")
+            notes.append(f"{subject} evaluated in Python at every stage, which takes longer than MuJoCo's own work")
         complaint = [f"MuJoCo: {x}" for x in self.complaints[:1]]
         with collect_warnings(self.mujoco, []):  # warnings about samples of a diverged run are dropped: `judge` rejects such runs
             trajectory = self.trajectory(self.y, self.dy, self.count_steps(), note="; ".join([*notes, *complaint]))
