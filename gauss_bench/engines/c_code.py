@@ -79,14 +79,14 @@ class Code:
         # Without these types ctypes passes an address as an int of 32 bits, and refuses a float.
         self.library.accelerate.argtypes = [ctypes.c_double, *[ctypes.c_void_p] * 3]
         for method in METHODS:
-            numbers = ctypes.c_double, ctypes.c_double, ctypes.c_long
-            getattr(self.library, method).argtypes = [ctypes.c_void_p, ctypes.c_void_p, *numbers]
+            getattr(self.library, method).argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_double] * 2, ctypes.c_long]
 
     def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
         """Take `count` steps of h [s] in place; q, v (n,) contiguous."""
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
+        """Return the acceleration (n,) at time t [s] and coordinates and rates q, v (n,)."""
         a, q, v = np.empty(self.n), np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
         self.library.accelerate(t, q.ctypes.data, v.ctypes.data, a.ctypes.data)
         return a

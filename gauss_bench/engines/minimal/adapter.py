@@ -136,7 +136,7 @@ class MinimalModel:
         smallest_openings: (sequences, states) smallest opening of the dyads, after division by `scales`, at each sampled state.
         steady: indices of the sequences whose openings stay above STEADY at all sampled states; each serves for the whole motion.
         least: smallest opening with which a sequence is used.
-        first, now: keys of the equation with which a run starts, and of the equation that is integrated at present.
+        first, present: keys of the equation with which a run starts, and of the equation that is integrated at present.
         y: (2n,) present state in the variables of the present equation: its coordinates q (n,), the independent one first, and
             their rates v (n,).
         tried: keys of the equations that cannot continue from the present state.
@@ -195,7 +195,7 @@ class MinimalModel:
             self.machines[key] = Machine(self._equation(key), self.choice.integrator)
         return self.machines[key]
 
-    def _openings(self, at: Links) -> dict[Key, float]:
+    def _measure_openings(self, at: Links) -> dict[Key, float]:
         """Return key of each sequence on the branch of a state `at` -> smallest opening of the sequence's dyads at this state."""
         smallest = {}
         for k, (sequence, scale) in enumerate(zip(self.sequences, self.scales, strict=True)):
@@ -217,18 +217,18 @@ class MinimalModel:
             pairs = {"places": (own_q, q, size(q)), "speeds": (own_v, v, size(v)), "accelerations": (own_a, a, size(a))}
             require_agreement(pairs, AGREEMENT)
 
-    def _state(self, equation: Equation, q: Array, v: Array) -> Array:
+    def _convert_state(self, equation: Equation, q: Array, v: Array) -> Array:
         """Convert a state q, v (n,) of the linkage to the state (2n,) in the variables of an equation of motion."""
         return equation.state(Links.of(q, v), {link: float(angle_at(q, link)) for link in equation.angles})
 
     def _derive(self, key: Key, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a (n,) of all links by a key's equation, which takes only the coordinate and its rate from q, v (n,)."""
         equation = self._equation(key, q)
-        motion = LinkMotion.at(equation, self._state(equation, q, v)[None])
+        motion = LinkMotion.at(equation, self._convert_state(equation, q, v)[None])
         return motion.unwrap(angles(q))[0], motion.v[0], motion.a[0]
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        openings = self._openings(Links.of(q, v))
+        openings = self._measure_openings(Links.of(q, v))
         chosen = max(openings, key=lambda key: openings[key])
         for key, opening in openings.items():
             # the equation in the first coordinate is written already; it is used unless a dyad is too near to a dead centre
@@ -239,7 +239,7 @@ class MinimalModel:
 
     def prepare(self, times: Array, native: bool = True) -> None:
         self.times = times
-        self.start = self._state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
+        self.start = self._convert_state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)
         machine = self._machine(self.first)
         if not machine.is_adaptive:
@@ -251,7 +251,7 @@ class MinimalModel:
             self._reset()
 
     def _reset(self) -> None:
-        self.y, self.now, self.tried = self.start, self.first, set[Key]()
+        self.y, self.present, self.tried = self.start, self.first, set[Key]()
         self.steps, self.evaluations, self.changes, self.failure = 0, 0, 0, ""
         self.segments: list[Segment] = []
 
@@ -261,16 +261,16 @@ class MinimalModel:
             self._run_adaptive()
         else:
             for part in self.parts:
-                self._run_equal(part)
+                self._run_fixed(part)
 
-    def _run_equal(self, part: Equal) -> None:
+    def _run_fixed(self, part: Equal) -> None:
         """Take the steps of one part of the run, with a constant step size and a constant number of steps between samples.
 
         If `failure` is set, no steps are taken.
         """
         begin, h, total, done = float(self.times[part.row]), part.size, part.steps * part.samples, 0
         while done < total and not self.failure:
-            machine, start = self._machine(self.now), self.y
+            machine, start = self._machine(self.present), self.y
             count, interval = total - done, part.steps
             if done % interval:  # the coordinate has changed between two samples: one call goes to the next sample only
                 count = interval = interval - done % interval
@@ -292,7 +292,7 @@ class MinimalModel:
         options = Minimal.file.options(self.choice.settings)
         tolerances = self.choice.tolerances(options["dop853_rtol"], options["dop853_atol"])
         while row < len(times) - 1 and not self.failure:
-            machine = self._machine(self.now)
+            machine = self._machine(self.present)
             course = machine.course(self.y, np.append(t, times[row + 1 :]), tolerances)
             states = course.samples[1:]  # without the start of this segment
             # `course.state` is the state at which the integrator stopped, possibly between two samples
@@ -310,8 +310,8 @@ class MinimalModel:
         Args:
             steps_taken: number of steps since the last change; if it is 0, coordinates that failed at this state remain excluded.
         """
-        machine = self._machine(self.now)
-        self.tried = {self.now} if steps_taken else self.tried | {self.now}
+        machine = self._machine(self.present)
+        self.tried = {self.present} if steps_taken else self.tried | {self.present}
         if not np.isfinite(self.y).all():
             self.failure = f"t = {t:.6g} s: not finite; a smaller step may help"
             return
@@ -320,7 +320,7 @@ class MinimalModel:
         x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
         dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]  # derivatives by the coordinate times its rate
         here = Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
-        usable = {key: x for key, x in self._openings(here).items() if key not in self.tried and x > self.least}
+        usable = {key: x for key, x in self._measure_openings(here).items() if key not in self.tried and x > self.least}
         if not usable:
             self.failure = f"t = {t:.6g} s: every coordinate comes too near to a dead centre in a step; a smaller step may help"
             return
@@ -328,15 +328,15 @@ class MinimalModel:
         if best not in self.equations:  # its expressions are tested at the present position, for which whole turns do not matter
             self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
         new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
-        self.y, self.now, self.changes = new.state(here, spring_angles), best, self.changes + 1
+        self.y, self.present, self.changes = new.state(here, spring_angles), best, self.changes + 1
 
     def _name_coordinate(self, sequence: DyadSequence) -> str:
         """Return the name of the independent coordinate of a sequence, for the note of a run."""
         joint = sequence.joint
         return f"slide {joint.name}" if joint.motion.unit == "m" else f"angle of {self.mechanism.link_name(sequence.link)}"
 
-    def _follow(self, segment: Segment, at: Array, angles_at_start: Array) -> Array:
-        """Return approximate unwrapped angles (k, links) [rad] at values `at` (k,) of a segment's independent coordinate."""
+    def _follow(self, segment: Segment, values: Array, angles_at_start: Array) -> Array:
+        """Return approximate unwrapped angles (k, links) [rad] at values (k,) of a segment's independent coordinate."""
         equation = segment.equation
 
         def link_angles(x: Array) -> Array:
@@ -346,7 +346,7 @@ class MinimalModel:
             return LinkMotion.at(equation, states).raw_angles
 
         length = typical_length(self.mechanism) if equation.sequence.joint.motion.unit == "m" else None
-        return follow(link_angles, float(segment.start[0]), at, angles_at_start, length)
+        return follow(link_angles, float(segment.start[0]), values, angles_at_start, length)
 
     def read(self) -> Trajectory:
         """Return the samples, with whole turns of angles counted from one segment to the next.

@@ -198,6 +198,7 @@ class _Motion:
         roots: link -> its `Root`.
         q: nodes of the coordinate and of the angles that are integrated together with it.
         v: node of the coordinate's rate q'.
+        still: zero vector, the derivative of a point at rest.
         bodies: link -> its `Body`; the ground is included.
         openings: for each dyad the node of the square root in its solution, which is zero at the dead centre, and the value of this
             root at which the dyad's opening is 1.
@@ -214,8 +215,8 @@ class _Motion:
         self.q = [graph.input("q", k, q[:, k], NEAR) for k in range(q.shape[1])]
         self.v = graph.input("v", 0, np.linspace(1.0, 3.0, len(q)), 1.0)  # samples of q': any speeds except zero will do
         self.zero, self.one = graph.constant(0.0), graph.constant(1.0)
-        origin = Vec(self.zero, self.zero)
-        rest = Place(origin, origin, origin)  # the ground's origin, which does not move
+        self.still = Vec(self.zero, self.zero)
+        rest = Place(self.still, self.still, self.still)  # the ground's origin
         self.bodies: dict[int, Body] = {GROUND: Body(_unit(graph, 0.0), self.zero, self.zero, np.zeros(2), rest)}
         self.bodies[sequence.link] = self._place_input_link(sequence)
         self.openings: list[tuple[Node, float]] = []
@@ -229,9 +230,8 @@ class _Motion:
         A slide moves the link from `sequence.fixed` by q along the guide, at the distance `offset` to the left of the guide's line.
         """
         graph, joint, q = self.graph, sequence.joint, self.q[0]
-        still = Vec(self.zero, self.zero)
         if not isinstance(joint, Prismatic):
-            pin = Place(_constant(graph, *sequence.fixed.local), still, still)
+            pin = Place(_constant(graph, *sequence.fixed.local), self.still, self.still)
             return Body(Vec(graph.cos(q), graph.sin(q)), omega=self.one, alpha=self.zero, at=sequence.moved.local, place=pin)
         if joint.guide.link == GROUND:
             turn, along = joint.turn, _unit(graph, joint.angle)
@@ -239,7 +239,7 @@ class _Motion:
             turn = -joint.turn
             along = _unit(graph, joint.angle + turn) * -1.0
         position = _constant(graph, *sequence.fixed.local) + along * q + cross(joint.offset, along)
-        place = Place(position, along, still)  # the derivative of the position by q is `along`
+        place = Place(position, along, self.still)  # the derivative of the position by q is `along`
         return Body(_unit(graph, turn), omega=self.zero, alpha=self.zero, at=sequence.moved.local, place=place)
 
     def at(self, point: Point) -> Place:
@@ -441,11 +441,10 @@ class _Rates(Placement):
 
     def __init__(self, motion: _Motion, speed: Node):
         self.motion, self.speed, self.arithmetic = motion, speed, motion.graph
-        self.still = Vec(motion.zero, motion.zero)
 
     def frame(self, link: int) -> Frame:
         """Return a frame that turns with a link and whose origin is at rest; only its directions are used."""
-        return self._frame(link, self.still, self.still)
+        return self._frame(link, self.motion.still, self.motion.still)
 
     def _frame(self, link: int, place: Vec, velocity: Vec) -> Frame:
         """Return a frame that turns with a link, and whose origin has a given position and velocity."""
@@ -455,7 +454,7 @@ class _Rates(Placement):
     def end(self, point: Point) -> End:
         """Return a point as the origin of a frame of its own."""
         place = self.motion.at(point)
-        return End(self._frame(point.link, place.p, place.d * self.speed), self.still)
+        return End(self._frame(point.link, place.p, place.d * self.speed), self.motion.still)
 
     def vector(self, link: int, value: Array) -> Direction:
         return Direction(self.frame(link), _product(self.motion.bodies[link].e, _constant(self.motion.graph, *value)))
