@@ -59,7 +59,7 @@ class Variant:
 
 
 def sample_arrays(times: Array, *start: Array) -> list[Array]:
-    """Return an array (k, n) for each value (n,) at the start; its first row is that value, and the others are NaN."""
+    """Return an array (k, n) of samples for each start value (n,): the first row is the start value, and all others are NaN."""
     arrays = [np.full((len(times), len(value)), np.nan) for value in start]
     for samples, value in zip(arrays, start, strict=True):
         samples[0] = value

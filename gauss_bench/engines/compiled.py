@@ -106,7 +106,7 @@ class CompiledModel:
             self.switches, self.fallbacks = self.kernel.switches, self.kernel.fallbacks
 
     def _run_fixed(self) -> None:
-        """Take fixed steps, with one call of the native loop for each part: for sample intervals of `count` steps of h [s] each."""
+        """Take fixed steps; the native loop takes all steps of a part in one call: `intervals` times `count` steps of h [s]."""
         for row, count, h, intervals in self.parts:
             q, v, t = self.q[row], self.v[row], float(self.times[row])
             if self.native and intervals == 1:

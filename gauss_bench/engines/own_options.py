@@ -78,21 +78,21 @@ class OptionTable:
         usual = next(iter(self.labels.values()))[key]
         match usual:
             case bool():  # before int: Python's bool is an int
-                wanted, good = "true or false", isinstance(value, bool)
+                wanted, is_valid = "true or false", isinstance(value, bool)
             case int():
-                wanted, good = "a whole number from 1 on", _is_number(value, int) and value >= 1
+                wanted, is_valid = "a whole number of at least 1", _is_number(value, int) and value >= 1
             case float():
-                wanted, good = "a number that is not negative", _is_number(value) and value >= 0
-                value = float(value) if good else value
+                wanted, is_valid = "a number that is not negative", _is_number(value) and value >= 0
+                value = float(value) if is_valid else value
             case list() | tuple():
                 wanted = f"{len(usual)} numbers in brackets, as in {_write(usual)}"
-                good = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
-                value = [float(x) for x in value] if good else value
+                is_valid = isinstance(value, list) and len(value) == len(usual) and all(map(_is_number, value))
+                value = [float(x) for x in value] if is_valid else value
             case _:
                 used = (options[key] for options in self.labels.values() if key in options)
                 words = list(dict.fromkeys([*used, *self.options[key]]))
-                wanted, good = f"one of: {'; '.join(words)}", value in words
-        if not good:
+                wanted, is_valid = f"one of: {'; '.join(words)}", value in words
+        if not is_valid:
             raise OptionError(f"the option {key!r} takes {wanted}; not {shown!r}")
         return value
 

@@ -84,6 +84,7 @@ def sort_loads(mechanism: Mechanism, tree: Tree) -> list[TreeLoad]:
     """
     turns = turning(tree)
     steady = [f for f in mechanism.forces if not factor_of(f)]
+    # a unit torque has the generalised force 1 on each hinge that turns only the link, and -1 on each that turns only its reaction
     motors = [Steady(turns.rows[f.link] - turns.rows[f.reaction], f.value, (f.name,)) for f in steady if isinstance(f, Torque)]
     motors += slide_motors([f for f in steady if isinstance(f, PointForce)], mechanism, tree, turns)
     motor_names = {name for motor in motors for name in motor.names}
@@ -135,7 +136,8 @@ def is_reaction(g: PointForce, f: PointForce, b: Branch, mechanism: Mechanism, t
     """Tell whether g is the reaction to a force f on the block of a slide b: an opposite force on the guide, on the same line."""
     if g.point.link != b.parent or not turns.together(g.frame, b.parent):
         return False
-    on_block, on_guide = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))  # in its frame
+    # (2,) both forces in the guide's frame
+    on_block, on_guide = (rotate(x.value, turns.constants[x.frame] - turns.constants[b.parent]) for x in (f, g))
     offset = value(Along(g.point, f.point, float(np.arctan2(b.axis[1], b.axis[0])), across=True), mechanism.q0)
     return bool(np.abs(on_block + on_guide).max() <= PARALLEL * np.abs(f.value).max() and abs(offset) <= ALIGNED)
 

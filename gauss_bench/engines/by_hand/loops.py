@@ -60,8 +60,8 @@ def loop_of(mechanism: Mechanism) -> Loop:
         Underived: the linkage is neither a crank-slider nor a four-bar, or it has a load that the derived equations do not include.
     """
     crank, pins = mechanism.crank, mechanism.pins
-    constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
-    if crank is None or constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
+    is_constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
+    if crank is None or is_constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, without drivers, couplings and dry friction, are derived by hand")
     # the link that is pinned to the crank; without one it is the crank, which has no pin with itself, so that it is refused below
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
@@ -96,8 +96,8 @@ def loop_of(mechanism: Mechanism) -> Loop:
         numbers |= {"S": float(np.linalg.norm(rocker_line))} | _vector("D", ground_pin.before.local)
         numbers |= _weights("3", mechanism, third, ground_pin.own, far_pin.own)
         numbers |= _loads(mechanism, crank, None, far_pin.own)
-        start = position(mechanism.q0, crank_pin.before)
-        to_ground, to_far = ground_pin.before.local - start, position(mechanism.q0, far_pin.before) - start
+        crank_end = position(mechanism.q0, crank_pin.before)
+        to_ground, to_far = ground_pin.before.local - crank_end, position(mechanism.q0, far_pin.before) - crank_end
         # positive if the far pin is to the left of the line from the crank's pin to the ground's second pin
         side = to_ground[0] * to_far[1] - to_ground[1] * to_far[0]
     numbers["SIDE"] = float(np.sign(side))  # selects the one of the two closures in which the linkage starts

@@ -117,7 +117,7 @@ class CasadiModel:
             a, multipliers = ca.SX.sym("a", n), ca.SX.sym("multipliers", e.c.shape[0])
             motion = e.mass * a + e.J.T @ multipliers - e.Q
             system = {"z": ca.vertcat(a, multipliers), "ode": ca.vertcat(e.v, a), "alg": ca.vertcat(motion, e.J @ a - e.gamma)}
-            # Gear, Gupta and Leimkuhler: J^T mu is added to q', so that mu keeps the positions, and the multipliers the velocities
+            # Gear, Gupta and Leimkuhler: -H^T mu is added to q'; mu enforces phi = 0, and the multipliers enforce c = 0
             if self.choice.integrator == "idas_ggl":
                 mu = ca.SX.sym("mu", e.phi.shape[0])
                 system["z"] = ca.vertcat(system["z"], mu)

@@ -53,6 +53,7 @@ class EqualSteps(CompiledSteps):
         generator = self.ca.CodeGenerator("engine")
         generator.add(self.integrated)
         f, n = self.integrated, self.mechanism.n
+        # CasADi's C functions take lists of pointers to inputs and outputs, and two work arrays; C has no arrays of length 0
         call = f"""
 static void acceleration(double t, const double *q, const double *v, double *a)
 {{

@@ -140,7 +140,7 @@ def cubic_spline(times: Any, values: Any, t: Symbol) -> Symbol:
     from scipy.interpolate import CubicSpline  # imported late: the import takes longer than most runs
 
     spline = CubicSpline(times, values, bc_type="clamped")
-    inner = spline.x[1:-1]
+    inner = spline.x[1:-1]  # the times at which two pieces meet
     # four coefficients of the piece at t, the highest power first, and the time at which the piece begins
     a, b, c, d, begin = (ca.pw_const(t, inner, ca.DM(x)) if len(inner) else ca.SX(x[0]) for x in (*spline.c, spline.x[:-1]))
     s = t - begin

@@ -182,7 +182,7 @@ class MinimalModel:
         if key not in self.equations:
             on_branch = self._states_on_branch(key)
             widest_first = np.argsort(-self.smallest_openings[key.sequence][on_branch], kind="stable")
-            # the half of the states with the largest openings, in the order of the motion
+            # the half of the states with the largest openings, but at least three, in the order of the motion
             best = sorted(on_branch[widest_first][: max(3, len(on_branch) // 2)])
             positions = self.sampled.q[best] if q is None else np.vstack([self.sampled.q[best], q])
             least = self.least * self.scales[key.sequence]
@@ -196,7 +196,7 @@ class MinimalModel:
         return self.machines[key]
 
     def _measure_openings(self, at: Links) -> dict[Key, float]:
-        """Return key of each sequence on the branch of a state `at` -> smallest opening of the sequence's dyads at this state."""
+        """Return key -> smallest opening of the dyads at one state, for every sequence; a key has the signs at this state."""
         smallest = {}
         for k, (sequence, scale) in enumerate(zip(self.sequences, self.scales, strict=True)):
             openings = sequence.openings(at)

@@ -159,6 +159,7 @@ class Draft:
             actuator.tag = "motor"
             for key in ("gainprm", "biastype", "biasprm"):  # attributes of the element <general>, not of <motor>
                 del actuator.attrib[key]
+            # a unit vector, so that the control is the force
             actuator.set("gear", write_numbers([*(push.direction / size), 0.0, 0.0, 0.0, 0.0]))
             controlled.append(push.name)
             self.controls[actuator.attrib["name"]] = size
@@ -167,14 +168,14 @@ class Draft:
     def _add_motor(self, f: Steady) -> str:
         """Add a motor for a constant generalised force on one joint or on a weighted sum of joints, and return the motor's name."""
         name = self._name("actuator", f.names[0] if f.names else "torque")
-        [at, *others] = np.flatnonzero(f.force)
+        [index, *others] = np.flatnonzero(f.force)  # of the tree coordinates on which the force acts
         if others:
             tendon = self._name("tendon", name)
             self._add_fixed_tendon(f.force, name=tendon)
             SubElement(self.actuators, "motor", name=name, tendon=tendon)
         else:
-            joint = self.joints[int(at)].attrib["name"]
-            SubElement(self.actuators, "motor", name=name, joint=joint, gear=write_numbers(f.force[at]))
+            joint = self.joints[int(index)].attrib["name"]
+            SubElement(self.actuators, "motor", name=name, joint=joint, gear=write_numbers(f.force[index]))
         return name
 
     def _add_fixed_tendon(self, row: Array, **attributes: str) -> None:
