@@ -150,7 +150,7 @@ def _read(file: Mapping[str, Any]) -> Variants:
         require(name in space, "first", f"there is no variant {name!r}")
     unfinished: dict[str, str] = {}
     lines = file.get("unfinished", [])
-    require(isinstance(lines, list), "unfinished", "a list of tables is wanted")
+    require(isinstance(lines, list), "unfinished", "must be a list of tables")
     for line in lines:
         values = {key: x for key, x in line.items() if key != "cause"}
         _require_known(values, tuple(knobs), "unfinished")
@@ -163,7 +163,7 @@ def read_tables(file: Mapping[str, Any], name: str) -> dict[str, Line]:
     """Return the table `name` of a file, all of whose entries must be tables; only the table "variants" may be empty."""
     lines = file.get(name)
     has_tables = isinstance(lines, dict) and all(isinstance(x, dict) for x in lines.values())
-    require(has_tables and (bool(lines) or name == "variants"), name, "a table of tables is wanted")
+    require(has_tables and (bool(lines) or name == "variants"), name, "must be a table of tables")
     return lines or {}
 
 
@@ -172,9 +172,9 @@ def _read_knob(place: str, line: Line) -> Knob:
     for key in line:
         require(key in ("meaning", "source", "own_search", "values", "range"), place, f"unknown field {key}")
     meaning, address, reason = (line.get(x, "") for x in ("meaning", "source", "own_search"))
-    require(isinstance(meaning, str) and bool(meaning.strip()), place, "does not say what it means")
+    require(isinstance(meaning, str) and bool(meaning.strip()), place, "has no `meaning`")
     require(bool(address) != bool(reason), place, "needs either `source` (an address) or `own_search` (the reason to try it)")
-    require(not address or str(address).startswith("https://"), place, "`source` is no address")
+    require(not address or str(address).startswith("https://"), place, "`source` is no address: https://...")
     require(not reason or len(str(reason)) >= MIN_REASON_LENGTH, place, "`own_search` gives no reason")
     match line.get("range", list(Knob.range)):
         case [int() | float() as least, int() | float() as most] if least < most:

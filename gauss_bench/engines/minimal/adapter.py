@@ -318,7 +318,7 @@ class MinimalModel:
         # Poses and velocities of the links; machine code evaluates them, because changing the coordinate is part of the timed run.
         pose, first, *_ = machine.motion(self.y)
         x, y, c, s = pose.reshape(-1, 4).T  # (links,) each
-        dx, dy, spin = first.reshape(-1, 3).T * self.y[len(self.y) // 2]  # derivatives by the coordinate times its rate
+        dx, dy, spin = first.reshape(-1, 3).T * self.y[machine.n]  # derivatives by the coordinate times the coordinate's rate
         here = Links.with_ground((x + 1j * y).tolist(), (c + 1j * s).tolist(), (dx + 1j * dy).tolist(), spin.tolist())
         usable = {key: x for key, x in self._measure_openings(here).items() if key not in self.tried and x > self.least}
         if not usable:
@@ -327,8 +327,9 @@ class MinimalModel:
         best = max(usable, key=lambda key: usable[key])
         if best not in self.equations:  # its expressions are tested at the present position, for which whole turns do not matter
             self._equation(best, LinkMotion.at(machine.equation, self.y[None]).unwrap(0.0 * self.start_angles)[0])
-        new, spring_angles = self._machine(best).equation, machine.equation.spring_angles(self.y[: machine.n])
-        self.y, self.present, self.changes = new.state(here, spring_angles), best, self.changes + 1
+        spring_angles = machine.equation.spring_angles(self.y[: machine.n])
+        self.y = self._machine(best).equation.state(here, spring_angles)
+        self.present, self.changes = best, self.changes + 1
 
     def _name_coordinate(self, sequence: DyadSequence) -> str:
         """Return the name of the independent coordinate of a sequence, for the note of a run."""

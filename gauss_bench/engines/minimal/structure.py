@@ -215,7 +215,8 @@ def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
         raise NoSequence(f"redundant constraint rows ({mechanism.redundant}) do not occur in a sequence of dyads")
     complete, reason = [], "no pin or slide joins a link to the ground"
     on_ground = [(joint, a, b) for joint in mechanism.joints for a, b in permutations(joint.ends) if a.link == GROUND]
-    for joint, fixed, moved in sorted(on_ground, key=lambda x: x[2].link != mechanism.crank):
+    # False sorts before True: the crank is the first input link
+    for joint, fixed, moved in sorted(on_ground, key=lambda joint_and_ends: joint_and_ends[2].link != mechanism.crank):
         dyads, open_links = close_from(mechanism, {moved.link})
         if not open_links:
             complete.append(DyadSequence(joint, fixed, moved, tuple(dyads)))
