@@ -4,8 +4,8 @@ The engine's C source defines, with q, v and a of N numbers,
 
     static void acceleration(double t, const double *q, const double *v, double *a)
 
-This function is compiled in one file with the integrators, whose methods are those of `integrate/fixed_step.py`, so that the
-compiler may inline it. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
+This function is compiled in one file with the integrators, so that the compiler may inline it. The integrators have the methods of
+`integrate/fixed_step.py`. The compiler's flag -ffast-math lets it reorder sums; a programmer who writes C for speed would use it.
 """
 
 import ctypes

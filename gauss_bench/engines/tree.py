@@ -8,7 +8,7 @@ from z to the joint, and E = exp(i theta_parent). The kinds of branches, with th
     prismatic:   theta = theta_parent + turn,   z + r = z_parent + E (parent_anchor + base + y axis)
     free:        The coordinates are x, y and theta of the centre of mass.
 
-Slides enter the tree before pins, so that pins close the loops wherever possible. Branches are listed depth first. The map to
+Slides enter the tree before pins, so loops are closed by pins wherever possible. Branches are listed depth first. The map to
 absolute coordinates computes with Python numbers for a single state (n,), which is fastest, and with numpy for a batch of states
 (..., n).
 """

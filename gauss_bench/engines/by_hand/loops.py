@@ -63,7 +63,7 @@ def loop_of(mechanism: Mechanism) -> Loop:
     is_constrained = mechanism.drivers or mechanism.constraints or mechanism.has_friction
     if crank is None or is_constrained or len(mechanism.links) != 3 or len(mechanism.joints) != 4:
         raise Underived("only loops of three links with a crank, without drivers, couplings and dry friction, are derived by hand")
-    # the link that is pinned to the crank; without one it is the crank, which has no pin with itself, so that it is refused below
+    # the link that is pinned to the crank; if there is none, the crank itself, which has no pin with itself and is refused below
     second = next((k for k in range(3) if k != crank and _find_pin(pins, crank, k)), crank)
     third = 3 - crank - second  # the indices of the three links are 0, 1 and 2
     pivot, crank_pin, far_pin = _find_pin(pins, GROUND, crank), _find_pin(pins, crank, second), _find_pin(pins, second, third)
@@ -119,7 +119,7 @@ def _angle(x: Array) -> float:
 
 
 def _vector(name: str, x: Array) -> dict[str, float]:
-    """Return the components of a vector under the names that the derivations give them."""
+    """Return the components of a vector as constants of the C file: `name` followed by X and by Y."""
     return {f"{name}X": float(x[0]), f"{name}Y": float(x[1])}
 
 

@@ -22,6 +22,7 @@ ASSUMED: dict[str, dict[str, Any]] = {  # integrator -> option -> the value that
 }
 ROOTS = ("newton", "fast_newton", "kinsol", "nlpsol")
 FOUR = "wide_four_bar"
+# kind of plugins -> CasADi's name of the kind, and names of plugins
 PLUGINS = {"linear solver": ("Linsol", LINEAR), "integrator": ("Integrator", tuple(ASSUMED)), "rootfinder": ("Rootfinder", ROOTS)}
 
 
@@ -41,11 +42,11 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     solver = name.rpartition(" ")[2]
     if not ca.has_linsol(solver):
         raise RuntimeError(f"CasADi {ca.CasadiMeta.version()} has no linear solver {solver}")
-    solve = accelerations(ca, solver)
+    solve = make_accelerations(ca, solver)
     return np.array([np.array(solve(*state))[:, 0] for state in zip(q, v, strict=True)])
 
 
-def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
+def make_accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     """Return a CasADi function (q, v) -> accelerations (n,) of the four-bar FOUR_BAR, in absolute coordinates x, y, angle per bar.
 
     It solves M a + J^T lambda = Q, J a = -(d(J v)/dq) v by CasADi's linear solver `solver`; CasADi computes the derivatives.
@@ -55,14 +56,15 @@ def accelerations(ca: Any, solver: str) -> Callable[[Array, Array], Any]:
     masses = [x for bar in FOUR_BAR for x in (bar.mass, bar.mass, bar.inertia)]
     loads = [x for bar in FOUR_BAR for x in (0.0, bar.mass * GRAVITY, 0.0)]
 
-    def pin(k: int, at: float) -> Any:
-        """Return the place (2,) of the point `at` [m] along bar k."""
-        along = at - FOUR_BAR[k].centre
+    def place_on_bar(k: int, distance: float) -> Any:
+        """Return the place (2,) of the point of bar k at a distance [m] from its first pin."""
+        along = distance - FOUR_BAR[k].centre
         return ca.vertcat(q[3 * k] + along * ca.cos(q[3 * k + 2]), q[3 * k + 1] + along * ca.sin(q[3 * k + 2]))
 
-    gaps = [pin(1, FOUR_BAR[1].length) - pin(2, FOUR_BAR[2].length)]
+    gaps = [place_on_bar(1, FOUR_BAR[1].length) - place_on_bar(2, FOUR_BAR[2].length)]
     for k, bar in enumerate(FOUR_BAR):
-        gaps.append(pin(k, 0.0) - (ca.DM([bar.at, 0.0]) if bar.parent < 0 else pin(bar.parent, bar.at)))
+        on_parent = ca.DM([bar.at, 0.0]) if bar.parent < 0 else place_on_bar(bar.parent, bar.at)
+        gaps.append(place_on_bar(k, 0.0) - on_parent)
     phi = ca.vertcat(*gaps)
     J = ca.jacobian(phi, q)
     gamma = -ca.jtimes(J @ v, q, v)

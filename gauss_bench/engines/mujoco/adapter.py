@@ -14,7 +14,7 @@ import numpy as np
 from gauss_bench.engines.base import Choice
 from gauss_bench.engines.mjcf.across_releases import disable, mass_matrix
 from gauss_bench.engines.mjcf.draft import Draft
-from gauss_bench.engines.mjcf.drives import Drive, compile_model, find_drives, set_armatures
+from gauss_bench.engines.mjcf.drives import compile_model, find_drives, set_armatures
 from gauss_bench.engines.mjcf.forces import refuse_forces
 from gauss_bench.engines.mjcf.settings import configure, copy_to_evaluate
 from gauss_bench.engines.shared import LibraryEngine, beyond_a_tree, driven_coordinates, finite, joint_tree
@@ -79,8 +79,7 @@ class MujocoModel(TreeModel):
         super().__init__(mechanism, choice, Mujoco.file.options(choice.settings))
         self.mujoco: Any = mujoco
         draft = Draft(mechanism, self.tree)
-        model, _ = compile_model(mujoco, draft, choice, self.options, driven=False)
-        self.model: Any = model
+        self.model, self.drives = compile_model(mujoco, draft, choice, self.options, driven=False)  # no drives yet
         self.torque, self.bodies = draft.torque, draft.find_bodies(self.model)
         # Trap: without this flag MuJoCo resets a diverging run to the start, and the run would look like a motion.
         disable(mujoco, self.model, ["mjDSBL_AUTORESET"])
@@ -90,7 +89,6 @@ class MujocoModel(TreeModel):
         self.still_data.qfrc_applied[:] = self.torque
         self.varying_forces = AppliedForces(replace(mechanism, forces=mechanism.varying, gravity=np.zeros(2)))
         self.last = np.inf
-        self.drives: list[Drive] = []
         verify(mechanism, self.tree, self.describe, AGREEMENT)
         self.drives = find_drives(self.model, draft, float(self.options["armature_of_a_driven_hinge_over_inertia"]))
         if self.drives:

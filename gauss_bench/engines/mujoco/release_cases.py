@@ -81,7 +81,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
 
     closure_name, _, solver = name.rpartition(", ")
     closure = CLOSURES[closure_name]
-    model = mujoco.MjModel.from_xml_string(document(closure, solver))
+    model = mujoco.MjModel.from_xml_string(write_document(closure, solver))
     data: Any = mujoco.MjData(model)
     disable(mujoco, model, ["mjDSBL_WARMSTART"])  # a result must not depend on the state that was evaluated before
 
@@ -94,7 +94,7 @@ def ask_probe(name: str, q: Array, v: Array) -> Array:
     return accelerate_states(solve, q, v, closure.bars)
 
 
-def document(closure: Closure, solver: str) -> str:
+def write_document(closure: Closure, solver: str) -> str:
     """Return an MJCF document of a tree of bars whose loops are closed by the equality constraints of `closure`."""
     bars = closure.bars
     pose = reference_pose(bars)
@@ -147,16 +147,17 @@ def defaults() -> dict[str, str]:
     text = f"<mujoco><worldbody>{body}</worldbody><equality>{equality}</equality></mujoco>"
     model: Any = mujoco.MjModel.from_xml_string(text)
     options = [name for name in dir(model.opt) if not name.startswith("_") and not callable(getattr(model.opt, name))]
-    found = {f"option {name}": write(getattr(model.opt, name)) for name in options}
-    found |= {f"equality {name}": write(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
-    found |= {f"joint {name}": write(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
+    found = {f"option {name}": write_numbers(getattr(model.opt, name)) for name in options}
+    found |= {f"equality {name}": write_numbers(getattr(model, name)) for name in ("eq_solref", "eq_solimp")}
+    found |= {f"joint {name}": write_numbers(getattr(model, name)) for name in ("dof_armature", "dof_damping", "jnt_stiffness")}
     for kind in KINDS:
         if hasattr(mujoco, kind):
+            # names that begin with mjN are numbers of members
             members = (name for name in dir(getattr(mujoco, kind)) if name.startswith("mj") and not name.startswith("mjN"))
             found |= {f"{kind} {name}": "there" for name in members}
     return found
 
 
-def write(value: Any) -> str:
+def write_numbers(value: Any) -> str:
     """Return the numbers of a value as a text with 12 digits each, which does not depend on the types of a release."""
     return " ".join(f"{x:.12g}" for x in np.ravel(np.asarray(value, dtype=float)))
