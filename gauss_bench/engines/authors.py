@@ -193,6 +193,6 @@ def _read_source(place: str, line: Line) -> str:
 def _read_text(line: Line, key: str, place: str) -> str:
     """Return the field `key`, named `place` in messages: printable, in one line, 1 to LONGEST characters; else a VariantError."""
     text = line.get(key)
-    good = isinstance(text, str) and len(text.strip()) > 0 and len(text) <= LONGEST and harmless(text) == text and "\n" not in text
-    require(good, place, f"must be a text of 1 to {LONGEST} characters in one line")
+    valid = isinstance(text, str) and harmless(text) == text and "\n" not in text and text.strip() != "" and len(text) <= LONGEST
+    require(valid, place, f"must be a text of 1 to {LONGEST} characters in one line")
     return str(text).strip()

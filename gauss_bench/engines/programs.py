@@ -38,7 +38,7 @@ def plan(end: float, step: float) -> tuple[int, int]:
 
     The first number is a multiple of the second, and a program prints at most SAMPLES rows after the start.
     """
-    count = max(1, math.ceil(end / step - 1e-9))
+    count = max(1, math.ceil(end / step - 1e-9))  # 1e-9: a rounding error of the quotient must not add a step
     every = math.ceil(count / SAMPLES)
     return every * math.ceil(count / every), every
 

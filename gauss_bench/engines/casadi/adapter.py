@@ -155,7 +155,7 @@ class CasadiModel:
         if method == "ggl":  # IDAS can compute consistent initial values in index 1 only; these are consistent already
             a0 = self._solve_algebraic(float(self.times[0]), self.x[0])[: self.mechanism.n]
             options |= {"calc_ic": False, "init_xdot": [*self.mechanism.v0, *a0]}
-        if method == "ggl" or (kind == "idas" and self.spans):
+        if method == "ggl" or (kind == "idas" and self.spans):  # in index 2, and with projection: see LOOSE
             options["abstolv"] = [options["abstol"]] * (2 * self.mechanism.n) + [LOOSE] * self.system["z"].shape[0]
         return self.ca.integrator("integrator", kind, self.system, 0.0, grid, options)
 
@@ -212,6 +212,6 @@ class CasadiModel:
 
 def explain(text: str, integrator: str) -> str:
     """Return a sentence for the text of a CasADi exception: the meaning of its SUNDIALS error code, or its last line."""
-    code = re.search(r'"(?:IDA|CV)_(\w+)"', text)
+    code = re.search(r'"(?:IDA|CV)_(\w+)"', text)  # such as "IDA_TOO_MUCH_WORK"
     reason = REASONS.get(code[1], code[0].strip('"')) if code else text.strip().splitlines()[-1]
     return f"{integrator} gave up: {reason}"

@@ -244,7 +244,7 @@ class MinimalModel:
         machine = self._machine(self.first)
         if not machine.is_adaptive:
             for part in self.parts:
-                machine.memory_for(part.samples)
+                machine.memory_for(part.samples)  # allocated here, not in a timed run
         self._reset()
         if not self.steady:  # the coordinate changes: a run now compiles the code that this needs
             self.run()

@@ -126,8 +126,9 @@ class Root(NamedTuple):
 def _roots(sequence: DyadSequence) -> dict[int, Root]:
     """Return link -> root for every link; a link that no slide joins to a link placed before it is its own root."""
     roots = {GROUND: Root(GROUND, 0.0), sequence.link: Root(sequence.link, 0.0)}
-    if isinstance(sequence.joint, Prismatic):
-        roots[sequence.link] = Root(GROUND, sequence.joint.turn if sequence.joint.guide.link == GROUND else -sequence.joint.turn)
+    joint = sequence.joint
+    if isinstance(joint, Prismatic):  # `turn` is the block's angle minus the guide's; either may be the ground
+        roots[sequence.link] = Root(GROUND, joint.turn if joint.guide.link == GROUND else -joint.turn)
     for dyad in sequence.dyads:
         first, second = dyad.links
         roots[first] = Root(first, 0.0)

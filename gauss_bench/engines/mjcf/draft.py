@@ -73,11 +73,11 @@ class Draft:
         SubElement(body, "inertial", pos="0 0 0", mass=write_numbers(link.mass), diaginertia=moments)
         self.bodies[b.link] = body
 
-        def add_joint(at: int, name: str, kind: str, axis: list[float], anchor: Array) -> None:
-            """Add a joint for the tree coordinate with index `at`; axis and anchor are in the link's frame."""
+        def add_joint(index: int, name: str, kind: str, axis: list[float], anchor: Array) -> None:
+            """Add a joint for the tree coordinate with this index; axis and anchor are in the link's frame."""
             # `ref`: the coordinate in the pose in which the body is added, so that MuJoCo's qpos are the tree coordinates
-            place = {"axis": write_numbers(axis), "pos": write_numbers(spatial(anchor)), "ref": write_numbers(y[at])}
-            self.joints[at] = SubElement(body, "joint", place, name=self._name("joint", name), type=kind)
+            geometry = {"axis": write_numbers(axis), "pos": write_numbers(spatial(anchor)), "ref": write_numbers(y[index])}
+            self.joints[index] = SubElement(body, "joint", geometry, name=self._name("joint", name), type=kind)
 
         # a free link has slides along x and y and then a hinge; `b.at` is the index of the link's first tree coordinate
         slide_axes = {"revolute": [], "prismatic": [b.axis], "free": [*np.eye(2)]}[b.kind]  # in the parent's frame
