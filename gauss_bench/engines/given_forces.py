@@ -74,7 +74,7 @@ class GivenForces:
         return np.asarray(self.constant - self.stiffness @ y - self.damping @ dy)
 
     def on_links(self, t: float, y: Array, dy: Array) -> Array | None:
-        """Return the forces and torques (3 links,) of `others` on the links' centres of mass at t [s], y, dy (n,), or None."""
+        """Return the forces and torques (3 links,) of `others` at the links' centres of mass, at t [s], y, dy (n,); else None."""
         if self.others is None:
             return None
         q, v, _ = self.tree.absolute(y, dy, np.zeros_like(y))

@@ -23,7 +23,7 @@ BARE = re.compile(r"[^\s\"'\[\]=]+( [^\s\"'\[\]=]+)*")  # one or several words w
 
 
 class OptionError(ValueError):
-    """An engine does not have an option, or the option does not take a value; the message lists the possible ones."""
+    """An engine lacks the given option, or the option cannot have the given value; the message lists what is possible."""
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,7 @@ def slide_indices(tree: Tree) -> dict[str, int]:
 
 
 def beyond_a_tree(mechanism: Mechanism, library: str) -> str | None:
-    """Return the reason why a library of joint trees whose loops pins close cannot model a mechanism; None if it can."""
+    """Return the reason why a tree of joints, with pins as the only closures of its loops, cannot model a mechanism, or None."""
     if reason := common_refusal(mechanism, library):
         return reason
     if mechanism.knife_edges:

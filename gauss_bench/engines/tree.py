@@ -87,7 +87,7 @@ class AbsoluteState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """A spanning tree.
+    """A spanning tree of the joints of a linkage.
 
     Attributes:
         branches: in depth-first order, so that a parent comes before its children.
@@ -267,7 +267,7 @@ def _without_loops(mechanism: Mechanism, joints: Sequence[Joint]) -> list[Joint]
 
 
 def _nearest(mechanism: Mechanism, slides: Sequence[Joint]) -> list[Joint]:
-    """Return all slides, and the pins by which every link is the fewest joints away from the ground (Dijkstra's algorithm).
+    """Return all slides, and the pins that give every link the path with the fewest joints to the ground (Dijkstra's algorithm).
 
     When the search reaches a link, it also reaches all links that slides connect to it, because a pin to one of them would close a
     loop that contains a slide. Paths of a group of links without a connection to the ground start from its first link.

@@ -48,7 +48,7 @@ class Drive:
 
 
 def set_armatures(mujoco: Any, model: Any, drives: Sequence[Drive]) -> None:
-    """Set the armatures of drives in a compiled model; MuJoCo then computes all constants anew that depend on inertia."""
+    """Set the armatures of drives in a compiled model, and let MuJoCo recompute the constants that depend on inertia."""
     for drive in drives:
         armatures = model.dof_armature if drive.motor is None else model.tendon_armature
         armatures[drive.at] = drive.armature
