@@ -82,7 +82,7 @@ class Code:
             getattr(self.library, method).argtypes = [*[ctypes.c_void_p] * 2, *[ctypes.c_double] * 2, ctypes.c_long]
 
     def step(self, integrator: str, q: Array, v: Array, t: float, h: float, count: int) -> None:
-        """Take `count` steps of h [s] in place; q, v (n,) contiguous."""
+        """Take `count` steps of h [s] from time t [s], and overwrite q, v (n,), which must be contiguous."""
         getattr(self.library, integrator)(q.ctypes.data, v.ctypes.data, t, h, count)
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
@@ -121,6 +121,7 @@ class CompiledSteps:
         start: coordinates and rates (n,) at the beginning.
         advance: function that takes `count` steps of h [s] from x, dx (n,) at time t [s].
         note: the note of every trajectory.
+        plan: for each interval between samples the number of steps and their size [s].
     """
 
     choice: Choice

@@ -53,10 +53,12 @@ class Symbols(Given):
         self.arithmetic = _Arithmetic()
 
     def body(self, body: int) -> tuple[list[Symbol], list[Symbol]]:
+        """Return x, y and angle of a body, and their rates."""
         q, v = ([x[k] for k in range(x.shape[0])[slots(body)]] for x in (self.q, self.v))
         return q, v
 
     def law(self, law: MotionLaw) -> Motion:
+        """Return the value of a motion law at time t and its first two derivatives."""
         x = write_law(law, self.t)
         rate = ca.jacobian(x, self.t)
         return x, rate, ca.jacobian(rate, self.t)

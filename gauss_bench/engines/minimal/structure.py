@@ -26,6 +26,7 @@ from gauss_bench.mechanism.spaces import bodies
 from gauss_bench.terms import Array
 
 Complex = Any  # a complex number for one state, or an array of complex numbers for many states
+PinPoints = Mapping[int, Point]  # the links that a pin joins -> the pin's point on each
 
 
 class NoSequence(ValueError):
@@ -228,16 +229,16 @@ def find_sequences(mechanism: Mechanism) -> tuple[DyadSequence, ...]:
     return tuple(complete)
 
 
-def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[int]]:
-    """Return the dyads that the ground and the given links place one after another, and the set of links that no dyad reaches."""
+def close_from(mechanism: Mechanism, start_links: set[int]) -> tuple[list[Dyad], set[int]]:
+    """Return the dyads that can be placed one after another from the ground and the start links, and the links of no dyad."""
     pins: dict[str, dict[int, Point]] = {}  # name of a joint, which may pin more than two links -> link -> its point
     for pin in mechanism.pins:
         for point in pin.ends:
             pins.setdefault(pin.joint, {})[point.link] = point
-    placed = {GROUND, *given}
+    placed = {GROUND, *start_links}
     unplaced, dyads = set(range(len(mechanism.links))) - placed, list[Dyad]()
     while unplaced:
-        candidates = (_dyad([*pins.values()], mechanism.slides, pair, placed) for pair in permutations(sorted(unplaced), 2))
+        candidates = (_find_dyad([*pins.values()], mechanism.slides, pair, placed) for pair in permutations(sorted(unplaced), 2))
         dyad = next(filter(None, candidates), None)  # of the first pair of links that form a dyad
         if dyad is None:
             break
@@ -247,11 +248,10 @@ def close_from(mechanism: Mechanism, given: set[int]) -> tuple[list[Dyad], set[i
     return dyads, unplaced
 
 
-def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
-    """Return the dyad that two links form in this order (see `Dyad`), or None if they form none.
+def _find_dyad(pins: Sequence[PinPoints], slides: Sequence[Prismatic], pair: tuple[int, int], placed: set[int]) -> Dyad | None:
+    """Return the dyad of two links, in this order, and their joints with placed links; None if they form none (see `Dyad`).
 
     Args:
-        pins: for each pin, link -> point of the pin on this link.
         placed: indices of the links that are placed already.
     """
     link1, link2 = pair
@@ -265,7 +265,8 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
         slide = next((s for s in slides if {s.guide.link, s.block.link} == {*pair}), None)
         if slide is None or second.slide or slide.guide.link != link1:
             return None
-        # Vectors in the guide's frame: from the block's point on the line to its pin A, and from the guide's pin C to the line.
+        # height: distance of the block's pin A from the line through the guide's pin C. Vectors in the guide's frame: from the
+        # block's point on the slide's line to A, and from C to the guide's point on the line.
         to_pin = turn_vector(second.own.local - slide.block.local, slide.turn)
         to_line = slide.guide.local - first.own.local
         height = slide.offset + _left_of(slide.angle, to_pin) + _left_of(slide.angle, to_line)
@@ -287,9 +288,7 @@ def _dyad(pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], pair
     return Dyad("RRP", first, second, middle, line=slide.block, angle=angle, height=height, turn=turn)
 
 
-def _outer_joints(
-    pins: Sequence[Mapping[int, Point]], slides: Sequence[Prismatic], link: int, placed: set[int]
-) -> list[OuterJoint]:
+def _outer_joints(pins: Sequence[PinPoints], slides: Sequence[Prismatic], link: int, placed: set[int]) -> list[OuterJoint]:
     """Return all joints between a link and the links that are placed; a pin of several placed links counts once."""
     joints = []
     for pin in pins:

@@ -109,7 +109,7 @@ class MjxModel(TreeModel):
         take_steps, state = self.device.take_steps, self.state
         for stretch in self.plan:
             model = self.models[stretch.size]
-            calls, steps = (1, stretch.steps) if self.native else (stretch.steps, 1)
+            calls, steps = (1, stretch.steps) if self.native else (stretch.steps, 1)  # one call for all steps, or one for each
             for _ in range(calls):
                 state = take_steps(model, state, steps)
             if stretch.row is not None:
