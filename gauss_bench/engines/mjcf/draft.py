@@ -181,8 +181,8 @@ class Draft:
     def _add_fixed_tendon(self, row: Array, **attributes: str) -> None:
         """Add a fixed tendon: MuJoCo's element for a length row . y that is a weighted sum of joint coordinates."""
         tendon = SubElement(self.tendons, "fixed", attributes)
-        for at in np.flatnonzero(row):
-            SubElement(tendon, "joint", joint=self.joints[int(at)].attrib["name"], coef=write_numbers(row[at]))
+        for index in np.flatnonzero(row):
+            SubElement(tendon, "joint", joint=self.joints[int(index)].attrib["name"], coef=write_numbers(row[index]))
 
     def _add_actuator(self, bias: tuple[float, float, float], **attributes: str) -> Element:
         """Add an actuator with the force bias . [1, L, dL/dt], where L is the length of its transmission, and return it."""
