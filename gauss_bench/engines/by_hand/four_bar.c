@@ -7,6 +7,8 @@
 
 #include <math.h>
 
+/* s, c; sp, cp; sr, cr: sine and cosine of th, of the coupler's angle phi and of the rocker's angle psi; p, pp and r, rp: first and
+   second derivatives of phi and psi by th; x, y: the coupler's centre; xp, xpp and so on: first and second derivatives by th */
 typedef struct { double s, c, sp, cp, sr, cr, p, pp, r, rp, x, y, xp, yp, xpp, ypp; } Pose;
 
 static inline Pose pose(double th)
