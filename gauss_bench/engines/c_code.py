@@ -138,6 +138,7 @@ class CompiledSteps:
         self.x, self.dx = sample_arrays(times, *self.start)
 
     def run(self) -> None:
+        """Take the steps of every interval between samples in place, in a copy of the sample at the beginning of the interval."""
         for k, (count, h) in enumerate(self.plan):
             self.x[k + 1], self.dx[k + 1] = self.x[k], self.dx[k]
             self.advance(self.x[k + 1], self.dx[k + 1], float(self.times[k]), h, count)

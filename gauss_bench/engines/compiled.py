@@ -84,6 +84,7 @@ class CompiledModel:
         return self.kernel.acceleration(q, v, t)
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Compile the integrator, reset to the start, and divide the times (k,) [s] into parts with equal steps."""
         self.kernel.prepare(self.choice.integrator)  # compiles here, so that no timed run compiles
         self.times, self.native = times, native
         # switches: changes of the independent coordinates; fallbacks: steps at which none were usable, so the rank of the

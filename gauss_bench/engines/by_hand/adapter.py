@@ -68,6 +68,7 @@ class ByHandModel(CompiledSteps):
     note = "one coordinate, derived by hand, in C"
 
     def __init__(self, mechanism: Mechanism, loop: Loop, choice: Choice):
+        """Compile the C file of a loop with the loop's numbers as constants, and compare the result with the linkage."""
         self.mechanism, self.loop, self.choice, self.evaluator = mechanism, loop, choice, Evaluator(mechanism)
         numbers = "\n".join(f"static const double {name} = {float(value)!r};" for name, value in loop.numbers.items())
         self.code = Code(f"{numbers}\n{(FOLDER / loop.source).read_text(encoding='utf-8')}", n=1)

@@ -90,6 +90,7 @@ class CasadiModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Write the accelerations as a CasADi function, and the equations of motion as a system for CasADi's integrators."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution

@@ -31,6 +31,7 @@ class EqualSteps(CompiledSteps):
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice, options: Mapping[str, Any]):
+        """Write the accelerations as CasADi functions, and the steps in generated C or for CasADi's virtual machine."""
         import casadi
 
         from gauss_bench.engines.casadi.equations import equations, solution, stabilize

@@ -144,6 +144,7 @@ class MinimalModel:
     """
 
     def __init__(self, mechanism: Mechanism, choice: Choice):
+        """Measure the openings of all dyad sequences along the motion, and write and check the equation for the start."""
         self.mechanism, self.choice, self.sequences = mechanism, choice, find_sequences(mechanism)
         self.sampled, self.start_angles = manifold_states(mechanism, STATES), angles(mechanism.q0)
         links = Links.of(self.sampled.q, self.sampled.v)
@@ -238,6 +239,7 @@ class MinimalModel:
         return finite_acceleration(t, a, "the equation in one coordinate")
 
     def prepare(self, times: Array, native: bool = True) -> None:
+        """Compile the code for a run with samples at the times (k,) [s], and reset to the start."""
         self.times = times
         self.start = self._convert_state(self._equation(self.first), self.mechanism.q0, self.mechanism.v0)
         self.parts = equal_runs(times, self.choice.step)

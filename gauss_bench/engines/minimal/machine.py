@@ -52,6 +52,7 @@ class Machine:
         *cuts, size = np.cumsum([len(row) for row in results]).tolist()  # where each result ends in the array `out`
 
         def evaluate(y: Array) -> list[Array]:
+            """Return the results of `Equation.motion`, one array for each, at a state y (2n,)."""
             call = loaded.single(2 * n, size)
             state, out = call.arrays
             state[:] = y

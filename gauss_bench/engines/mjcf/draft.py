@@ -41,6 +41,7 @@ class Draft:
     """
 
     def __init__(self, mechanism: Mechanism, tree: Tree):
+        """Write the links of the tree with their joints, then the closures, the forces and the driven lengths."""
         self.mechanism, self.tree = mechanism, tree
         self.root = Element("mujoco", model=mechanism.name)
         SubElement(self.root, "compiler", angle="radian", autolimits="true")

@@ -177,6 +177,7 @@ class OwnModelRun:
         at_rest = np.zeros_like(self.y0)
 
         def residual(y: Array) -> tuple[Array, Array]:
+            """Return the difference (n,) of the links' positions from q, and its Jacobian (n, nv) by joint coordinates."""
             here = self.absolute(y, at_rest)
             return here.q - q, here.jacobian
 
